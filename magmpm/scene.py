@@ -1,0 +1,296 @@
+"""Scenes: what is simulated, how, and how finely, as immutable values in SI.
+
+`load_scene(path)` reads a file, where quantities carry units. In Python the same classes take SI floats (or text with
+units): `Material(shear_modulus=120e3, bulk_to_shear=20)`; what is wrong then raises pydantic's ValidationError.
+`scene.to_si()` is plain SI data, as results save it, and `Scene.from_si` makes the same scene of it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+
+from magmpm.errors import InputError
+from magmpm.inputs import Key, Part, fault, folder_of, from_file, read_yaml, validate
+from magmpm.parts import (
+    Angles,
+    Body,
+    Catheter,
+    Effects,
+    FieldSource,
+    FrozenDict,
+    Gravity,
+    MagneticTorque,
+    Material,
+    Resolution,
+    Segment,
+    Solver,
+    StaticOptions,
+)
+from magmpm.tables import read_centreline
+
+__all__ = [
+    "Angles",
+    "Body",
+    "Catheter",
+    "Effects",
+    "FieldSource",
+    "Gravity",
+    "MagneticTorque",
+    "Material",
+    "Reference",
+    "Resolution",
+    "Scene",
+    "Segment",
+    "Solver",
+    "StaticOptions",
+    "load_scene",
+]
+
+_FORBIDDEN = frozenset('/\\<>:"|?*')  # in a folder's name, on some system or other
+
+
+def load_scene(path: Path | str) -> Scene:
+    """The scene a file describes.
+
+    Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file: line, key,
+    value received, rule, remedy.
+    """
+    return validate(Scene, read_yaml(path))
+
+
+def _read_points(value: Any, info: ValidationInfo) -> Any:
+    """The rows of the table a path names, in SI; in Python, rows in SI are taken as they are."""
+    if not isinstance(value, (str, Path)):
+        if from_file(info):
+            raise fault(
+                "must be the path of a CSV table", "write, say, `centreline: ../references/shape.csv`"
+            )
+        return value
+    try:
+        return read_centreline(folder_of(info) / value).tolist()
+    except InputError as error:
+        raise fault(f"the table must be readable: {error}", "correct the path or the table") from None
+
+
+class Reference(Part):
+    """A known answer to compare with."""
+
+    centreline: Annotated[
+        tuple[tuple[float, float, float, float], ...],
+        BeforeValidator(_read_points),
+        WithJsonSchema({"type": "string"}),
+    ] = Field(
+        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        examples=["../references/shape.csv"],
+    )
+
+
+class Scene(Part):
+    """What is simulated, how, and how finely. SI floats inside; immutable."""
+
+    name: str = Field(
+        min_length=1,
+        max_length=100,
+        description="Names the folder of results.",
+        examples=["five-segment catheter"],
+    )
+    materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(
+        min_length=1, description="Materials by name.", examples=["{silicone: {shear_modulus: 120 kPa, ...}}"]
+    )
+    body: Body = Field(description="What moves.", examples=["{catheter: {length: 40 mm, ...}}"])
+    field: FieldSource = Field(
+        default=FieldSource(),
+        description="The outside magnetic field; none unless given.",
+        examples=["{uniform: [0 mT, 6 mT, 8 mT]}"],
+    )
+    effects: Effects = Field(
+        default=Effects(),
+        description="What is simulated; what is not named is not, and costs nothing.",
+        examples=["{magnetic_torque: {}}"],
+    )
+    solver: Solver = Field(default=Solver(), description="Static unless given.", examples=["{static: {}}"])
+    resolution: Resolution = Field(
+        default=Resolution(), description="How fine the grid is.", examples=["{cells_across: 4}"]
+    )
+    reference: Reference | None = Field(
+        default=None, description="A known answer.", examples=["{centreline: ../references/shape.csv}"]
+    )
+
+    @field_validator("name")
+    @classmethod
+    def _folder_name(cls, name: str) -> str:
+        bad = [c for c in name if c in _FORBIDDEN or not c.isprintable()]
+        if bad or name != name.strip() or name.startswith("."):
+            raise fault(
+                "must be usable as the name of a folder",
+                f"avoid {' '.join(sorted(_FORBIDDEN))} and a dot in front",
+            )
+        return name
+
+    @model_validator(mode="after")
+    def _agree(self, info: ValidationInfo) -> Scene:
+        """Rules that join parts of the scene."""
+        catheter = self.body.catheter
+        base: Key = ("body", "catheter")
+        named: list[tuple[Key, str]] = [((*base, "material"), catheter.material)]
+        for i, segment in enumerate(catheter.segments):
+            if segment.material is not None:
+                named.append(((*base, "segments", i, "material"), segment.material))
+        for at, name in named:
+            if name not in self.materials:
+                near = difflib.get_close_matches(name, self.materials, n=1)
+                remedy = f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
+                raise fault(f"must be a name from `materials`: {', '.join(self.materials)}", remedy, at)
+        if self.effects.gravity is not None:
+            for name in dict.fromkeys(s.material or catheter.material for s in catheter.segments):
+                if self.materials[name].density is None:
+                    at = ("materials", name, "density")
+                    raise fault(
+                        "gravity needs the density of each material", "add, say, `density: 1100 kg/m^3`", at
+                    )
+        if self.reference is not None and self.reference.centreline[-1][0] > catheter.length * (1 + 1e-6):
+            raise fault(
+                f"s_mm of the reference must not exceed the catheter's length, {1e3 * catheter.length:g} mm",
+                "check that the table belongs to this catheter",
+                ("reference", "centreline"),
+            )
+        if from_file(info) and self.effects.magnetic_torque is not None:
+            self._magnetic_torque_acts()
+        return self
+
+    def _magnetic_torque_acts(self) -> None:
+        """A file that asks for magnetic torque must have something to turn and something to turn it.
+
+        Only asked of files: a study or a test may well set the field or all magnetisations to zero.
+        """
+        if "field" not in self.model_fields_set:
+            raise fault(
+                "magnetic_torque needs a field",
+                "add `field: {uniform: [0 mT, 6 mT, 8 mT]}`, or remove it",
+                ("field",),
+            )
+        if not self.magnetised_segments():
+            raise fault(
+                "magnetic_torque needs a segment with a magnetization whose material has a remanence",
+                "give a segment, say, `magnetization: [1, 0, 0]` and its material `remanence: 138 mT`, or remove it",
+                ("effects", "magnetic_torque"),
+            )
+
+    # what the scene says, put together
+
+    def segment_material(self, index: int) -> Material:
+        """The material of a segment."""
+        return self.materials[self.body.catheter.segments[index].material or self.body.catheter.material]
+
+    def segment_remanence(self) -> NDArray[np.float64]:
+        """Remanent flux density of each segment in the undeformed body, (k, 3) T."""
+        segments = self.body.catheter.segments
+        return np.array(
+            [
+                [self.segment_material(i).remanence * x for x in s.magnetization]
+                for i, s in enumerate(segments)
+            ]
+        )
+
+    def magnetised_segments(self) -> list[int]:
+        """Indices of the segments that have a direction and a remanence."""
+        return [int(i) for i in np.flatnonzero(self.segment_remanence().any(axis=1))]
+
+    def reference_centreline(self) -> NDArray[np.float64] | None:
+        """Rows [s, x, y, z] of the known answer, (m, 4) m, or None."""
+        return None if self.reference is None else np.array(self.reference.centreline)
+
+    def warnings(self) -> list[str]:
+        """What the author may not have meant: one sentence each."""
+        found = []
+        if self.effects.magnetic_torque is None and (any(self.field.uniform) and self.magnetised_segments()):
+            found.append("effects: magnetic_torque is not named, so the field does nothing")
+        if self.effects.magnetic_torque is None and self.effects.gravity is None:
+            found.append("effects: none is named, so nothing moves")
+        used = {s.material or self.body.catheter.material for s in self.body.catheter.segments}
+        found += [f"materials: {name} is not used" for name in self.materials if name not in used]
+        return found
+
+    # scenes to and from data, and scenes made of scenes
+
+    def to_si(self) -> dict[str, Any]:
+        """Plain data in SI (numbers, text, lists, dicts), as `from_si` reads it."""
+        return self.model_dump(mode="json")
+
+    @classmethod
+    def from_si(cls, data: Mapping[str, Any]) -> Scene:
+        """The scene that plain SI data describe. Raises InputError."""
+        return validate(cls, data)
+
+    def hash(self) -> str:
+        """SHA-256, in hex, of all that decides the answer: everything but `name` and `reference`.
+
+        The same for any layout of the file, order of keys and choice of units; numbers count to 12 digits.
+        """
+        content = self.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
+        return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True).encode()).hexdigest()
+
+    def with_magnetizations(self, directions: ArrayLike) -> Scene:
+        """The scene with these directions, (k, 3) for its k segments, normalised; zeros unmagnetise.
+
+        Raises InputError when the shape is another or a number is not finite.
+        """
+        given = np.asarray(directions, dtype=float)
+        catheter = self.body.catheter
+        if given.shape != (len(catheter.segments), 3):
+            raise InputError(f"directions have shape {given.shape}; must be {(len(catheter.segments), 3)}")
+        data = self.to_si()
+        for segment, direction in zip(data["body"]["catheter"]["segments"], given.tolist(), strict=True):
+            segment["magnetization"] = direction
+        return Scene.from_si(data)
+
+    def with_field(self, uniform: ArrayLike) -> Scene:
+        """The scene in this uniform field, (3,) T. Raises InputError."""
+        return Scene.from_si(
+            {**self.to_si(), "field": {"uniform": np.asarray(uniform, dtype=float).tolist()}}
+        )
+
+    def with_cells(self, cells_across: int) -> Scene:
+        """The scene with this many cells across the diameter. Raises InputError."""
+        data = self.to_si()
+        return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": cells_across}})
+
+    def with_effects(self, **effects: Mapping[str, Any] | Part | None) -> Scene:
+        """The scene with these effects named (a mapping of settings, {} for the usual) or, for None, not named.
+
+        Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`.
+        Raises InputError.
+        """
+        data = self.to_si()
+        changed = {
+            key: value.model_dump() if isinstance(value, Part) else value for key, value in effects.items()
+        }
+        return Scene.from_si({**data, "effects": {**data["effects"], **changed}})
+
+
+def _rounded(content: Any) -> Any:
+    """Numbers as text of 12 digits: the last bits of a cosine differ between machines."""
+    if isinstance(content, dict):
+        return {key: _rounded(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_rounded(value) for value in content]
+    if isinstance(content, (int, float)) and not isinstance(content, bool):
+        return f"{content + 0.0:.12g}"  # + 0.0 makes -0.0 into 0.0
+    return content

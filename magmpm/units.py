@@ -1,0 +1,186 @@
+"""Text with a unit -> SI float: "40 mm" -> 0.04.
+
+The number is read as an exact decimal and multiplied by the unit's exact factor, and only the product is rounded. So
+"40 mm", "4 cm" and "0.04 m" are the same float, whichever way the factor was found: in the table of plain units below
+(no import, microseconds) or in pint's registry (every unit pint knows; half a second, once, when first needed).
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+# pi to 50 digits: degrees keep an exact rational factor, rounded once with the number
+_PI = Fraction("3.1415926535897932384626433832795028841971693993751")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of quantity: how messages call it, its SI unit, an example, and the factors of its plain units."""
+
+    name: str
+    si: str
+    example: str
+    plain: dict[str, Fraction]
+
+
+def _powers(base: str, **prefixes: int) -> dict[str, Fraction]:
+    """{prefix + base: 10**power}; the keyword `none` stands for no prefix."""
+    return {("" if p == "none" else p) + base: Fraction(10) ** n for p, n in prefixes.items()}
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind(
+            "length",
+            "m",
+            "40 mm",
+            {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)},
+        ),
+        Kind("pressure", "Pa", "120 kPa", {**_powers("Pa", none=0, k=3, M=6, G=9), "bar": Fraction(10**5)}),
+        Kind(
+            "density",
+            "kg/m^3",
+            "1882 kg/m^3",
+            {"kg/m^3": Fraction(1), "kg/m**3": Fraction(1), "kg/m³": Fraction(1)}
+            | {"g/cm^3": Fraction(1000), "g/cm**3": Fraction(1000), "g/cm³": Fraction(1000)},
+        ),
+        # the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
+        Kind(
+            "flux density",
+            "T",
+            "8 mT",
+            {
+                **_powers("T", none=0, m=-3, u=-6, µ=-6),
+                **_powers("G", none=-4, m=-7, k=-1),
+                "gauss": Fraction(1, 10**4),
+            },
+        ),
+        Kind(
+            "angle",
+            "rad",
+            "30 deg",
+            {"rad": Fraction(1), "deg": _PI / 180, "°": _PI / 180, "degree": _PI / 180},
+        ),
+        Kind(
+            "acceleration",
+            "m/s^2",
+            "9.81 m/s^2",
+            {"m/s^2": Fraction(1), "m/s**2": Fraction(1), "m/s²": Fraction(1), "mm/s^2": Fraction(1, 1000)},
+        ),
+        Kind("time", "s", "5 ms", _powers("s", none=0, m=-3, u=-6, µ=-6)),
+    )
+}
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_NOT_FINITE = re.compile(r"[+-]?\.?(?:nan|inf|infinity)\b", re.IGNORECASE)
+# three-digit or chained exponents name no unit, and would let pint raise factors to absurd powers
+_ABSURD_UNIT = re.compile(r"\d{3}|(?:\*\*|\^)[^*/ ]*(?:\*\*|\^)")
+
+
+class BadQuantity(ValueError):
+    """Text that is no quantity of the wanted kind; `rule` says what is due, `remedy` what to write."""
+
+    def __init__(self, rule: str, remedy: str) -> None:
+        super().__init__(f"{rule}; {remedy}")
+        self.rule = rule
+        self.remedy = remedy
+
+
+def parse_quantity(text: str, kind: Kind) -> float:
+    """SI value of `text`, a number and a unit, as the nearest float.
+
+    Raises BadQuantity: no number, no unit, an unknown unit, another dimension, or a value that is not finite.
+    """
+    text = text.strip()
+    write = f'write a number and a unit, such as "{kind.example}"'
+    if _NOT_FINITE.match(text):
+        raise BadQuantity(f"{a(kind.name)} must be a finite number", write)
+    number = _NUMBER.match(text)
+    if number is None:
+        raise BadQuantity(f"{a(kind.name)} must begin with a number", write)
+    unit = text[number.end() :].strip()
+    if not unit:
+        raise BadQuantity(
+            f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()} {kind.example.split()[1]}"'
+        )
+    if unit[0] == "," or unit[0].isdigit():
+        raise BadQuantity("a number has a decimal point and no separators", write)
+    magnitude = float(number.group())
+    if not math.isfinite(magnitude) or (magnitude and abs(magnitude) < 1e-290):
+        raise BadQuantity(f"{a(kind.name)} must be a finite number that a computer can hold", write)
+    if magnitude == 0.0:
+        _factor(unit, kind)  # the unit must be right all the same
+        return 0.0
+    try:
+        return float(Fraction(number.group()) * _factor(unit, kind))
+    except OverflowError:
+        raise BadQuantity(f"{a(kind.name)} must be a finite number", write) from None
+
+
+def a(noun: str) -> str:
+    """The noun with its indefinite article."""
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
+
+
+def format_si(value: float, kind: Kind) -> str:
+    """A value in SI for messages: 0.04 -> "0.04 m"."""
+    return f"{value:.6g} {kind.si}"
+
+
+@cache
+def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
+    """Exact factor from `unit` to the kind's SI unit, by pint. Raises BadQuantity."""
+    kind = KINDS[kind_name]
+    write = f'use a unit such as in "{kind.example}"'
+    registry = _registry()
+    import pint
+
+    if _ABSURD_UNIT.search(unit) or len(unit) > 40:
+        raise BadQuantity(f'"{unit}" is not a unit', write)
+    try:
+        found, wanted = registry.parse_units(unit), registry.parse_units(kind.si)
+        names = set(found._units)
+        same = found.dimensionality == wanted.dimensionality
+    except pint.UndefinedUnitError:
+        raise BadQuantity(f'"{unit}" is not a known unit', _nearest_unit(unit, kind) or write) from None
+    except Exception:  # pint's tokenizer raises half a dozen types for text that is no unit
+        raise BadQuantity(f'"{unit}" is not a unit', write) from None
+    # an angle has no dimension for pint, and neither has a percentage: ask for a unit of angle by name
+    if kind.name == "angle" and not names <= _ANGLES:
+        same = False
+    if not same:
+        rule = f'{a(kind.name)} is due here, and "{unit}" is not a unit of {kind.name}'
+        raise BadQuantity(rule, _nearest_unit(unit, kind) or write)
+    factor = registry.convert(Fraction(1), found, wanted)
+    return factor if isinstance(factor, Fraction) else Fraction(factor)
+
+
+_ANGLES = {"radian", "degree", "turn", "arcminute", "arcsecond", "grade", "milliradian", "microradian"}
+
+
+def _factor(unit: str, kind: Kind) -> Fraction:
+    """Exact factor from `unit` to the kind's SI unit. Raises BadQuantity."""
+    plain = kind.plain.get(unit)
+    return plain if plain is not None else _factor_in_pint(unit, kind.name)
+
+
+def _nearest_unit(unit: str, kind: Kind) -> str | None:
+    """A remedy naming the plain unit that was probably meant, or None."""
+    known = {name.lower(): name for name in reversed(kind.plain)}
+    near = difflib.get_close_matches(unit.lower(), known, n=1, cutoff=0.7)
+    return f'did you mean "{known[near[0]]}"?' if near else None
+
+
+@cache
+def _registry() -> Any:
+    """pint's registry, with exact rational factors; loaded when the first unit outside the table is met."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
