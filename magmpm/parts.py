@@ -1,4 +1,4 @@
-"""The parts of a scene: materials, catheter, field, effects, solver settings; each with its rules and its documentation.
+"""The parts of a scene: materials, catheter, field, effects, solver; each with its rules and documentation.
 
 The descriptions and examples are what editors show (scene.schema.json) and what error messages quote.
 """
@@ -7,105 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, ClassVar, Literal
 
-import numpy as np
 from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
     Field,
-    Tag,
     ValidationInfo,
     field_validator,
 )
 
 from magmpm.inputs import Part, Quantity, fault
+from magmpm.vectors import Direction, three
 
 MAX_SEGMENTS = 1000
 MAX_SLENDERNESS = 500.0  # length over diameter
-
-K = TypeVar("K")
-V = TypeVar("V")
-Vector = tuple[float, float, float]
-
-
-class FrozenDict(dict[K, V]):
-    """A dict that refuses changes, so that scenes can be shared and hashed."""
-
-    def _refuse(self, *args: Any, **kwargs: Any) -> Any:
-        raise TypeError("a scene is immutable; build another with its with_... methods")
-
-    __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
-
-    def __hash__(self) -> int:  # type: ignore[override]
-        return hash(frozenset(self.items()))
-
-    def __reduce__(self) -> Any:
-        return FrozenDict, (dict(self),)
-
-
-def _three(write: str) -> BeforeValidator:
-    """Checks that a value is a list of three, before its numbers are looked at."""
-
-    def check(value: Any) -> Any:
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        if not isinstance(value, (list, tuple)) or len(value) != 3:
-            raise fault("must be a list of 3, for x, y and z", f"write, say, {write}")
-        return value
-
-    return BeforeValidator(check)
-
-
-def _unit_vector(value: Any) -> Vector:
-    """The direction, of length one (or zeros), whichever way it was written.
-
-    Components below 1e-15 are rounding of angles and become zero. A vector of length one within rounding stays as it
-    is, so that a scene read back from its own data is bitwise the same.
-    """
-    if isinstance(value, Angles):
-        cos_e, sin_e = math.cos(value.elevation), math.sin(value.elevation)
-        value = (cos_e * math.cos(value.azimuth), cos_e * math.sin(value.azimuth), sin_e)
-    largest = max(abs(x) for x in value)
-    if largest == 0.0:
-        return (0.0, 0.0, 0.0)
-    length = math.hypot(*value)
-    if abs(length - 1.0) > 1e-14:
-        value = tuple(x / largest for x in value)  # first, so that huge and tiny vectors normalise too
-        length = math.hypot(*value)
-        value = tuple(x / length for x in value)
-    x, y, z = (0.0 if abs(x) < 1e-15 else float(x) for x in value)
-    return (x, y, z)
-
-
-class Angles(Part):
-    """A direction by two angles: d = (cos e cos a, cos e sin a, sin e)."""
-
-    azimuth: Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")] = Field(
-        description="Turn in the x-y plane, from +x towards +y.", examples=["30 deg"]
-    )
-    elevation: Annotated[float, Quantity("angle", at_least="-90 deg", at_most="90 deg")] = Field(
-        default=0.0,
-        description="Lift from the x-y plane towards +z; 0 deg unless given.",
-        examples=["10 deg"],
-    )
-
-
-if TYPE_CHECKING:
-    Direction = Vector
-else:
-    _number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-    Direction = Annotated[
-        Annotated[Angles, Tag("angles")]
-        | Annotated[
-            tuple[_number, _number, _number],
-            _three("[1, 0, 0] or {azimuth: 30 deg, elevation: 10 deg}"),
-            Tag("vector"),
-        ],
-        Discriminator(lambda value: "angles" if isinstance(value, (Mapping, Angles)) else "vector"),
-        AfterValidator(_unit_vector),
-    ]
 
 
 class Material(Part):
@@ -119,12 +33,11 @@ class Material(Part):
     )
     bulk_to_shear: float = Field(
         strict=True,
-        gt=2 / 3,
-        le=10_000,
         allow_inf_nan=False,
-        description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone in MPM; more than 2/3, "
-        "so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive.",
+        description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above 2/3, "
+        "so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.",
         examples=[20],
+        json_schema_extra={"exclusiveMinimum": 0.6667, "maximum": 10_000},
     )
     density: Annotated[float, Quantity("density", above="0 kg/m^3", at_most="30000 kg/m^3")] | None = Field(
         default=None, description="Mass per volume; needed for gravity.", examples=["1882 kg/m^3"]
@@ -135,14 +48,24 @@ class Material(Part):
         examples=["138 mT"],
     )
 
+    @field_validator("bulk_to_shear")
+    @classmethod
+    def _nearly_incompressible(cls, ratio: float) -> float:
+        if not 2 / 3 < ratio <= 10_000:
+            raise fault(
+                "must be greater than 2/3 (Poisson's ratio above 0) and at most 10000 (below 0.49995)",
+                "write, say, `bulk_to_shear: 20`",
+            )
+        return ratio
+
 
 class Segment(Part):
     """A piece of the catheter with one magnetisation and one material."""
 
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed body: [x, y, z], normalised, or {azimuth: ..., elevation: ...}. "
-        "[0, 0, 0], unmagnetised, unless given.",
+        description="Direction in the undeformed body: [x, y, z], normalised, or "
+        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
         examples=[[1, 0, 0]],
     )
     material: str | None = Field(
@@ -211,7 +134,7 @@ class Catheter(Part):
 
     @field_validator("segments")
     @classmethod
-    def _fill_length(cls, segments: tuple[Segment, ...], info: ValidationInfo) -> tuple[Segment, ...]:
+    def _fill_the_length(cls, segments: tuple[Segment, ...], info: ValidationInfo) -> tuple[Segment, ...]:
         length = info.data.get("length")
         if length is None:
             return segments
@@ -255,7 +178,7 @@ _AccelerationComponent = Annotated[
 class FieldSource(Part):
     """The outside magnetic field."""
 
-    uniform: Annotated[tuple[_Component, _Component, _Component], _three("[0 mT, 6 mT, 8 mT]")] = Field(
+    uniform: Annotated[tuple[_Component, _Component, _Component], three("[0 mT, 6 mT, 8 mT]")] = Field(
         default=(0.0, 0.0, 0.0),
         description="Flux density, the same everywhere: [x, y, z].",
         examples=["[0 mT, 6 mT, 8 mT]"],
@@ -271,7 +194,7 @@ class Gravity(Part):
 
     acceleration: Annotated[
         tuple[_AccelerationComponent, _AccelerationComponent, _AccelerationComponent],
-        _three("[0 m/s^2, 0 m/s^2, -9.81 m/s^2]"),
+        three("[0 m/s^2, 0 m/s^2, -9.81 m/s^2]"),
     ] = Field(
         default=(0.0, 0.0, -9.81),
         description="9.81 m/s^2 along -z unless given: [x, y, z].",
@@ -309,9 +232,14 @@ class StaticOptions(Part):
         examples=["f-bar"],
     )
     tolerance: float = Field(
-        default=1e-9, strict=True, ge=1e-14, le=1e-2, allow_inf_nan=False, examples=[1e-9],
-        description="Stops when the energy a step can still win falls below this part of the energy; 1e-9 unless given.",
-    )  # fmt: skip
+        default=1e-9,
+        strict=True,
+        ge=1e-14,
+        le=1e-2,
+        allow_inf_nan=False,
+        description="Stops when a step can win less than this part of the energy; 1e-9 unless given.",
+        examples=[1e-9],
+    )
     max_steps: int = Field(
         default=60,
         strict=True,
@@ -321,9 +249,13 @@ class StaticOptions(Part):
         examples=[60],
     )
     field_steps: int | None = Field(
-        default=None, strict=True, ge=1, le=1000, examples=[10],
+        default=None,
+        strict=True,
+        ge=1,
+        le=1000,
         description="Steps in which field and gravity grow from zero; chosen by the solver unless given.",
-    )  # fmt: skip
+        examples=[10],
+    )
 
 
 class Solver(Part):
@@ -347,10 +279,14 @@ class Resolution(Part):
         strict=True,
         ge=2,
         le=16,
-        examples=[4],
         description="Grid cells across the diameter; 4 unless given.",
+        examples=[4],
     )
     particles_per_cell: int = Field(
-        default=2, strict=True, ge=1, le=4, examples=[2],
+        default=2,
+        strict=True,
+        ge=1,
+        le=4,
         description="Particles in a cell along each direction; 2 unless given.",
-    )  # fmt: skip
+        examples=[2],
+    )

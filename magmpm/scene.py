@@ -1,7 +1,7 @@
 """Scenes: what is simulated, how, and how finely, as immutable values in SI.
 
-`load_scene(path)` reads a file, where quantities carry units. In Python the same classes take SI floats (or text with
-units): `Material(shear_modulus=120e3, bulk_to_shear=20)`; what is wrong then raises pydantic's ValidationError.
+`load_scene(path)` reads a file, where quantities carry units. In Python the same classes take SI floats (or
+text with units), `Material(shear_modulus=120e3, bulk_to_shear=20)`, and raise pydantic's ValidationError.
 `scene.to_si()` is plain SI data, as results save it, and `Scene.from_si` makes the same scene of it.
 """
 
@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,12 +29,10 @@ from pydantic import (
 from magmpm.errors import InputError
 from magmpm.inputs import Key, Part, fault, folder_of, from_file, read_yaml, validate
 from magmpm.parts import (
-    Angles,
     Body,
     Catheter,
     Effects,
     FieldSource,
-    FrozenDict,
     Gravity,
     MagneticTorque,
     Material,
@@ -44,6 +42,7 @@ from magmpm.parts import (
     StaticOptions,
 )
 from magmpm.tables import read_centreline
+from magmpm.vectors import Angles
 
 __all__ = [
     "Angles",
@@ -63,14 +62,32 @@ __all__ = [
     "load_scene",
 ]
 
+K = TypeVar("K")
+V = TypeVar("V")
+
 _FORBIDDEN = frozenset('/\\<>:"|?*')  # in a folder's name, on some system or other
+
+
+class FrozenDict(dict[K, V]):
+    """A dict that refuses changes, so that scenes can be shared and hashed."""
+
+    def _refuse(self, *args: Any, **kwargs: Any) -> Any:
+        raise TypeError("a scene is immutable; build another with its with_... methods")
+
+    __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> Any:
+        return FrozenDict, (dict(self),)  # else pickle would fill it item by item
 
 
 def load_scene(path: Path | str) -> Scene:
     """The scene a file describes.
 
-    Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file: line, key,
-    value received, rule, remedy.
+    Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, with
+    line, key, value received, rule and remedy.
     """
     return validate(Scene, read_yaml(path))
 
@@ -183,13 +200,13 @@ class Scene(Part):
         if "field" not in self.model_fields_set:
             raise fault(
                 "magnetic_torque needs a field",
-                "add `field: {uniform: [0 mT, 6 mT, 8 mT]}`, or remove it",
+                "add, say, `field: {uniform: [0 mT, 6 mT, 8 mT]}`, or do not name magnetic_torque",
                 ("field",),
             )
         if not self.magnetised_segments():
             raise fault(
                 "magnetic_torque needs a segment with a magnetization whose material has a remanence",
-                "give a segment, say, `magnetization: [1, 0, 0]` and its material `remanence: 138 mT`, or remove it",
+                "give a segment, say, `magnetization: [1, 0, 0]`, and its material `remanence: 138 mT`",
                 ("effects", "magnetic_torque"),
             )
 
@@ -273,7 +290,7 @@ class Scene(Part):
         return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": cells_across}})
 
     def with_effects(self, **effects: Mapping[str, Any] | Part | None) -> Scene:
-        """The scene with these effects named (a mapping of settings, {} for the usual) or, for None, not named.
+        """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
 
         Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`.
         Raises InputError.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.errors import InputError
+from magmpm.wording import report, show
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000
@@ -17,10 +17,10 @@ MAX_MM = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
 
 
 def read_centreline(path: Path | str) -> NDArray[np.float64]:
-    """Rows [s, x, y, z] in m, (m, 4), m >= 2, s increasing: arc length along the undeformed body, and the point there.
+    """Rows [s, x, y, z] in m, (m, 4), m >= 2, s increasing: arc length of the undeformed body, its point.
 
-    The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that begin
-    with # are passed over. Raises InputError naming file, line, value and rule.
+    The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that
+    begin with # are passed over. Raises InputError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
     order: list[int] | None = None
@@ -28,71 +28,61 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
     for number, line in enumerate(_lines(path), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        cells = [cell.strip() for cell in next(csv.reader([line]))]
-        place = f"{path}:{number}: received {line.strip()[:60]!r}"
+        cells = [cell.strip() for cell in line.split(",")]
+        place, received = f"{path}:{number}", show(line.strip())
         if order is None:
             if sorted(cells) != sorted(COLUMNS):
-                raise InputError(
-                    f"{place}\n  rule: the header must name the columns {','.join(COLUMNS)}\n  {_REMEDY}"
-                )
+                rule = f"the header must name the columns {','.join(COLUMNS)}"
+                raise InputError(report(place, received=received, rule=rule, remedy=_START))
             order = [cells.index(column) for column in COLUMNS]
             continue
-        row = _row(cells, place, order)
+        row = _row(cells, order, place, received)
         if rows and row[0] <= rows[-1][0]:
-            raise InputError(
-                f"{place}\n  rule: s_mm must increase from row to row\n  remedy: sort the rows, base first"
-            )
+            rule, remedy = "s_mm must increase from row to row", "sort the rows, base first, each s_mm once"
+            raise InputError(report(place, received=received, rule=rule, remedy=remedy))
         rows.append(row)
-    if len(rows) < 2:
-        raise InputError(
-            f"{path}: received {len(rows)} rows\n  rule: a centreline has at least 2 rows\n  {_REMEDY}"
-        )
-    if len(rows) > MAX_ROWS:
-        raise InputError(
-            f"{path}: received {len(rows)} rows\n  rule: a centreline has at most {MAX_ROWS} rows\n  remedy: thin it out"
-        )
+    if not 2 <= len(rows) <= MAX_ROWS:
+        rule = f"a centreline has 2 to {MAX_ROWS} rows"
+        raise InputError(report(str(path), received=f"{len(rows)} rows", rule=rule, remedy=_START))
     return np.asarray(rows) / 1000.0
 
 
-_REMEDY = f"remedy: begin the file with the line {','.join(COLUMNS)}, then numbers in mm, such as 0,0,0,0"
+_START = f"begin the file with the line {','.join(COLUMNS)}, then numbers in mm, such as 0,0,0,0"
 
 
-def _row(cells: list[str], place: str, order: list[int]) -> list[float]:
-    if len(cells) != len(COLUMNS):
-        raise InputError(
-            f"{place}\n  rule: a row has {len(COLUMNS)} numbers, as many as the header\n  {_REMEDY}"
-        )
+def _row(cells: list[str], order: list[int], place: str, received: str) -> list[float]:
+    """The numbers of one row in the order of COLUMNS, mm. Raises InputError."""
+    remedy = "check this row"
     try:
-        row = [float(cells[column]) for column in order]
+        row = [float(cells[column]) for column in order] if len(cells) == len(COLUMNS) else []
     except ValueError:
-        raise InputError(f"{place}\n  rule: a row holds numbers only, in mm\n  {_REMEDY}") from None
-    if not all(math.isfinite(value) and abs(value) <= MAX_MM for value in row):
+        row = []
+    if not row:
+        rule = f"a row must have {len(COLUMNS)} numbers, in mm"
+    elif not all(math.isfinite(value) and abs(value) <= MAX_MM for value in row):
         rule = f"numbers must be finite and at most {MAX_MM:g} mm"
-        raise InputError(f"{place}\n  rule: {rule}\n  remedy: check this row")
-    if row[0] < 0:
-        raise InputError(
-            f"{place}\n  rule: s_mm must not be negative\n  remedy: measure s from the clamped base"
-        )
-    return row
+    elif row[0] < 0:
+        rule, remedy = "s_mm must not be negative", "measure s from the clamped base"
+    else:
+        return row
+    raise InputError(report(place, received=received, rule=rule, remedy=remedy))
 
 
 def _lines(path: Path) -> list[str]:
+    rule, remedy = "the table must be a readable text file", "check the path and its permissions"
     try:
         return path.read_bytes().decode("utf-8-sig").splitlines()
     except FileNotFoundError:
-        raise InputError(
-            f"{path}: no such file\n  remedy: check the path (relative to the file naming it)"
-        ) from None
+        reason, remedy = "no such file", "check the path; it is relative to the file that names it"
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file\n  {_REMEDY}") from None
+        reason, remedy = "not a text file", _START
     except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: cannot be read ({error})\n  remedy: check the path and its permissions"
-        ) from None
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    raise InputError(report(f"{path}: {reason}", rule=rule, remedy=remedy))
 
 
 def write_centreline(path: Path | str, rows: NDArray[np.float64], *, comment: str = "") -> None:
-    """Writes rows [s, x, y, z] in m, (m, 4), as a table that `read_centreline` reads; comment lines come first."""
+    """Writes rows [s, x, y, z] in m, (m, 4), as a table that `read_centreline` reads; comment lines first."""
     lines = [f"# {line}" for line in comment.splitlines()]
     lines.append(",".join(COLUMNS))
     lines += [",".join(f"{1000.0 * value:.6f}" for value in row) for row in np.asarray(rows, dtype=float)]

@@ -1,8 +1,9 @@
 """Text with a unit -> SI float: "40 mm" -> 0.04.
 
-The number is read as an exact decimal and multiplied by the unit's exact factor, and only the product is rounded. So
-"40 mm", "4 cm" and "0.04 m" are the same float, whichever way the factor was found: in the table of plain units below
-(no import, microseconds) or in pint's registry (every unit pint knows; half a second, once, when first needed).
+The number is read as an exact decimal and multiplied by the unit's exact factor, and only the product is
+rounded. So "40 mm", "4 cm" and "0.04 m" are the same float, whichever way the factor was found: in the table
+of plain units below (no import, microseconds) or in pint's registry (every unit pint knows; half a second,
+once, when first needed).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of quantity: how messages call it, its SI unit, an example, and the factors of its plain units."""
+    """A kind of quantity: its name in messages, its SI unit, an example, the factors of its plain units."""
 
     name: str
     si: str

@@ -1,29 +1,27 @@
-"""YAML files as users write them: plain data, the line of every key, and errors that say where and what to do.
+"""YAML files as users write them: plain data, the line of every key, errors that say where and what to do.
 
-Read by the rules of YAML 1.2 rather than PyYAML's 1.1: `1e-9` is a number, `yes`, `no` and `off` are words, `12:30` is
-text and not 750, and a key that stands twice is an error rather than the last one winning.
+Read by the rules of YAML 1.2 rather than PyYAML's 1.1: `1e-9` is a number, `yes`, `no` and `off` are words,
+`12:30` is text and not 750, and a key that stands twice is an error rather than the last one winning.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from magmpm.errors import InputError
-
-Key = tuple[str | int, ...]
+from magmpm.wording import Key, dotted, report, show
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
 
 
 class Document(dict[str, Any]):
-    """The top-level mapping of a YAML file, with its path and the line of each key path: lines[("a", 2, "b")]."""
+    """The top-level mapping of a YAML file, its path, and the line of each key path: lines[("a", 2, "b")]."""
 
     def __init__(self, data: dict[str, Any], path: Path, lines: dict[Key, int]) -> None:
         super().__init__(data)
@@ -58,8 +56,8 @@ for _tag, _pattern, _first in (
 def read_yaml(path: Path | str) -> Document:
     """The file's top-level mapping.
 
-    Raises InputError with file and line: no such file, not a text file, not YAML, a key that stands twice, a file that
-    is empty or holds something other than `key: value` lines.
+    Raises InputError with file and line: no such file, not a text file, not YAML, a key that stands twice, a
+    file that is empty or holds something other than `key: value` lines.
     """
     path = Path(path)
     text = _read_text(path)
@@ -69,73 +67,69 @@ def read_yaml(path: Path | str) -> Document:
     except yaml.MarkedYAMLError as error:
         raise InputError(_explain(error, path, text)) from None
     except yaml.YAMLError as error:
-        raise InputError(
-            f"{path}: not a YAML text file ({str(error).splitlines()[0]})\n  {_REMEDY}"
-        ) from None
+        reason = " ".join(str(error).split())
+        raise InputError(report(f"{path}: not a text file ({reason})", rule=_RULE, remedy=_START)) from None
     except RecursionError:
-        raise InputError(f"{path}: brackets nested too deeply\n  {_REMEDY}") from None
+        raise InputError(report(f"{path}: brackets nested too deeply", rule=_RULE, remedy=_START)) from None
     if root is None:
-        raise InputError(f"{path}: the file is empty\n  {_REMEDY}")
+        raise InputError(report(f"{path}: the file is empty", rule=_RULE, remedy=_START))
     if not isinstance(root, yaml.MappingNode):
-        what = "a list" if isinstance(root, yaml.SequenceNode) else f'the text "{str(root.value)[:40]}"'
-        raise InputError(
-            f"{path}:1: received {what}\n  rule: the file must hold `key: value` lines\n  {_REMEDY}"
-        )
+        received = "a list" if isinstance(root, yaml.SequenceNode) else show(str(root.value))
+        raise InputError(report(f"{path}:1", received=received, rule=_RULE, remedy=_START))
     builder = _Builder(path, loader)
     data = builder.mapping(root, ())
     return Document(data, path, builder.lines)
 
 
-_REMEDY = "remedy: start from one of the files in data/scenes or data/studies"
+_RULE = "the file must hold `key: value` lines, in YAML"
+_START = "start from one of the files in data/scenes or data/studies"
 
 
 def _read_text(path: Path) -> str:
     """The file as text. Raises InputError."""
     try:
         if path.is_dir():
-            raise InputError(
-                f"{path}: this is a folder, and a YAML file is wanted\n  remedy: name a file in it"
-            )
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(
-                f"{path}: received {path.stat().st_size} bytes\n  rule: the file must not exceed {MAX_BYTES} bytes"
-                f"\n  {_REMEDY}"
-            )
+            raise InputError(report(f"{path}: this is a folder", rule=_RULE, remedy="name a file in it"))
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            rule = f"the file must not exceed {MAX_BYTES} bytes"
+            raise InputError(report(str(path), received=f"{size} bytes", rule=rule, remedy=_START))
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
-        near = []
-        if path.parent.is_dir():
-            near = difflib.get_close_matches(path.name, sorted(p.name for p in path.parent.iterdir()), n=1)
-        hint = (
-            f'did you mean "{path.parent / near[0]}"?' if near else "check the path and the folder you are in"
+        siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, siblings, n=1)
+        remedy = (
+            f'did you mean "{path.parent / near[0]}"?' if near else "check the path and the current folder"
         )
-        raise InputError(f"{path}: no such file\n  remedy: {hint}") from None
+        raise InputError(report(f"{path}: no such file", rule="the file must exist", remedy=remedy)) from None
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: not a text file (byte {error.object[error.start]:#04x} at {error.start} is not UTF-8)\n  {_REMEDY}"
-        ) from None
+        byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
+        raise InputError(report(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START)) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
+        remedy = "check the path and its permissions"
         raise InputError(
-            f"{path}: cannot be read ({reason})\n  remedy: check the path and its permissions"
+            report(f"{path}: {reason}", rule="the file must be readable", remedy=remedy)
         ) from None
 
 
 def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
     """PyYAML's complaint as file:line, what was met there, and what to do."""
     mark = error.problem_mark or error.context_mark
-    line = mark.line if mark else 0
+    number = mark.line if mark else 0
     lines = text.splitlines()
-    shown = lines[line].strip()[:60] if line < len(lines) else ""
-    problem = (error.problem or "not YAML").replace("\\t", "tab")
-    if "\t" in (lines[line] if line < len(lines) else ""):
+    line = lines[number] if number < len(lines) else ""
+    problem = error.problem or ""
+    if "\t" in line[: len(line) - len(line.lstrip())] or "\\t" in problem:
         rule, remedy = "a tab cannot indent YAML", "indent with spaces"
-    elif "expected a single document" in str(error.context) or "another document" in problem:
+    elif "single document" in str(error.context) or "another document" in problem:
         rule, remedy = "the file must hold one document", "remove the second `---`"
     else:
-        rule = " ".join(part for part in (error.context, problem) if part)
-        remedy = "check indentation, brackets, quotes, and the space after each colon, in this line and the one before"
-    return f'{path}:{line + 1}: received "{shown}"\n  rule: not valid YAML: {rule}\n  remedy: {remedy}'
+        rule = "must be valid YAML: " + " ".join(part for part in (error.context, problem) if part)
+        remedy = (
+            "check indentation, brackets, quotes and the space after each colon, here and in the line before"
+        )
+    return report(f"{path}:{number + 1}", received=show(line.strip()), rule=rule, remedy=remedy)
 
 
 class _Builder:
@@ -148,15 +142,19 @@ class _Builder:
         self.nodes = 0
         self.open: set[int] = set()  # nodes being built: an alias to one of them would never end
 
+    def report(self, node: yaml.Node, at: Key = (), **words: str) -> str:
+        key = f": {dotted(at)}" if at else ""
+        return report(f"{self.path}:{node.start_mark.line + 1}{key}", **words)
+
     def value(self, node: yaml.Node, at: Key) -> Any:
         self.nodes += 1
         if self.nodes > MAX_NODES or id(node) in self.open:
-            line = node.start_mark.line + 1
+            rule = "aliases must not repeat without end"
             raise InputError(
-                f"{self.path}:{line}: aliases repeat without end\n  remedy: write the values out"
+                self.report(node, at, received="an alias", rule=rule, remedy="write the values out")
             )
         if isinstance(node, yaml.ScalarNode):
-            return self.scalar(node)
+            return self.scalar(node, at)
         self.open.add(id(node))
         try:
             if isinstance(node, yaml.MappingNode):
@@ -170,24 +168,27 @@ class _Builder:
             self.open.discard(id(node))
 
     def mapping(self, node: yaml.MappingNode, at: Key) -> dict[str, Any]:
-        first: dict[Hashable, int] = {}
+        first: dict[str, int] = {}
         for key_node, _ in node.value:
-            line = key_node.start_mark.line + 1
             if not isinstance(key_node, yaml.ScalarNode):
-                raise InputError(f"{self.path}:{line}: a key must be a word\n  remedy: write `key: value`")
-            if key_node.value in first:
+                rule, remedy = "a key must be a word", "write `key: value`"
                 raise InputError(
-                    f'{self.path}:{line}: {dotted((*at, key_node.value))}: received the key "{key_node.value}" a second '
-                    f"time\n  rule: a key may stand once (the first is in line {first[key_node.value]})"
-                    f"\n  remedy: remove or rename one of the two"
+                    self.report(key_node, at, received="brackets as a key", rule=rule, remedy=remedy)
                 )
-            first[key_node.value] = line
+            key = str(key_node.value)
+            if key in first:
+                received = f'the key "{key}" a second time'
+                rule = f"a key may stand once (the first is in line {first[key]})"
+                remedy = "remove or rename one of the two"
+                raise InputError(
+                    self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy)
+                )
+            first[key] = key_node.start_mark.line + 1
         try:
             self.loader.flatten_mapping(node)  # `<<: *defaults`: the merged pairs come first, so own keys win
         except yaml.MarkedYAMLError as error:
-            raise InputError(
-                f"{self.path}:{node.start_mark.line + 1}: {error.problem}\n  {_REMEDY}"
-            ) from None
+            rule, remedy = str(error.problem), "merge a mapping: `<<: *its_name`"
+            raise InputError(self.report(node, at, received="<<", rule=rule, remedy=remedy)) from None
         data: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key = str(key_node.value)
@@ -195,7 +196,7 @@ class _Builder:
             data[key] = self.value(value_node, (*at, key))
         return data
 
-    def scalar(self, node: yaml.ScalarNode) -> Any:
+    def scalar(self, node: yaml.ScalarNode, at: Key) -> Any:
         kind = node.tag.rsplit(":", 1)[-1]
         text = str(node.value)
         try:
@@ -211,19 +212,5 @@ class _Builder:
             return text  # thousands of digits, say: whoever wants a number refuses the text
         if kind == "str" or node.tag == "!":
             return text
-        raise InputError(
-            f"{self.path}:{node.start_mark.line + 1}: received the tag {node.tag}\n  rule: plain YAML only"
-            f"\n  remedy: remove the tag"
-        )
-
-
-def dotted(at: Key) -> str:
-    """("segments", 2, "length") -> "segments[2].length"; keys that are no plain word stand in quotes."""
-    out = ""
-    for part in at:
-        if isinstance(part, int):
-            out += f"[{part}]"
-        else:
-            word = part if re.fullmatch(r"[\w<>-]+", part) else f'"{part}"'
-            out += f".{word}" if out else word
-    return out
+        words = {"received": f"the tag {node.tag}", "rule": "must be plain YAML", "remedy": "remove the tag"}
+        raise InputError(self.report(node, at, **words))
