@@ -17,7 +17,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from magmpm.wording import Key, dotted, report, show
+from magmpm.wording import Key, dotted, flow, report, show
 
 
 @dataclass(frozen=True)
@@ -212,5 +212,4 @@ def _write_example(at: Key, field: FieldInfo | None) -> str:
     if field is None or not field.examples:
         return "correct it"
     name = next((str(part) for part in reversed(at) if isinstance(part, str)), "")
-    example = field.examples[0]
-    return f"write, say, `{name}: {example if isinstance(example, str) else show(example)}`"
+    return f"write, say, `{name}: {flow(field.examples[0])}`"

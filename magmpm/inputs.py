@@ -171,6 +171,9 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
 class _InputSchema(GenerateJsonSchema):
     """JSON schema of what a file may say: a key is there with a value, or it is not there."""
 
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False  # the key says it
+
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
 
@@ -182,6 +185,8 @@ class _InputSchema(GenerateJsonSchema):
 def json_schema(model: type[BaseModel]) -> dict[str, Any]:
     """JSON schema (2020-12) of the files that describe this model, as editors use it."""
     schema = model.model_json_schema(schema_generator=_InputSchema)
+    for part in (schema, *schema.get("$defs", {}).values()):
+        part.pop("title", None)  # names of our classes
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 

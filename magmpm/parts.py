@@ -107,7 +107,7 @@ class Catheter(Part):
         min_length=1,
         max_length=MAX_SEGMENTS,
         description="From base to tip.",
-        examples=["[{magnetization: [1, 0, 0]}]"],
+        examples=[[{"magnetization": [1, 0, 0]}]],
     )
 
     @field_validator("diameter")
@@ -156,8 +156,16 @@ class Catheter(Part):
         """Length of each segment in m, base to tip; they sum to `length`."""
         given = [s.length for s in self.segments if s.length is not None]
         free = len(self.segments) - len(given)
-        share = (self.length - math.fsum(given)) / free if free else 0.0
+        share = math.fsum([self.length, *(-length for length in given)]) / free if free else 0.0
         return [share if s.length is None else s.length for s in self.segments]
+
+
+CATHETER = {
+    "length": "40 mm",
+    "diameter": "4 mm",
+    "material": "silicone",
+    "segments": [{"magnetization": [1, 0, 0]}],
+}
 
 
 class Body(Part):
@@ -165,7 +173,7 @@ class Body(Part):
 
     catheter: Catheter = Field(
         description="A straight rod, base at the origin, axis +x.",
-        examples=["{length: 40 mm, diameter: 4 mm, ...}"],
+        examples=[CATHETER],
     )
 
 
@@ -181,7 +189,7 @@ class FieldSource(Part):
     uniform: Annotated[tuple[_Component, _Component, _Component], three("[0 mT, 6 mT, 8 mT]")] = Field(
         default=(0.0, 0.0, 0.0),
         description="Flux density, the same everywhere: [x, y, z].",
-        examples=["[0 mT, 6 mT, 8 mT]"],
+        examples=[["0 mT", "6 mT", "8 mT"]],
     )
 
 
@@ -198,7 +206,7 @@ class Gravity(Part):
     ] = Field(
         default=(0.0, 0.0, -9.81),
         description="9.81 m/s^2 along -z unless given: [x, y, z].",
-        examples=["[0 m/s^2, 0 m/s^2, -9.81 m/s^2]"],
+        examples=[["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]],
     )
 
 
@@ -216,10 +224,10 @@ class Effects(Part):
         "feed": "pushing the base forward",
     }
     magnetic_torque: MagneticTorque | None = Field(
-        default=None, description="The outside field turns the magnetised segments: {}.", examples=["{}"]
+        default=None, description="The outside field turns the magnetised segments: {}.", examples=[{}]
     )
     gravity: Gravity | None = Field(
-        default=None, description="Weight: {} for 9.81 m/s^2 along -z.", examples=["{}"]
+        default=None, description="Weight: {} for 9.81 m/s^2 along -z.", examples=[{}]
     )
 
 
@@ -263,7 +271,7 @@ class Solver(Part):
 
     not_there_yet: ClassVar[Mapping[str, str]] = {"dynamic": "motion in time"}
     static: StaticOptions = Field(
-        default=StaticOptions(), description="Equilibrium: {} for the usual settings.", examples=["{}"]
+        default=StaticOptions(), description="Equilibrium: {} for the usual settings.", examples=[{}]
     )
 
 

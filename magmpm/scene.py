@@ -29,6 +29,7 @@ from pydantic import (
 from magmpm.errors import InputError
 from magmpm.inputs import Key, Part, fault, folder_of, from_file, read_yaml, validate
 from magmpm.parts import (
+    CATHETER,
     Body,
     Catheter,
     Effects,
@@ -86,7 +87,7 @@ class FrozenDict(dict[K, V]):
 def load_scene(path: Path | str) -> Scene:
     """The scene a file describes.
 
-    Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, with
+    Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, by
     line, key, value received, rule and remedy.
     """
     return validate(Scene, read_yaml(path))
@@ -129,25 +130,27 @@ class Scene(Part):
         examples=["five-segment catheter"],
     )
     materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(
-        min_length=1, description="Materials by name.", examples=["{silicone: {shear_modulus: 120 kPa, ...}}"]
+        min_length=1,
+        description="Materials by name.",
+        examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}],
     )
-    body: Body = Field(description="What moves.", examples=["{catheter: {length: 40 mm, ...}}"])
+    body: Body = Field(description="What moves.", examples=[{"catheter": CATHETER}])
     field: FieldSource = Field(
         default=FieldSource(),
         description="The outside magnetic field; none unless given.",
-        examples=["{uniform: [0 mT, 6 mT, 8 mT]}"],
+        examples=[{"uniform": ["0 mT", "6 mT", "8 mT"]}],
     )
     effects: Effects = Field(
         default=Effects(),
         description="What is simulated; what is not named is not, and costs nothing.",
-        examples=["{magnetic_torque: {}}"],
+        examples=[{"magnetic_torque": {}}],
     )
-    solver: Solver = Field(default=Solver(), description="Static unless given.", examples=["{static: {}}"])
+    solver: Solver = Field(default=Solver(), description="Static unless given.", examples=[{"static": {}}])
     resolution: Resolution = Field(
-        default=Resolution(), description="How fine the grid is.", examples=["{cells_across: 4}"]
+        default=Resolution(), description="How fine the grid is.", examples=[{"cells_across": 4}]
     )
     reference: Reference | None = Field(
-        default=None, description="A known answer.", examples=["{centreline: ../references/shape.csv}"]
+        default=None, description="A known answer.", examples=[{"centreline": "../references/shape.csv"}]
     )
 
     @field_validator("name")

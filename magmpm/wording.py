@@ -28,6 +28,15 @@ def dotted(at: Key) -> str:
     return out
 
 
+def flow(value: Any) -> str:
+    """Plain data as one would write them on a line of YAML: {uniform: [0 mT, 6 mT, 8 mT]}."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(flow(item) for item in value) + "]"
+    return value if isinstance(value, str) else str(value)
+
+
 def show(value: Any) -> str:
     """A value as the user might have written it, cut to a readable length."""
     if isinstance(value, float) and not math.isfinite(value):
