@@ -1,0 +1,25 @@
+"""Effects: one file each. What a scene does not name is not simulated and costs nothing.
+
+To add an effect: one file with its dtype, its `parameters` and its hooks (effects.hooks says which there are), one key in the scene's
+schema, and one line in `collect`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.effects import gravity, magnetic_torque
+from magmpm.scene import Scene
+
+
+def collect(scene: Scene) -> tuple[NDArray[np.void], ...]:
+    """Parameter records of the effects the scene names, by phase, never by their order in the file."""
+    named: list[NDArray[Any]] = []
+    if scene.effects.magnetic_torque is not None:
+        named.append(magnetic_torque.parameters(np.array(scene.field.uniform)))
+    if scene.effects.gravity is not None:
+        named.append(gravity.parameters(np.array(scene.effects.gravity.acceleration)))
+    return tuple(named)

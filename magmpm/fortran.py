@@ -1,0 +1,37 @@
+"""BLAS and LAPACK from compiled code: the routines SciPy ships, called by address, so that they run without the interpreter's lock.
+
+Numba itself offers only a few of them, and functions held as ctypes objects never reach its disk cache; an address passed as a
+number does.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import get_cython_function_address, intrinsic
+
+BLAS, LAPACK = "scipy.linalg.cython_blas", "scipy.linalg.cython_lapack"
+
+
+def addresses() -> tuple[int, int, int, int, int, int]:
+    """Addresses of dpotrf, dtrsm, dsyrk, dgemm, dtrsv and dgemv, in this order."""
+    found = [get_cython_function_address(LAPACK, "dpotrf")]
+    found += [get_cython_function_address(BLAS, name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")]
+    return tuple(found)  # type: ignore[return-value]
+
+
+@intrinsic
+def call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
+    """Call the Fortran routine at `address` with a tuple of addresses: Fortran takes every argument by reference."""
+    signature = types.void(address, arguments)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        pointer = ir.IntType(8).as_pointer()
+        values = cgutils.unpack_tuple(builder, args[1])
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * len(values)).as_pointer()
+        routine = builder.inttoptr(args[0], kind)
+        builder.call(routine, [builder.inttoptr(v, pointer) for v in values])
+        return context.get_dummy_value()
+
+    return signature, codegen

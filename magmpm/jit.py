@@ -1,0 +1,20 @@
+"""Numba, set up once for the whole package: how every compiled function is compiled.
+
+* The disk cache lies in a folder named by a hash of the package's sources (`environment`): Numba notices a change only in the file
+  that holds a function, and would go on calling the old version of what that function uses in another file.
+* Arithmetic may be contracted and reassociated, but NaN and infinity keep their meaning (plain ``fastmath`` makes
+  ``isfinite`` always true).
+* Division by zero gives inf, as in NumPy, and is caught by the checks on the result: inside a parallel loop an exception
+  would be lost.
+"""
+
+from __future__ import annotations
+
+import numba
+from numba import prange
+
+FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
+kernel = numba.njit(parallel=True, cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
+compiled = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
+
+__all__ = ["FASTMATH", "compiled", "kernel", "prange"]

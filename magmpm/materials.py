@@ -1,0 +1,118 @@
+"""Neo-Hookean silicone: energy, stress and tangent; conversions between elastic constants.
+
+W = G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2, with F the deformation gradient, J = det F, I1 = F:F.
+Shape and volume are kept apart (``shape_*`` and ``volume_*``) since the anti-locking option averages the volume part over a cell.
+Source: Simo and Hughes, Computational Inelasticity, section 9.2, with the volume term of Zhao et al., JMPS 124 (2019).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.jit import compiled
+
+
+def young_modulus(shear_modulus: float, bulk_modulus: float) -> float:
+    """Small-strain Young's modulus (Pa), E = 9 K G / (3 K + G)."""
+    return 9 * bulk_modulus * shear_modulus / (3 * bulk_modulus + shear_modulus)
+
+
+def poisson_ratio(shear_modulus: float, bulk_modulus: float) -> float:
+    """Small-strain Poisson's ratio, (3 K - 2 G) / (2 (3 K + G))."""
+    return (3 * bulk_modulus - 2 * shear_modulus) / (2 * (3 * bulk_modulus + shear_modulus))
+
+
+@compiled
+def determinant(F):
+    """det F of a (3, 3) array."""
+    return (
+        F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
+        - F[0, 1] * (F[1, 0] * F[2, 2] - F[1, 2] * F[2, 0])
+        + F[0, 2] * (F[1, 0] * F[2, 1] - F[1, 1] * F[2, 0])
+    )
+
+
+@compiled
+def cofactor(F, out):
+    """out = J F^-T, the derivative of det F; both (3, 3)."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for L in range(3):
+            M, N = (L + 1) % 3, (L + 2) % 3
+            out[i, L] = F[j, M] * F[k, N] - F[j, N] * F[k, M]
+
+
+@compiled
+def shape_energy(F, J, G):
+    """G/2 (J^(-2/3) I1 - 3), J/m^3."""
+    I1 = 0.0
+    for i in range(3):
+        for j in range(3):
+            I1 += F[i, j] * F[i, j]
+    return 0.5 * G * (J ** (-2.0 / 3.0) * I1 - 3.0)
+
+
+@compiled
+def volume_energy(J, K):
+    """K/2 (J - 1)^2, J/m^3."""
+    return 0.5 * K * (J - 1.0) ** 2
+
+
+@compiled
+def volume_pressure(J, K):
+    """d(volume energy)/dJ = K (J - 1), Pa."""
+    return K * (J - 1.0)
+
+
+@compiled
+def stress(F, cof, J, G, p, P):
+    """First Piola-Kirchhoff stress into P (3, 3), Pa: shape part for shear modulus G, volume part for pressure p = dU/dJ.
+
+    P = G J^(-2/3) (F - I1/3 F^-T) + p J F^-T
+    """
+    g = G * J ** (-2.0 / 3.0)
+    I1 = 0.0
+    for i in range(3):
+        for j in range(3):
+            I1 += F[i, j] * F[i, j]
+    c = p - g * I1 / (3.0 * J)
+    for i in range(3):
+        for j in range(3):
+            P[i, j] = g * F[i, j] + c * cof[i, j]
+
+
+@compiled
+def tangent(F, cof, J, G, p, stiffness, A):
+    """dP/dF into A (9, 9), Pa; row 3 i + J, column 3 k + L. `stiffness`: d^2U/dJ^2, 0 where the volume part is averaged elsewhere.
+
+    With H = F^-T and g = G J^(-2/3):
+    A_iJkL = g [d_ik d_JL - 2/3 (F_iJ H_kL + H_iJ F_kL) + 2/9 I1 H_iJ H_kL] + (g I1/3 - p J) H_iL H_kJ + (p J + stiffness J^2) H_iJ H_kL
+    """
+    g = G * J ** (-2.0 / 3.0)
+    inv = 1.0 / J
+    I1 = 0.0
+    for i in range(3):
+        for j in range(3):
+            I1 += F[i, j] * F[i, j]
+    a = (2.0 / 9.0 * g * I1 + p * J) * inv * inv + stiffness
+    b = (g * I1 / 3.0 - p * J) * inv * inv
+    c = -2.0 / 3.0 * g * inv
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for m in range(3):
+                    A[3 * i + j, 3 * k + m] = (
+                        a * cof[i, j] * cof[k, m]
+                        + b * cof[i, m] * cof[k, j]
+                        + c * (F[i, j] * cof[k, m] + cof[i, j] * F[k, m])
+                    )
+            A[3 * i + j, 3 * i + j] += g
+
+
+def neo_hookean_reference(F: np.ndarray, G: float, K: float) -> tuple[float, np.ndarray]:
+    """Energy density (J/m^3) and stress P (3, 3) Pa, written as the formula stands: the kernels are compared with this."""
+    J = np.linalg.det(F)
+    I1 = np.sum(F * F)
+    H = np.linalg.inv(F).T
+    W = G / 2 * (J ** (-2 / 3) * I1 - 3) + K / 2 * (J - 1) ** 2
+    return W, G * J ** (-2 / 3) * (F - I1 / 3 * H) + K * J * (J - 1) * H

@@ -1,0 +1,78 @@
+"""The potential energy of a model as a function of the grid's coefficients: value, gradient, tangent.
+
+The three MPM steps meet here: G2P gathers what the energy needs (transfer.g2p), P2G scatters its derivatives (transfer.p2g).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.fortran import addresses
+from magmpm.model import Model, kernel_arguments
+from magmpm.statics.panels import new_panels
+from magmpm.transfer.g2p import gather
+from magmpm.transfer.p2g import cell_energy, scatter_residual, scatter_tangent
+
+
+@dataclass
+class Point:
+    """The energy at one state: grid coefficients (planes, m) m; displacement (n, 3) m and F (n, 3, 3) of the particles."""
+
+    grid: Array
+    displacement: Array
+    F: Array
+    energy: float  # J; inf where some det F <= 0
+    min_det_F: float
+    max_det_F: float
+
+
+class Energy:
+    """Potential energy of a model. Holds the work arrays, so that a Newton step allocates next to nothing."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        layout = model.layout
+        self.shape = (layout.planes, layout.m)
+        self.panels = new_panels(*self.shape)
+        self._materials = kernel_arguments(model)
+        self._fortran = addresses()
+        cells = len(layout.cell_plane)
+        self._per_cell = np.empty((3, cells))
+
+    def at(self, grid: Array) -> Point:
+        """The state that grid coefficients (planes, m) stand for, and its energy."""
+        model, layout = self.model, self.model.layout
+        n = len(model.shear)
+        u, F = np.empty((n, 3)), np.empty((n, 3, 3))
+        gather(
+            layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, u, F
+        )
+        energy, low, high = self._per_cell
+        cell_energy(
+            layout.cell_first, model.particles.volume, *self._materials, u, F, energy, low, high
+        )
+        return Point(grid, u, F, float(energy.sum()), float(low.min()), float(high.max()))
+
+    def residual(self, point: Point) -> Array:
+        """Gradient of the energy, (planes, m) N."""
+        model, layout = self.model, self.model.layout
+        out = np.zeros(self.shape)
+        scatter_residual(
+            layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes,
+            model.particles.volume, *self._materials, point.displacement, point.F, out,
+        )  # fmt: skip
+        return out
+
+    def tangent(self, point: Point) -> tuple[Array, Array]:
+        """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, overwritten by the next call."""
+        model, layout = self.model, self.model.layout
+        out = np.zeros(self.shape)
+        self.panels[:] = 0.0
+        scatter_tangent(
+            layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.split, layout.most, model.weights,
+            model.slopes, model.particles.volume, *self._materials, point.displacement, point.F, self._fortran, out, self.panels,
+        )  # fmt: skip
+        return out, self.panels
