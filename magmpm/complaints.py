@@ -124,11 +124,11 @@ def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key,
 
 def _unknown_key(model: type[BaseModel], at: Key, value: Any) -> Problem:
     parent, key = _model_at(model, at[:-1]), str(at[-1])
+    known = list(parent.model_fields) if parent is not None else []
     later = getattr(parent, "not_there_yet", {}).get(key)
     if later is not None:
         rule = f"`{key}` ({later}) is not there yet in this version"
-        return Problem(at, show(value), rule, "remove it", later=True)
-    known = list(parent.model_fields) if parent is not None else []
+        return Problem(at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True)
     near = nearest_key(model, at)
     homes = [dotted(home) for home in _homes(model, key)]
     if near is not None:

@@ -42,7 +42,7 @@ from magmpm.parts import (
     Solver,
     StaticOptions,
 )
-from magmpm.tables import read_centreline
+from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Angles
 
 __all__ = [
@@ -103,8 +103,8 @@ def _read_points(value: Any, info: ValidationInfo) -> Any:
         return value
     try:
         return read_centreline(folder_of(info) / value).tolist()
-    except InputError as error:
-        raise fault(f"the table must be readable: {error}", "correct the path or the table") from None
+    except TableError as error:
+        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
 class Reference(Part):
@@ -134,7 +134,7 @@ class Scene(Part):
         description="Materials by name.",
         examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}],
     )
-    body: Body = Field(description="What moves.", examples=[{"catheter": CATHETER}])
+    body: Body = Field(description="What moves: a catheter.", examples=[{"catheter": CATHETER}])
     field: FieldSource = Field(
         default=FieldSource(),
         description="The outside magnetic field; none unless given.",
@@ -147,7 +147,9 @@ class Scene(Part):
     )
     solver: Solver = Field(default=Solver(), description="Static unless given.", examples=[{"static": {}}])
     resolution: Resolution = Field(
-        default=Resolution(), description="How fine the grid is.", examples=[{"cells_across": 4}]
+        default=Resolution(),
+        description="How fine the grid is: {cells_across: 4} unless given.",
+        examples=[{"cells_across": 4}],
     )
     reference: Reference | None = Field(
         default=None, description="A known answer.", examples=[{"centreline": "../references/shape.csv"}]

@@ -16,11 +16,21 @@ MAX_ROWS = 100_000
 MAX_MM = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
 
 
+class TableError(InputError):
+    """A table that cannot be used: where and what in it, the rule, the remedy, for messages to quote."""
+
+    def __init__(self, place: str, *, rule: str, remedy: str, received: str | None = None) -> None:
+        super().__init__(report(place, received=received, rule=rule, remedy=remedy))
+        self.place = place if received is None else f"{place} has {received}"
+        self.rule = rule
+        self.remedy = remedy
+
+
 def read_centreline(path: Path | str) -> NDArray[np.float64]:
     """Rows [s, x, y, z] in m, (m, 4), m >= 2, s increasing: arc length of the undeformed body, its point.
 
     The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that
-    begin with # are passed over. Raises InputError naming file, line, value received, rule and remedy.
+    begin with # are passed over. Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
     order: list[int] | None = None
@@ -33,17 +43,19 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
         if order is None:
             if sorted(cells) != sorted(COLUMNS):
                 rule = f"the header must name the columns {','.join(COLUMNS)}"
-                raise InputError(report(place, received=received, rule=rule, remedy=_START))
+                raise TableError(place, received=received, rule=rule, remedy=_START)
             order = [cells.index(column) for column in COLUMNS]
             continue
         row = _row(cells, order, place, received)
         if rows and row[0] <= rows[-1][0]:
             rule, remedy = "s_mm must increase from row to row", "sort the rows, base first, each s_mm once"
-            raise InputError(report(place, received=received, rule=rule, remedy=remedy))
+            raise TableError(place, received=received, rule=rule, remedy=remedy)
         rows.append(row)
     if not 2 <= len(rows) <= MAX_ROWS:
         rule = f"a centreline has 2 to {MAX_ROWS} rows"
-        raise InputError(report(str(path), received=f"{len(rows)} rows", rule=rule, remedy=_START))
+        raise TableError(
+            str(path), received=f"{len(rows)} row{'s' * (len(rows) != 1)}", rule=rule, remedy=_START
+        )
     return np.asarray(rows) / 1000.0
 
 
@@ -51,7 +63,7 @@ _START = f"begin the file with the line {','.join(COLUMNS)}, then numbers in mm,
 
 
 def _row(cells: list[str], order: list[int], place: str, received: str) -> list[float]:
-    """The numbers of one row in the order of COLUMNS, mm. Raises InputError."""
+    """The numbers of one row in the order of COLUMNS, mm. Raises TableError."""
     remedy = "check this row"
     try:
         row = [float(cells[column]) for column in order] if len(cells) == len(COLUMNS) else []
@@ -65,7 +77,7 @@ def _row(cells: list[str], order: list[int], place: str, received: str) -> list[
         rule, remedy = "s_mm must not be negative", "measure s from the clamped base"
     else:
         return row
-    raise InputError(report(place, received=received, rule=rule, remedy=remedy))
+    raise TableError(place, received=received, rule=rule, remedy=remedy)
 
 
 def _lines(path: Path) -> list[str]:
@@ -78,7 +90,7 @@ def _lines(path: Path) -> list[str]:
         reason, remedy = "not a text file", _START
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    raise InputError(report(f"{path}: {reason}", rule=rule, remedy=remedy))
+    raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)
 
 
 def write_centreline(path: Path | str, rows: NDArray[np.float64], *, comment: str = "") -> None:

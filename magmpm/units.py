@@ -114,9 +114,10 @@ def parse_quantity(text: str, kind: Kind) -> float:
     if unit[0] == "," or unit[0].isdigit():
         raise BadQuantity("a number has a decimal point and no separators", write)
     magnitude = float(number.group())
-    if not math.isfinite(magnitude) or (magnitude and abs(magnitude) < 1e-290):
+    is_zero = not re.search("[1-9]", number.group().lower().split("e")[0])
+    if not math.isfinite(magnitude) or (abs(magnitude) < 1e-290 and not is_zero):
         raise BadQuantity(f"{a(kind.name)} must be a finite number that a computer can hold", write)
-    if magnitude == 0.0:
+    if is_zero:
         _factor(unit, kind)  # the unit must be right all the same
         return 0.0
     try:

@@ -116,6 +116,8 @@ def _read_text(path: Path) -> str:
 def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
     """PyYAML's complaint as file:line, what was met there, and what to do."""
     mark = error.problem_mark or error.context_mark
+    if error.context_mark is not None and re.search("quoted|flow", error.context or ""):
+        mark = error.context_mark  # where a quote or bracket was opened, rather than where its end is missed
     number = mark.line if mark else 0
     lines = text.splitlines()
     line = lines[number] if number < len(lines) else ""

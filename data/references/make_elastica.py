@@ -2,11 +2,11 @@
 
     python data/references/make_elastica.py
 
-A rod that neither stretches nor shears, clamped at s = 0, magnetised along its axis, in a uniform field across it:
+A rod that neither stretches nor shears, clamped at s = 0 and magnetised along its axis, in a field across it:
 
     theta'' + load cos(theta) = 0,  theta(0) = 0,  theta'(1) = 0,  load = M B A L^2 / (E I),
 
-with s over L. Solved by shooting on theta'(0); the CSV holds the centreline of a rod of 40 mm in the x-z plane.
+with s over L. Solved by shooting on theta'(0); the CSV holds a rod of 40 mm that bends in the x-z plane.
 """
 
 from __future__ import annotations

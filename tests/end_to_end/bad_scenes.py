@@ -1,0 +1,326 @@
+"""Broken scene files: a good scene, and one edit each that breaks it, with what the message must say.
+
+`CASES` is data, so that the same files go through `load_scene` and through the command. `write(case, folder)` makes
+the file; `expected(case, path)` lists the phrases that its message must hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+# ruff: noqa: E501  (a case a line reads best)
+# fmt: off
+
+GOOD = """\
+name: probe
+materials:
+  magnetic silicone:
+    model: neo-hookean
+    shear_modulus: 120 kPa
+    bulk_to_shear: 20
+    density: 1882 kg/m^3
+    remanence: 138 mT
+  plain silicone: {shear_modulus: 60 kPa, bulk_to_shear: 20, density: 1070 kg/m^3}
+body:
+  catheter:
+    length: 40 mm
+    diameter: 4 mm
+    inner_diameter: 1 mm
+    material: magnetic silicone
+    clamp: base
+    segments:
+      - {magnetization: [1, 0, 0], length: 15 mm}
+      - {material: plain silicone, length: 5 mm}
+      - magnetization: {azimuth: 30 deg, elevation: 10 deg}
+field:
+  uniform: [0 mT, 6 mT, 8 mT]
+effects:
+  magnetic_torque: {}
+  gravity: {}
+solver:
+  static: {tolerance: 1e-9, max_steps: 60}
+resolution: {cells_across: 4, particles_per_cell: 2}
+"""
+
+TABLE = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,38,0,9\n"
+
+
+@dataclass(frozen=True)
+class BadScene:
+    """One way to get a scene file wrong.
+
+    name: identifies the case; edits: (old, new) replacements in GOOD, each of which must apply exactly once; content:
+    the whole file instead, None for no file, "folder" for a folder; key: the key path the message names; received: the
+    value it repeats; says: phrases of its rule and remedy; later: the error is NotThereYet; line: where it points, found
+    from the first edit unless given; table: content of shape.csv beside the scene.
+    """
+
+    name: str
+    edits: tuple[tuple[str, str], ...] = ()
+    key: str = ""
+    received: str = ""
+    says: tuple[str, ...] = ()
+    content: bytes | None = b""
+    folder: bool = False
+    later: bool = False
+    line: int | None = None
+    table: str | None = None
+
+
+def edit(name: str, old: str, new: str, key: str, received: str, *says: str, **more: object) -> BadScene:
+    """A case that replaces one piece of GOOD."""
+    return BadScene(name, ((old, new),), key, received, says, **more)  # type: ignore[arg-type]
+
+
+def whole(name: str, content: bytes | None, *says: str, **more: object) -> BadScene:
+    """A case that replaces the whole file."""
+    return BadScene(name, says=says, content=content, **more)  # type: ignore[arg-type]
+
+
+CATHETER = "body.catheter"
+MAGNETIC = 'materials."magnetic silicone"'
+SEGMENT = "body.catheter.segments[0]"
+SHAPE = "solver:\n"  # where the reference cases put their key
+REFERENCE = "reference: {centreline: shape.csv}\nsolver:\n"
+
+FILES = [
+    whole("missing file", None, "no such file", "check the path"),
+    whole("empty file", b"", "the file is empty", "start from one of the files in data/scenes"),
+    whole("only comments", b"# nothing yet\n", "the file is empty", "start from one of"),
+    whole("folder", None, "this is a folder", "name a file in it", folder=True),
+    whole("binary file", b"\x89PNG\r\n\x1a\n\x00\x00\xff\xfe", "not a text file", "0x89", "`key: value` lines"),
+    whole("zero bytes", b"name: a\x00b\n", "not a text file", "#x0000"),
+    whole("Latin-1 text", b"name: cath\xe9ter\n", "not a text file", "0xe9", "UTF-8"),
+    whole("a list", b"- name: probe\n- body: {}\n", "received a list", "`key: value` lines"),
+    whole("a sentence", b"forty millimetres of silicone\n", 'received "forty millimetres', "`key: value` lines"),
+    whole("two documents", b"name: a\n---\nname: b\n", "one document", "remove the second `---`"),
+    whole("JSON cut short", b'{"name": "probe", "body": {', "must be valid YAML", "brackets"),
+    whole("a tag of Python", b"name: !!python/object:os.system x\n", "name: received the tag", "plain YAML", "remove"),
+    whole("an alias in itself", b"name: &a [*a]\n", "aliases must not repeat", "write the values out"),
+    whole("a wrong merge", b"name: a\nbody:\n  <<: 3\n", "body: received <<", "expected a mapping", "`<<: *its_name`"),
+    whole("brackets as a key", b"name: a\n[a, b]: 3\n", "a key must be a word", "write `key: value`"),
+    whole("nested without end", b"a: " + b"[" * 2_000, "nested too deeply"),
+    whole("too large", b"# " + b"x" * 1_000_000, "received 1000002 bytes", "must not exceed 1000000 bytes"),
+    edit("tab", "    length: 40 mm\n", "\tlength: 40 mm\n", "", '"length: 40 mm"', "a tab cannot indent", "with spaces"),
+    edit("no space after the colon", "name: probe", "name:probe", "", "", "must be valid YAML", "space after each colon", line=2),
+    edit("quote left open", "name: probe", 'name: "probe', "", "", "must be valid YAML", "quotes", line=1),
+    edit("bracket left open", "[0 mT, 6 mT, 8 mT]", "[0 mT, 6 mT, 8 mT", "", "", "must be valid YAML", "brackets", line=22),
+    edit(
+        "duplicate key", "    diameter: 4 mm\n", "    diameter: 4 mm\n    length: 50 mm\n", CATHETER + ".length",
+        'the key "length" a second time', "a key may stand once (the first is in line 12)", "remove or rename", line=14,
+    ),
+    edit("duplicate part", "effects:", "field: {}\neffects:", "field", 'the key "field" a second time', "may stand once"),
+    edit(
+        "duplicate material", "  plain silicone:", "  magnetic silicone:", MAGNETIC,
+        'the key "magnetic silicone" a second time', "a key may stand once", "rename",
+    ),
+]
+
+UNITS = [
+    edit("no unit", "length: 40 mm", "length: 40", CATHETER + ".length", "40", "a length needs a unit", '"40 mm"'),
+    edit("no unit, in quotes", "length: 40 mm", 'length: "40"', CATHETER + ".length", '"40"', "a length needs a unit"),
+    edit("zero without unit", "[0 mT, 6 mT", "[0, 6 mT", "field.uniform[0]", "0", "a flux density needs a unit", '"8 mT"'),
+    edit("no unit of pressure", "120 kPa", "120e3", MAGNETIC + ".shear_modulus", "120000.0", "a pressure needs a unit"),
+    edit("no unit of angle", "30 deg", "30", CATHETER + ".segments[2].magnetization.azimuth", "30", "an angle needs a unit"),
+    edit("percent is no angle", "30 deg", "30 %", CATHETER + ".segments[2].magnetization.azimuth", '"30 %"', "an angle is due"),
+    edit("mass for length", "40 mm", "40 mg", CATHETER + ".length", '"40 mg"', '"mg" is not a unit of length', '"40 mm"'),
+    edit("field for length", "40 mm", "40 mT", CATHETER + ".length", '"40 mT"', '"mT" is not a unit of length', '"40 mm"'),
+    edit("wrong exponent", "1882 kg/m^3", "1882 kg/m^2", MAGNETIC + ".density", '"1882 kg/m^2"', '"kg/m^2" is not', '"kg/m^3"'),
+    edit("wrong case", "120 kPa", "120 kpa", MAGNETIC + ".shear_modulus", '"120 kpa"', "not a known unit", 'mean "kPa"?'),
+    edit("unknown unit", "40 mm", "40 smoots", CATHETER + ".length", '"40 smoots"', '"smoots" is not a known unit', '"40 mm"'),
+    edit("offset unit", "120 kPa", "20 degC", MAGNETIC + ".shear_modulus", '"20 degC"', '"degC" is not a unit of pressure'),
+    edit("field strength", "138 mT", "110 kA/m", MAGNETIC + ".remanence", '"110 kA/m"', '"kA/m" is not a unit of flux density'),
+    edit("logarithmic unit", "138 mT", "3 dBm", MAGNETIC + ".remanence", '"3 dBm"', '"dBm" is not a unit'),
+    edit("words", "40 mm", "forty mm", CATHETER + ".length", '"forty mm"', "must begin with a number", '"40 mm"'),
+    edit("decimal comma", "40 mm", "40,5 mm", CATHETER + ".length", '"40,5 mm"', "decimal point", '"40 mm"'),
+    edit("thousands apart", "1882 kg/m^3", "1 882 kg/m^3", MAGNETIC + ".density", '"1 882 kg/m^3"', "no separators"),
+    edit("a sum", "40 mm", "40 mm + 2 mm", CATHETER + ".length", '"40 mm + 2 mm"', "is not a unit"),
+    edit("absurd exponent", "40 mm", "40 mm^999999999", CATHETER + ".length", '"40 mm^999999999"', "is not a unit"),
+    edit("nan with unit", "40 mm", "nan mm", CATHETER + ".length", '"nan mm"', "must be a finite number", '"40 mm"'),
+    edit("nan", "40 mm", ".nan", CATHETER + ".length", ".nan", "must be a finite number"),
+    edit("inf with unit", "8 mT]", "inf mT]", "field.uniform[2]", '"inf mT"', "must be a finite number", '"8 mT"'),
+    edit("beyond floats", "40 mm", "4e999 mm", CATHETER + ".length", '"4e999 mm"', "a computer can hold"),
+    edit("true", "40 mm", "true", CATHETER + ".length", "true", "a length is due here", '"40 mm"'),
+    edit("list for length", "length: 40 mm", "length: [40 mm]", CATHETER + ".length", '["40 mm"]', "a length is due here"),
+]
+
+BOUNDS = [
+    edit("negative length", "40 mm", "-40 mm", CATHETER + ".length", '"-40 mm"', "greater than 0 mm", "reads as -0.04 m"),
+    edit("zero diameter", " diameter: 4 mm", " diameter: 0 mm", CATHETER + ".diameter", '"0 mm"', "greater than 0 mm"),
+    edit("kilometre", "40 mm", "40 km", CATHETER + ".length", '"40 km"', "must be at most 10 m", "reads as 40000 m"),
+    edit("metres for millimetres", "40 mm", "4 m", CATHETER + ".diameter", '"4 mm"', "1 to 500 times", "length 4000 mm", line=13),
+    edit("thicker than long", " diameter: 4 mm", " diameter: 5 cm", CATHETER + ".diameter", '"5 cm"', "1 to 500 times", "50 mm"),
+    edit("inner over outer", "1 mm", "5 mm", CATHETER + ".inner_diameter", '"5 mm"', "less than the diameter", "than 4 mm"),
+    edit("no wall", "1 mm", "4 mm", CATHETER + ".inner_diameter", '"4 mm"', "must be less than the diameter"),
+    edit("negative bore", "1 mm", "-1 mm", CATHETER + ".inner_diameter", '"-1 mm"', "must be at least 0 mm"),
+    edit("negative modulus", "120 kPa", "-120 kPa", MAGNETIC + ".shear_modulus", '"-120 kPa"', "greater than 0 kPa"),
+    edit("huge modulus", "120 kPa", "120e9 kPa", MAGNETIC + ".shear_modulus", '"120e9 kPa"', "must be at most 10 GPa"),
+    edit("negative density", "1882", "-1882", MAGNETIC + ".density", '"-1882 kg/m^3"', "greater than 0 kg/m^3"),
+    edit("g/cm^3 mistaken", "1882 kg/m^3", "1882 g/cm^3", MAGNETIC + ".density", '"1882 g/cm^3"', "at most 30000 kg/m^3"),
+    edit("negative remanence", "138 mT", "-138 mT", MAGNETIC + ".remanence", '"-138 mT"', "must be at least 0 mT"),
+    edit("remanence in T", "138 mT", "138 T", MAGNETIC + ".remanence", '"138 T"', "must be at most 3 T"),
+    edit("field in T", "8 mT]", "80 T]", "field.uniform[2]", '"80 T"', "must be at most 20 T"),
+    edit("elevation too high", "10 deg", "100 deg", CATHETER + ".segments[2].magnetization.elevation", '"100 deg"', "90 deg"),
+    edit("K below 2/3 G", "    bulk_to_shear: 20", "    bulk_to_shear: 0.5", MAGNETIC + ".bulk_to_shear", "0.5", "than 2/3"),
+    edit("K in kPa", "    bulk_to_shear: 20", "    bulk_to_shear: 2400 kPa", MAGNETIC + ".bulk_to_shear", '"2400 kPa"', "a plain number"),
+    edit("K in quotes", "    bulk_to_shear: 20", '    bulk_to_shear: "20"', MAGNETIC + ".bulk_to_shear", '"20"', "must be a number"),
+    edit("K infinite", "    bulk_to_shear: 20", "    bulk_to_shear: .inf", MAGNETIC + ".bulk_to_shear", ".inf", "finite number"),
+    edit("one cell", "cells_across: 4", "cells_across: 1", "resolution.cells_across", "1", "must be at least 2"),
+    edit("too many cells", "cells_across: 4", "cells_across: 40", "resolution.cells_across", "40", "must be at most 16"),
+    edit("half a cell", "cells_across: 4", "cells_across: 4.5", "resolution.cells_across", "4.5", "must be a whole number"),
+    edit("cells in words", "cells_across: 4", "cells_across: four", "resolution.cells_across", '"four"', "a whole number"),
+    edit("cells: yes", "cells_across: 4", "cells_across: yes", "resolution.cells_across", '"yes"', "`cells_across: 4`"),
+    edit("cells: true", "cells_across: 4", "cells_across: true", "resolution.cells_across", "true", "must be a whole number"),
+    edit("no particles", "per_cell: 2", "per_cell: 0", "resolution.particles_per_cell", "0", "must be at least 1"),
+    edit("tolerance zero", "1e-9", "0", "solver.static.tolerance", "0", "must be at least 1e-14", "`tolerance: 1e-09`"),
+    edit("no steps", "max_steps: 60", "max_steps: -1", "solver.static.max_steps", "-1", "must be at least 1"),
+]
+
+KEYS = [
+    edit("misspelt at the top", "effects:", "efects:", "efects", "{", 'unknown key "efects"', 'did you mean "effects"?'),
+    edit("misspelt material key", "density: 1882", "densty: 1882", MAGNETIC + ".densty", '"1882', 'did you mean "density"?'),
+    edit("misspelt catheter key", " length: 40 mm", " lenght: 40 mm", CATHETER + ".lenght", '"40 mm"', 'mean "length"?'),
+    edit("British spelling", "{magnetization: [1", "{magnetisation: [1", SEGMENT + ".magnetisation", "[1, 0, 0]", 'mean "magnetization"?'),
+    edit("misspelt angle", "azimuth:", "azimut:", CATHETER + ".segments[2].magnetization.azimut", '"30', 'mean "azimuth"?'),
+    edit("misspelt effect", "  gravity:", "  gravty:", "effects.gravty", "{}", 'unknown key "gravty"', 'did you mean "gravity"?'),
+    edit("misspelt solver option", "max_steps", "maxsteps", "solver.static.maxsteps", "60", 'did you mean "max_steps"?'),
+    edit("misspelt resolution", "cells_across", "cell_across", "resolution.cell_across", "4", 'mean "cells_across"?'),
+    edit("capital letter", "field:", "Field:", "Field", "{", 'unknown key "Field"', 'did you mean "field"?'),
+    edit("unknown key", "  uniform:", "  strength: 3\n  uniform:", "field.strength", "3", "known here: uniform", "remove it"),
+    edit("key in the wrong place", "solver:", "cells_across: 4\nsolver:", "cells_across", "4", "it belongs in resolution"),
+    edit("no name", "name: probe\n", "", "name", "nothing", "this key is required", "`name: five-segment catheter`", line=1),
+    edit("no length", "    length: 40 mm\n", "", CATHETER + ".length", "nothing", "is required", "`length: 40 mm`", line=11),
+    edit("no bulk modulus", "    bulk_to_shear: 20\n", "", MAGNETIC + ".bulk_to_shear", "nothing", "is required", line=3),
+    edit("azimuth left out", "azimuth: 30 deg, ", "", CATHETER + ".segments[2].magnetization.azimuth", "nothing", "is required"),
+    edit("no body", "body:", "bodies:", "bodies", "{", 'did you mean "body"?'),
+    edit("empty value", "  gravity: {}", "  gravity:", "effects.gravity", "nothing", "must have a value", "write {}"),
+    edit("null", "40 mm", "~", CATHETER + ".length", "nothing", "a key must have a value"),
+]
+
+SHAPES = [
+    edit("number for a part", "resolution: {cells_across: 4, particles_per_cell: 2}", "resolution: 4", "resolution", "4",
+         "must be a mapping of keys", "`resolution: {cells_across: 4}`"),
+    edit("list for a part", "  uniform: [0 mT, 6 mT, 8 mT]", "  - 0 mT", "field", '["0 mT"]', "must be a mapping of keys", line=21),
+    edit("text for an effect", "gravity: {}", "gravity: on", "effects.gravity", '"on"', "a mapping of keys", "`gravity: {}`"),
+    edit("no as an effect", "gravity: {}", "gravity: no", "effects.gravity", '"no"', "must be a mapping of keys"),
+    edit("effects as a list", "  magnetic_torque: {}\n  gravity: {}", "  - gravity", "effects", '["gravity"]', "a mapping of keys", line=23),
+    edit("number as a name", "name: probe", "name: 12", "name", "12", "must be text", 'put it in quotes: "12"'),
+    edit("empty name", "name: probe", 'name: ""', "name", '""', "must not be empty", "`name: five-segment catheter`"),
+    edit("name with a slash", "name: probe", "name: ../probe", "name", '"../probe"', "as the name of a folder", "avoid"),
+    edit("unknown model", "neo-hookean", "neohookean", MAGNETIC + ".model", '"neohookean"', "must be 'neo-hookean'", "did you mean"),
+    edit("clamp at the tip", "clamp: base", "clamp: tip", CATHETER + ".clamp", '"tip"', "must be 'base'", "`clamp: base`"),
+    edit("unknown cure", "{tolerance", "{anti_locking: fbar, tolerance", "solver.static.anti_locking", '"fbar"', 'mean "f-bar"?'),
+    edit("segment as a number", "- {material: plain silicone, length: 5 mm}", "- 5", CATHETER + ".segments[1]", "5", "a mapping"),
+    edit("two components", "[1, 0, 0]", "[1, 0]", SEGMENT + ".magnetization", "[1, 0]", "a list of 3", "[1, 0, 0] or {azimuth"),
+    edit("four components", "[1, 0, 0]", "[1, 0, 0, 0]", SEGMENT + ".magnetization", "[1, 0, 0, 0]", "must be a list of 3"),
+    edit("a word as direction", "[1, 0, 0]", "axial", SEGMENT + ".magnetization", '"axial"', "must be a list of 3"),
+    edit("text in a direction", "[1, 0, 0]", "[1, x, 0]", SEGMENT + ".magnetization[1]", '"x"', "must be a number"),
+    edit("unit in a direction", "[1, 0, 0]", "[1 mT, 0, 0]", SEGMENT + ".magnetization[0]", '"1 mT"', "without quotes or unit"),
+    edit("nan in a direction", "[1, 0, 0]", "[1, .nan, 0]", SEGMENT + ".magnetization[1]", ".nan", "must be a finite number"),
+    edit("field as a number", "[0 mT, 6 mT, 8 mT]", "8 mT", "field.uniform", '"8 mT"', "a list of 3", "[0 mT, 6 mT, 8 mT]"),
+    edit("field of two", "[0 mT, 6 mT, 8 mT]", "[6 mT, 8 mT]", "field.uniform", '["6 mT", "8 mT"]', "must be a list of 3"),
+    edit("gravity as a number", "gravity: {}", "gravity: {acceleration: 9.81 m/s^2}", "effects.gravity.acceleration",
+         '"9.81 m/s^2"', "must be a list of 3", "-9.81 m/s^2"),
+]
+
+TOGETHER = [
+    edit("unknown material", "    material: magnetic silicone", "    material: magnetic silicon", CATHETER + ".material",
+         '"magnetic silicon"', "must be a name from `materials`: magnetic silicone, plain silicone", "did you mean"),
+    edit("unknown material of a segment", "{material: plain silicone", "{material: rubber", CATHETER + ".segments[1].material",
+         '"rubber"', "must be a name from `materials`", "add the material"),
+    BadScene("no segments", (("      - {magnetization: [1, 0, 0], length: 15 mm}\n", ""),
+                             ("      - {material: plain silicone, length: 5 mm}\n", ""),
+                             ("    segments:\n      - magnetization: {azimuth: 30 deg, elevation: 10 deg}", "    segments: []")),
+             CATHETER + ".segments", "[]", ("must have 1 or more entries",), line=17),
+    edit("segments too long", "15 mm", "35 mm", CATHETER + ".segments", "[{", "must leave some of the catheter's length",
+         "those given sum to 40 mm, the catheter 40 mm", line=17),
+    edit("segments beyond the length", "15 mm", "50 mm", CATHETER + ".segments", "[{", "must leave some", "sum to 55 mm", line=17),
+    edit("segments too short", "- magnetization: {", "- length: 10 mm\n        magnetization: {", CATHETER + ".segments", "[{",
+         "segment lengths must sum to the catheter's length", "they sum to 30 mm, the catheter 40 mm", line=17),
+    edit("negative segment", "15 mm", "-15 mm", SEGMENT + ".length", '"-15 mm"', "must be greater than 0 mm"),
+    edit("no density for gravity", ", density: 1070 kg/m^3", "", 'materials."plain silicone".density', "nothing",
+         "gravity needs the density of each material", "`density: 1100 kg/m^3`"),
+    edit("torque without field", "field:\n  uniform: [0 mT, 6 mT, 8 mT]\n", "", "field", "nothing",
+         "magnetic_torque needs a field", "do not name magnetic_torque", line=1),
+    edit("torque without remanence", "    remanence: 138 mT\n", "", "effects.magnetic_torque", "{}",
+         "magnetic_torque needs a segment with a magnetization whose material has a remanence", "remanence: 138 mT", line=23),
+    BadScene("torque without direction", (("magnetization: [1, 0, 0], ", ""),
+                                          ("magnetization: {azimuth: 30 deg, elevation: 10 deg}", "magnetization: [0, 0, 0]")),
+             "effects.magnetic_torque", "{}", ("needs a segment with a magnetization", "[1, 0, 0]"), line=24),
+]
+
+REFERENCES = [
+    edit("no such table", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "no such file", "check the path"),
+    edit("reference as a number", SHAPE, "reference: {centreline: 3}\nsolver:\n", "reference.centreline", "3", "path of a CSV"),
+    edit("table without header", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "shape.csv:1", "the header must name the columns",
+         table="0,0,0,0\n1,1,0,0\n"),
+    edit("table of metres", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "s_mm,x_mm,y_mm,z_mm",
+         table=TABLE.replace("_mm", "_m")),
+    edit("table with text", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "shape.csv:3", "4 numbers, in mm",
+         table=TABLE.replace("20,20", "20,twenty")),
+    edit("table with nan", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "shape.csv:3", "numbers must be finite",
+         table=TABLE.replace("20,20", "20,nan")),
+    edit("table out of order", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "shape.csv:4", "s_mm must increase",
+         table=TABLE.replace("40,38", "10,38")),
+    edit("table of one row", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "2 to 100000 rows",
+         table="s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n"),
+    edit("table of another catheter", SHAPE, REFERENCE, "reference.centreline", '"shape.csv"', "catheter's length, 40 mm",
+         "belongs to this catheter", table=TABLE.replace("40,38", "50,38")),
+]
+
+LATER = [
+    edit(f"{effect}, a later effect", "  gravity: {}", f"  {effect}: {{}}", f"effects.{effect}", "{}",
+         f"`{effect}`", "is not there yet in this version", "remove it", later=True)
+    for effect in ("magnetic_force", "magnetic_interaction", "damping", "viscosity", "ground", "walls", "self_contact", "feed")
+] + [
+    edit("dynamics, later", "  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 0.5 s}", "solver.dynamic", "{",
+         "`dynamic`", "is not there yet", later=True),
+    edit("error wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{error: 1 %}", "resolution.error", '"1 %"',
+         "`error`", "is not there yet", later=True),
+    edit("time wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{seconds: 2 s}", "resolution.seconds", '"2 s"',
+         "`seconds`", "is not there yet", later=True),
+]
+
+# fmt: on
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *LATER]
+
+
+def text_of(case: BadScene) -> str:
+    """GOOD with the case's edits."""
+    text = GOOD
+    for old, new in case.edits:
+        if text.count(old) != 1:
+            raise ValueError(f"{case.name}: {old!r} stands {text.count(old)} times in the good scene")
+        text = text.replace(old, new)
+    return text
+
+
+def write(case: BadScene, folder: Path) -> Path:
+    """Makes the broken scene in the folder; the path to give to `load_scene` or `magmpm run`."""
+    path = folder / "probe.yaml"
+    if case.table is not None:
+        (folder / "shape.csv").write_text(case.table)
+    if case.folder:
+        path.mkdir()
+    elif case.edits:
+        path.write_text(text_of(case))
+    elif case.content is not None:
+        path.write_bytes(case.content)
+    return path
+
+
+def expected(case: BadScene, path: Path) -> list[str]:
+    """Phrases the message must hold: file and line, key path, value received, rule and remedy."""
+    phrases = [str(path), *case.says]
+    if case.edits:
+        line = case.line or 1 + GOOD[: GOOD.index(case.edits[0][0])].count("\n") + _lines_kept(*case.edits[0])
+        place = f"{path}:{line}: {case.key}: " if case.key else f"{path}:{line}: "
+        phrases.append(f"{place}received {case.received}")
+    return phrases
+
+
+def _lines_kept(old: str, new: str) -> int:
+    """Line breaks at the start of an edit, before what it changes."""
+    same = next((n for n, (a, b) in enumerate(zip(old, new)) if a != b), min(len(old), len(new)))
+    return new[:same].count("\n")

@@ -1,0 +1,53 @@
+"""Every broken scene file is refused with one message: file and line, key, value received, rule, remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from bad_scenes import CASES, GOOD, BadScene, expected, write
+
+from magmpm.errors import InputError, NotThereYet
+from magmpm.scene import load_scene
+
+
+def test_the_good_scene_is_good(tmp_path: Path) -> None:
+    path = tmp_path / "probe.yaml"
+    path.write_text(GOOD)
+    assert load_scene(path).warnings() == []
+
+
+def test_there_are_enough_cases_and_each_is_its_own() -> None:
+    assert len(CASES) >= 40
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
+def test_load_scene_says_what_is_wrong(case: BadScene, tmp_path: Path) -> None:
+    path = write(case, tmp_path)
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    message = str(caught.value)
+    missing = [phrase for phrase in expected(case, path) if phrase not in message]
+    assert not missing, f"not said: {missing}\nin:\n{message}"
+    assert "\n  rule: " in message
+    assert "\n  remedy: " in message
+    assert "problems in" not in message, f"one mistake, one problem:\n{message}"
+    assert isinstance(caught.value, NotThereYet) == case.later
+    assert caught.value.exit_status == 2
+
+
+def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "probe.yaml"
+    path.write_text(GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("  gravity", "  ground"))
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    lines = str(caught.value).splitlines()
+    assert lines[0] == f"3 problems in {path}"
+    places = [line.split(": received")[0] for line in lines[1::3]]
+    assert places == [
+        f"{path}:12: body.catheter.length",
+        f"{path}:22: field.uniform[1]",
+        f"{path}:25: effects.ground",
+    ]
+    assert not isinstance(caught.value, NotThereYet)  # keys of a later version are only part of what is wrong
