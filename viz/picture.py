@@ -1,0 +1,153 @@
+"""What a picture shows: plain arrays, so that it travels to the drawing process and nothing else has to.
+
+A Picture knows neither scene nor solver. It is small (single precision, at most about 1 MB) because one is
+pickled for every trial of a study.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+MAX_PARTICLES = 40_000
+
+# How deep below the surface particles are kept, in their own sizes: the rest cannot be seen.
+SKIN = 2.5
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One body, deformed, with what it was meant to reach. SI units throughout.
+
+    particles            (n, 3) float32 m, deformed positions
+    particle_segment     (n,) int, segment of each particle, base to tip from 0
+    particle_size        m, edge of the cube a particle stands for (drawn as a ball about that wide)
+    segment_center       (k, 3) m, deformed centre of each segment
+    segment_remanence    (k, 3) T, deformed mean remanence F Br; zero length is an unmagnetised segment
+    length, diameter     m, of the undeformed body
+    centreline           (m, 3) m, deformed axis from clamp to tip, or shape (0, 3)
+    target               (q, 3) m, wanted points, or None
+    field                (3,) T, uniform field, zero if there is none
+    gravity              (3,) m/s^2, or None
+    title, trial, rms    caption; rms in m
+    """
+
+    particles: np.ndarray
+    particle_segment: np.ndarray
+    particle_size: float
+    segment_center: np.ndarray
+    segment_remanence: np.ndarray
+    length: float
+    diameter: float
+    centreline: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    target: np.ndarray | None = None
+    field: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    gravity: np.ndarray | None = None
+    title: str = ""
+    trial: int | None = None
+    rms: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, columns in (
+            ("particles", 3),
+            ("segment_center", 3),
+            ("segment_remanence", 3),
+            ("centreline", 3),
+        ):
+            array = getattr(self, name)
+            if array.ndim != 2 or array.shape[1] != columns:
+                raise ValueError(f"Picture.{name} has shape {array.shape}; it must be (any, {columns})")
+        if self.target is not None and (self.target.ndim != 2 or self.target.shape[1] != 3):
+            raise ValueError(f"Picture.target has shape {self.target.shape}; it must be (any, 3)")
+        if len(self.particles) == 0:
+            raise ValueError("Picture.particles is empty: there is nothing to draw")
+        if self.particle_segment.shape != (len(self.particles),):
+            raise ValueError(
+                f"Picture.particle_segment has shape {self.particle_segment.shape}; "
+                f"it must be ({len(self.particles)},), one segment a particle"
+            )
+
+    @property
+    def magnetised(self) -> np.ndarray:
+        """(k,) bool: which segments carry a remanence."""
+        strength = np.linalg.norm(self.segment_remanence, axis=1)
+        return strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12)
+
+    @property
+    def axis(self) -> np.ndarray:
+        """(m, 3) m: the centreline, or the segments' centres where no centreline was given."""
+        return self.centreline if len(self.centreline) > 1 else self.segment_center
+
+    def caption(self) -> str:
+        """Trial number and rms as one line, "trial 12   rms 1.93 mm"; empty if neither is known."""
+        parts = []
+        if self.trial is not None:
+            parts.append(f"trial {self.trial}")
+        if self.rms is not None:
+            parts.append(f"rms {self.rms * 1e3:.2f} mm")
+        return "   ".join(parts)
+
+    @classmethod
+    def from_result(
+        cls,
+        result: Any,
+        *,
+        target: np.ndarray | None = None,
+        trial: int | None = None,
+        rms: float | None = None,
+        title: str | None = None,
+        max_particles: int = MAX_PARTICLES,
+    ) -> Picture:
+        """The picture of a simulation's result.
+
+        result: magmpm.results.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or
+        (q, 3) rows [x, y, z], m. Only the skin's particles are kept, at most max_particles, and only finite
+        ones.
+        """
+        position = np.asarray(result.particle_position, dtype=float)
+        finite = np.isfinite(position).all(axis=1)
+        if not finite.any():
+            raise ValueError("no particle of this result has a finite position: there is nothing to draw")
+        size = float(np.mean(np.asarray(result.particle_volume)[finite]) ** (1 / 3))
+        keep = np.flatnonzero(finite)
+        keep = keep[_skin(np.asarray(result.particle_reference)[keep], SKIN * size, max_particles)]
+        catheter = result.scene["body"]["catheter"]
+        effects = result.scene.get("effects") or {}
+        return cls(
+            particles=position[keep].astype(np.float32),
+            particle_segment=np.asarray(result.particle_segment)[keep].astype(np.int32),
+            particle_size=size,
+            segment_center=np.asarray(result.segment_center, dtype=float),
+            segment_remanence=np.asarray(result.segment_remanence, dtype=float),
+            length=float(catheter["length"]),
+            diameter=float(catheter["diameter"]),
+            centreline=np.asarray(result.centreline, dtype=float)[:, 1:4],
+            target=None if target is None else np.asarray(target, dtype=float)[:, -3:],
+            field=np.asarray(result.field, dtype=float),
+            gravity=_gravity(effects.get("gravity")),
+            title=result.name if title is None else title,
+            trial=trial,
+            rms=rms,
+        )
+
+
+def _gravity(effect: dict[str, Any] | None) -> np.ndarray | None:
+    """Acceleration (3,) m/s^2 of a scene's gravity effect (its JSON), or None if it is not simulated."""
+    if effect is None:
+        return None
+    return np.asarray(effect.get("acceleration", (0.0, 0.0, -9.81)), dtype=float)
+
+
+def _skin(reference: np.ndarray, thickness: float, most: int) -> np.ndarray:
+    """Indices of the particles less than `thickness` (m) below the surface of a straight rod along x.
+
+    reference: (n, 3) m. A particle is as deep as its distance to the mantle or to the nearer end face. The
+    outermost `most` are taken, where a plain stride would show holes.
+    """
+    radius = np.hypot(reference[:, 1], reference[:, 2])
+    x = reference[:, 0]
+    depth = np.minimum(radius.max() - radius, np.minimum(x - x.min(), x.max() - x))
+    outermost = np.argsort(depth, kind="stable")[:most]
+    return np.sort(outermost[depth[outermost] < thickness])

@@ -1,0 +1,241 @@
+"""Plots of numbers: how a study converges, and what accuracy costs.
+
+Inputs are plain lists or arrays. Each plot is written to the path given, whose ending says how (PNG, PDF,
+SVG): PDF and SVG are drawn with text as text, for papers. Functions are of the module's top level, so that
+viz.worker.Renderer.run can draw them in its process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+
+from viz import style
+
+_LOOK: Any = {
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "savefig.dpi": 200,
+    # No date and no random identifiers: the same numbers give the same file.
+    "svg.hashsalt": "magmpm",
+}
+_FINEST, _REFERENCE = "#0077BB", "#CC3311"
+
+
+def convergence(
+    rms: Sequence[float | None],
+    path: str | Path,
+    stop: float | None = None,
+    title: str = "",
+    failed: Sequence[int] = (),
+) -> Path:
+    """The rms of each trial of a study and the best so far, against the trial's number.
+
+    rms: m, one for each trial in order, None or not finite where a trial has none. failed: further trials
+    (numbers from 0) whose solve failed, whatever rms they were given as a penalty. stop: m, the rms at which
+    the study stops. The axis is logarithmic where the values span more than a factor of ten.
+    """
+    values = np.array([np.nan if value is None else float(value) for value in rms], dtype=float) * 1e3
+    values[[k for k in failed if k < len(values)]] = np.nan
+    values[~np.isfinite(values)] = np.nan
+    number = np.arange(len(values))
+    good = np.isfinite(values)
+    best = np.fmin.accumulate(values) if len(values) else values
+    with rc_context(_LOOK):
+        figure = Figure(figsize=(5.4, 3.4), layout="constrained")
+        axes = figure.add_subplot()
+        axes.scatter(number[good], values[good], s=16, color="#999999", linewidths=0, label="trial", zorder=2)
+        label = "best so far"
+        if good.any():
+            k = int(np.nanargmin(values))
+            label += f" ({values[k]:.2f} mm, trial {k})"
+            axes.scatter(number[k], values[k], s=42, facecolors="none", edgecolors=style.TARGET, zorder=4)
+            _scale_of_rms(axes, np.append(values[good], [] if stop is None else stop * 1e3))
+        else:
+            axes.set_yticks([])
+            axes.text(
+                0.5, 0.5, "no trial has an rms", transform=axes.transAxes, ha="center", color=style.FAINT_INK
+            )
+        # The step starts with the first trial that has an rms and goes on to the last.
+        axes.step(number, best, where="post", color=style.TARGET, linewidth=1.6, label=label, zorder=3)
+        if stop is not None:
+            axes.axhline(stop * 1e3, color="#009988", linewidth=1.0, linestyle=(0, (5, 3)), zorder=1)
+            axes.annotate(
+                f"stop\n{stop * 1e3:.3g} mm",
+                (1.0, stop * 1e3),
+                xycoords=axes.get_yaxis_transform(),
+                xytext=(4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+                color="#007766",
+            )
+        if not good.all():
+            # Along the upper edge: a failed trial has no rms, and no place on that axis.
+            axes.scatter(
+                number[~good],
+                np.full(int((~good).sum()), 0.97),
+                marker="x",
+                s=22,
+                color=_REFERENCE,
+                linewidths=1.2,
+                transform=axes.get_xaxis_transform(),
+                label="failed",
+                zorder=4,
+            )
+        axes.set_xlabel("trial")
+        axes.set_ylabel("rms distance to the target (mm)")
+        axes.set_xlim(-0.5, max(len(values) - 0.5, 0.5))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+        figure.legend(loc="outside upper left", ncols=3, columnspacing=1.4, handletextpad=0.5)
+        if title:
+            figure.suptitle(title, fontsize=10, weight="bold")
+        return _saved(figure, path)
+
+
+def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
+    """Logarithmic where the values shown (mm) span more than a factor of ten, else from zero."""
+    low, high = float(shown.min()), float(shown.max())
+    if low > 0 and high > 10 * low:
+        axes.set_yscale("log")
+        axes.set_ylim(0.75 * low, 1.6 * high)
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.set_ylim(0.0, 1.12 * high)
+
+
+def accuracy(
+    table: Sequence[Mapping[str, Any]], path: str | Path, title: str = "", reference_name: str = "reference"
+) -> Path:
+    """What accuracy costs: error against seconds, and error against cell size with its order.
+
+    table: one mapping for each cell size, with cells_across; cell_size (m); seconds; error_finest, the
+    largest distance to the finest solution as a fraction of the length, None for the finest itself; and
+    error_reference, the same to an independent answer, None or left out where there is none.
+    """
+    rows = sorted(table, key=lambda row: float(row["cell_size"]), reverse=True)
+    series = [
+        ("error_reference", f"against {reference_name}", _REFERENCE, "s"),
+        ("error_finest", "against the finest", _FINEST, "o"),
+    ]
+    with rc_context(_LOOK):
+        figure = Figure(figsize=(7.2, 3.3), layout="constrained")
+        cost, order = figure.subplots(1, 2)
+        for key, name, colour, marker in series:
+            known = [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
+            if not known:
+                continue
+            error = np.array([100.0 * float(row[key]) for row in known])
+            seconds = np.array([float(row["seconds"]) for row in known])
+            size = np.array([1e3 * float(row["cell_size"]) for row in known])
+            look: dict[str, Any] = {
+                "color": colour,
+                "marker": marker,
+                "markersize": 5,
+                "linewidth": 1.3,
+                "label": name,
+            }
+            cost.plot(seconds, error, **look)
+            order.plot(size, error, **look)
+        _label_cells(cost, rows, [key for key, *_ in series])
+        _slope_triangle(
+            order, rows, "error_finest" if _counted(rows, "error_finest") >= 2 else "error_reference"
+        )
+        for axes in (cost, order):
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.grid(True, which="major", color="#EEEEEE", linewidth=0.8, zorder=0)
+            axes.set_axisbelow(True)
+            axes.margins(0.12)
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+                axis.set_minor_formatter(NullFormatter())
+        cost.set_xlabel("time of the solve (s)")
+        cost.set_ylabel("largest error (% of length)")
+        order.set_xlabel("cell size (mm)")
+        cost.set_title("a  price")
+        order.set_title("b  order")
+        cost.legend(loc="best")
+        if title:
+            figure.suptitle(title, fontsize=10)
+        return _saved(figure, path)
+
+
+def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> int:
+    return sum(row.get(key) is not None and float(row[key]) > 0 for row in rows)
+
+
+def _label_cells(axes: Axes, rows: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> None:
+    """How many cells lie across the body, above the upper point of each row."""
+    for row in rows:
+        errors = [100.0 * float(row[key]) for key in keys if row.get(key) is not None and float(row[key]) > 0]
+        if errors:
+            axes.annotate(
+                f"{row['cells_across']:g}",
+                (float(row["seconds"]), max(errors)),
+                xytext=(5, 5),
+                textcoords="offset points",
+                fontsize=8,
+                color=style.INK,
+            )
+    axes.annotate(
+        "numbers: cells across",
+        (0.02, 0.02),
+        xycoords="axes fraction",
+        fontsize=7.5,
+        color=style.FAINT_INK,
+    )
+
+
+def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> None:
+    """A triangle below a series with the slope of its best fit, which is the order of convergence."""
+    known = [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
+    if len(known) < 2:
+        return
+    size = np.array([1e3 * float(row["cell_size"]) for row in known])
+    error = np.array([100.0 * float(row[key]) for row in known])
+    slope, height = np.polyfit(np.log(size), np.log(error), 1)
+    # The middle third of the series, moved down clear of it.
+    low, high = np.exp(np.quantile(np.log([size.min(), size.max()]), [0.4, 0.75]))
+    drop = 0.45 * float(np.min(error / np.exp(height) / size**slope))
+    bottom, top = (drop * np.exp(height) * x**slope for x in (low, high))
+    axes.plot([low, high, high, low], [bottom, bottom, top, bottom], color=style.FAINT_INK, linewidth=1.0)
+    near: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": style.FAINT_INK}
+    axes.annotate("1", (np.sqrt(low * high), bottom), xytext=(0, -3), ha="center", va="top", **near)
+    axes.annotate(
+        f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near
+    )
+
+
+def _saved(figure: Figure, path: str | Path) -> Path:
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kind = path.suffix[1:].lower() or "png"
+    # No date in the file: the same numbers give the same bytes.
+    metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
+    unfinished = path.with_name(f"{path.name}.part")
+    figure.savefig(unfinished, format=kind, metadata=metadata)
+    unfinished.replace(path)
+    return path

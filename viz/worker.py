@@ -1,0 +1,227 @@
+"""Pictures without risk to what they are pictures of: one drawing process, used again for every frame.
+
+A missing OpenGL library is a segmentation fault inside VTK, and a driver may hang. So all drawing happens in
+a worker process (viz.process). When it dies or hangs it is started once more; when that does not help,
+matplotlib draws that picture.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from viz import style
+from viz.camera import Frame
+from viz.picture import Picture
+from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
+from viz.worker_main import draw
+
+BACKENDS = ("pyvista", "matplotlib")
+
+# Set to one of BACKENDS to have pictures drawn by it, whatever is installed.
+BACKEND_VARIABLE = "MAGMPM_RENDER"
+
+# VTK's windows that need no display: EGL (libegl1, libgl1-mesa-dri), then OSMesa (libosmesa6).
+WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+
+NO_OPENGL = (
+    "No OpenGL library was found, so matplotlib draws the pictures; "
+    "for PyVista's: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
+)
+DOES_NOT_START = (
+    "PyVista does not start here ({reason}), so matplotlib draws the pictures; "
+    "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
+)
+NO_PYVISTA = (
+    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'."
+)
+GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
+
+# After so many pictures in a row that PyVista could not draw even after a restart, it is not asked again.
+_MOST_FAILURES = 3
+
+
+class Renderer:
+    """Draws pictures in a worker process; a context manager.
+
+    Entering starts the process and returns at once: its start overlaps with the first solve. backend is
+    "pyvista" or "matplotlib"; it is "pyvista" until found wanting. note is empty, or one line that says why
+    pictures are not drawn by PyVista and what to install.
+    """
+
+    def __init__(
+        self, backend: str | None = None, *, start_timeout: float = 60.0, frame_timeout: float = 30.0
+    ) -> None:
+        """backend: forces one; else the variable MAGMPM_RENDER does. Timeouts in s."""
+        forced = backend or os.environ.get(BACKEND_VARIABLE) or None
+        if forced is not None and forced not in BACKENDS:
+            raise RenderError(f"backend {forced!r} is not known; it must be one of {', '.join(BACKENDS)}")
+        self.backend = forced or "pyvista"
+        self.note = ""
+        self._start_timeout, self._frame_timeout = start_timeout, frame_timeout
+        self._failures = 0
+        self._worker: Worker | None = None
+        self._lock = threading.RLock()
+        self._queue: ThreadPoolExecutor | None = None
+        chosen = os.environ.get(WINDOW_VARIABLE)
+        self._windows = [chosen] if chosen else list(WINDOWS)
+
+    def __enter__(self) -> Renderer:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def start(self) -> None:
+        """Start the drawing process, without waiting for it."""
+        with self._lock:
+            self._started()
+
+    def wait_ready(self) -> None:
+        """Wait until a backend has drawn its first picture; then `backend` and `note` are settled.
+
+        Raises RenderError if not even matplotlib starts.
+        """
+        with self._lock:
+            self._ready_worker()
+
+    def render(
+        self,
+        picture: Picture,
+        path: str | Path,
+        *,
+        size: tuple[int, int] = style.TRIAL_SIZE,
+        frame: Frame | None = None,
+    ) -> Path:
+        """Draw a picture into a PNG file; its folder is made.
+
+        size: width and height in pixels; frame: what is in view, by default the body and its target (share
+        one frame to compare pictures). Returns the path. Raises RenderError.
+        """
+        path = Path(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RenderError(f"the folder of {path} cannot be made: {error}") from None
+        self._draw(picture, frame, size, str(path.resolve()))
+        return path
+
+    def image(
+        self, picture: Picture, *, size: tuple[int, int] = style.TRIAL_SIZE, frame: Frame | None = None
+    ) -> np.ndarray:
+        """The picture as an array (height, width, 3) uint8. Raises RenderError."""
+        image: np.ndarray = self._draw(picture, frame, size, None)
+        return image
+
+    def submit(self, picture: Picture, path: str | Path, **kind: Any) -> Future[Path]:
+        """`render` in the background and in order, so that the next solve need not wait for it."""
+        if self._queue is None:
+            self._queue = ThreadPoolExecutor(max_workers=1, thread_name_prefix="magmpm-render")
+        return self._queue.submit(self.render, picture, path, **kind)
+
+    def run(self, function: Callable[..., Any], *args: Any) -> Any:
+        """function(*args) in the drawing process, for plots: so matplotlib stays out of this one.
+
+        function must be of a module's top level, as viz.plots' are. Raises RenderError.
+        """
+        with self._lock:
+            try:
+                return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
+            except WorkerDied:
+                return self._restarted(function, *args)
+
+    def rest(self) -> None:
+        """End the process to free its memory; the next picture starts it again, in about a second."""
+        with self._lock:
+            self._drop_worker()
+
+    def close(self) -> None:
+        """Finish what was submitted, and end the process."""
+        if self._queue is not None:
+            self._queue.shutdown()
+            self._queue = None
+        with self._lock:
+            self._drop_worker()
+
+    def _draw(self, picture: Picture, frame: Frame | None, size: tuple[int, int], path: str | None) -> Any:
+        """One picture, with whatever it takes: a restart, then matplotlib."""
+        with self._lock:
+            try:
+                answer = self.run(draw, picture, frame, size, path)
+            except RenderError as error:
+                if self.backend == "matplotlib":
+                    raise
+                return self._drawn_by_matplotlib(error, draw, picture, frame, size, path)
+            self._failures = 0
+            return answer
+
+    def _restarted(self, function: Callable[..., Any], *args: Any) -> Any:
+        """The same request to a new worker; a second death is a RenderError."""
+        self._drop_worker()
+        try:
+            return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
+        except WorkerDied as death:
+            self._drop_worker()
+            raise RenderError(f"the drawing process {death} twice on the same picture") from None
+
+    def _drawn_by_matplotlib(self, error: RenderError, function: Callable[..., Any], *args: Any) -> Any:
+        """The request to a matplotlib worker, after PyVista's failed with that error."""
+        self._failures += 1
+        if self._failures >= _MOST_FAILURES:
+            self._fall_back(GAVE_UP.format(reason=error))
+            return self.run(function, *args)
+        spare = Worker("matplotlib")
+        try:
+            spare.wait_ready(self._start_timeout)
+            return spare.request(function, *args, timeout=self._frame_timeout)
+        except WorkerDied as death:
+            raise RenderError(f"PyVista: {error}; matplotlib: the drawing process {death}") from None
+        finally:
+            spare.close()
+
+    def _ready_worker(self) -> Worker:
+        """The worker, started if it is not; goes down the list of windows, then to matplotlib."""
+        while True:
+            worker = self._started()
+            try:
+                worker.wait_ready(self._start_timeout)
+                return worker
+            except (WorkerDied, RenderError) as problem:
+                self._drop_worker()
+                if self.backend == "matplotlib":
+                    raise RenderError(f"the drawing process does not start: {problem}") from None
+                self._windows.pop(0)
+                if not self._windows:
+                    crashed = isinstance(problem, WorkerDied) and any(
+                        name in str(problem) for name in ("SIGSEGV", "SIGABRT")
+                    )
+                    reason = " ".join(str(problem).split())
+                    self._fall_back(NO_OPENGL if crashed else DOES_NOT_START.format(reason=reason))
+
+    def _started(self) -> Worker:
+        """The worker, whether ready or still starting."""
+        if self._worker is None:
+            if self.backend == "pyvista" and importlib.util.find_spec("pyvista") is None:
+                self._fall_back(NO_PYVISTA)
+            self._worker = Worker(self.backend, self._windows[0] if self.backend == "pyvista" else None)
+        return self._worker
+
+    def _fall_back(self, note: str) -> None:
+        self._drop_worker()
+        self.backend, self.note = "matplotlib", note
+
+    def _drop_worker(self) -> None:
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None

@@ -1,0 +1,102 @@
+"""What runs inside the drawing process: open a backend, draw a first picture, then answer requests.
+
+The first picture is the probe: where OpenGL is missing the process dies on it and the parent knows.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+Draw = Callable[..., np.ndarray]
+_backend: Draw | None = None
+
+
+def main(argv: list[str]) -> None:
+    """argv: ignored, file descriptor of the pipe, backend. Ends when the pipe does."""
+    # Ctrl-C is for the parent to act on; this process ends when the parent closes the pipe, or is gone.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _no_core_dump()
+    pipe = Connection(int(argv[1]))
+    try:
+        global _backend
+        _backend = _opened(argv[2])
+        _probe(_backend)
+    except Exception as error:
+        pipe.send(("error", f"{type(error).__name__}: {error}"))
+        return
+    pipe.send(("ready", None))
+    while True:
+        try:
+            function, args = pipe.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer: tuple[str, Any] = ("done", function(*args))
+        except Exception as error:
+            answer = ("error", f"{type(error).__name__}: {error}")
+        try:
+            pipe.send(answer)
+        except OSError:
+            return
+
+
+def draw(picture: Any, frame: Any, size: tuple[int, int], path: str | None) -> np.ndarray | None:
+    """Draw in this process: into the PNG file `path`, or return the image (h, w, 3) uint8 if that is None."""
+    if _backend is None:
+        raise RuntimeError("no backend is open in this process; use viz.worker.Renderer")
+    image = _backend(picture, frame, size)
+    if path is None:
+        return image
+    save_png(image, path)
+    return None
+
+
+def save_png(image: np.ndarray, path: str) -> None:
+    """Write an image (h, w, 3) uint8; the file is whole or not there."""
+    from PIL import Image
+
+    unfinished = f"{path}.{os.getpid()}.part"
+    Image.fromarray(image).save(unfinished, format="PNG", compress_level=4)
+    os.replace(unfinished, path)
+
+
+def _opened(backend: str) -> Draw:
+    """The drawing function of a backend; imports it."""
+    if backend == "matplotlib":
+        from viz import matplotlib_scene
+
+        return matplotlib_scene.draw
+    # PyVista imports mypy where it finds it, for a plugin nobody uses here: 20 MB.
+    sys.modules["mypy"] = None  # type: ignore[assignment]
+    from viz.scene3d import Scene3D
+
+    return Scene3D().draw
+
+
+def _probe(backend: Draw) -> None:
+    """Draw a small body and look for it. Raises RuntimeError if the picture is blank."""
+    from viz import samples, style
+
+    body = samples.catheter(spacing=1e-3)
+    image = backend(body, None, style.TRIAL_SIZE)
+    # The palette's mint is in no text and no arrow: it must be the body's second segment.
+    red, green, blue = (image[..., k].astype(int) for k in range(3))
+    if np.count_nonzero((green > red + 60) & (green > blue)) < 100:
+        raise RuntimeError("the first picture came out blank")
+
+
+def _no_core_dump() -> None:
+    """A crash in OpenGL is expected where it is missing: it must not leave a file behind."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    except (ImportError, ValueError, OSError):
+        pass
