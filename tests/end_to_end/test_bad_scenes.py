@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,64 @@ def test_load_scene_says_what_is_wrong(case: BadScene, tmp_path: Path) -> None:
     assert "problems in" not in message, f"one mistake, one problem:\n{message}"
     assert isinstance(caught.value, NotThereYet) == case.later
     assert caught.value.exit_status == 2
+
+
+def test_damaged_files_never_crash(tmp_path: Path) -> None:
+    """Random damage to a good file ends in a scene or in an InputError, and in nothing else."""
+    rng = random.Random(1)
+    path = tmp_path / "probe.yaml"
+    pieces = [
+        "",
+        " ",
+        "\t",
+        "\n",
+        ":",
+        "-",
+        "[",
+        "]",
+        "{",
+        "}",
+        "'",
+        '"',
+        "#",
+        "&a",
+        "*a",
+        "!",
+        "|",
+        "%",
+        "~",
+        "é",
+        "\0",
+    ]
+    pieces += [
+        "null",
+        "true",
+        ".nan",
+        "1e999",
+        "-1",
+        "0",
+        "9" * 400,
+        "[]",
+        "{}",
+        "<<: *a",
+        "mm",
+        "T",
+        "---\n",
+        "? ",
+    ]
+    messages = []
+    for _ in range(400):
+        text = GOOD
+        for _ in range(rng.randint(1, 3)):
+            start = rng.randrange(len(text))
+            text = text[:start] + rng.choice(pieces) + text[start + rng.choice([0, 1, 1, 3, 10]) :]
+        path.write_text(text)
+        try:
+            load_scene(path)
+        except InputError as error:
+            messages.append(str(error))
+    assert all(str(path) in message for message in messages)
+    assert len(messages) > 200  # of 400: most damage matters
 
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
