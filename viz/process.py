@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -84,6 +85,8 @@ class Worker:
             raise WorkerDied(
                 f"no answer in {timeout:.0f} s" if late.is_set() else self._last_words()
             ) from None
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            raise RenderError(f"this request cannot be sent to the drawing process: {error}") from None
         except BaseException:
             # Ctrl-C, or what cannot be sent: the answer to this request must not become the next one's.
             self.process.kill()

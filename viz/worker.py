@@ -46,7 +46,7 @@ NO_PYVISTA = (
 GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
 
 # After so many pictures in a row that PyVista could not draw even after a restart, it is not asked again.
-_MOST_FAILURES = 3
+MOST_FAILURES = 3
 
 
 class Renderer:
@@ -178,7 +178,7 @@ class Renderer:
     def _drawn_by_matplotlib(self, error: RenderError, function: Callable[..., Any], *args: Any) -> Any:
         """The request to a matplotlib worker, after PyVista's failed with that error."""
         self._failures += 1
-        if self._failures >= _MOST_FAILURES:
+        if self._failures >= MOST_FAILURES:
             self._fall_back(GAVE_UP.format(reason=error))
             return self.run(function, *args)
         spare = Worker("matplotlib")

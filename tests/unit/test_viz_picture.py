@@ -28,7 +28,7 @@ def fake_result(per_diameter: int = 16, gravity: dict[str, Any] | None = None) -
         scene={"body": {"catheter": {"length": 0.04, "diameter": 0.004}}, "effects": effects},
         name="straight",
         particle_reference=reference,
-        particle_position=reference + [0.0, 0.0, 1e-3],
+        particle_position=reference + np.array([0.0, 0.0, 1e-3]),
         particle_segment=(reference[:, 0] / 0.008).astype(np.int32),
         particle_volume=np.full(len(reference), spacing**3),
         segment_center=np.stack([(np.arange(5) + 0.5) * 0.008, np.zeros(5), np.zeros(5)], axis=1),

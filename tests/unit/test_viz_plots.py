@@ -1,0 +1,115 @@
+"""Plots say what the numbers say, and the same numbers give the same file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from viz import plots
+
+RMS = [8e-3, None, 5e-3, 6e-3, float("nan"), 3e-3, 4e-3]
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that would have been written."""
+    drawn: list[Figure] = []
+
+    def keep(figure: Figure, path: Any) -> Path:
+        drawn.append(figure)
+        return Path(path)
+
+    monkeypatch.setattr(plots, "_saved", keep)
+    return drawn
+
+
+def line(figure: Figure, label: str, axes: int = 0) -> np.ndarray:
+    """Points (n, 2) of the line whose label starts so."""
+    (found,) = (drawn for drawn in figure.axes[axes].lines if str(drawn.get_label()).startswith(label))
+    return np.asarray(found.get_xydata())
+
+
+def test_best_so_far_never_rises_and_passes_over_failures(figures: list[Figure]) -> None:
+    plots.convergence(RMS, "unused.png")
+    best = line(figures[0], "best so far (3.00 mm, trial 5)")
+    assert best[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 6]
+    assert best[:, 1] == pytest.approx([8, 8, 5, 5, 5, 3, 3])
+
+
+def test_a_failed_trials_penalty_counts_for_nothing(figures: list[Figure]) -> None:
+    plots.convergence([4e-3, 1e-4, 3e-3], "unused.png", failed=[1])
+    assert line(figures[0], "best so far")[:, 1] == pytest.approx([4, 4, 3])
+    labels = [str(drawn.get_label()) for drawn in figures[0].axes[0].collections]
+    assert "failed" in labels
+    plots.convergence([4e-3, 3e-3], "unused.png")
+    assert "failed" not in [str(drawn.get_label()) for drawn in figures[1].axes[0].collections]
+
+
+@pytest.mark.parametrize(
+    ("rms", "stop", "scale"),
+    [
+        ([5e-3, 4e-3], None, "linear"),
+        ([5e-3, 4e-4], None, "log"),
+        ([5e-3, 4e-3], 1e-4, "log"),
+        ([None], None, "linear"),
+    ],
+)
+def test_the_axis_is_logarithmic_where_values_span_more_than_ten(
+    figures: list[Figure], rms: list[float | None], stop: float | None, scale: str
+) -> None:
+    plots.convergence(rms, "unused.png", stop=stop)
+    assert figures[0].axes[0].get_yscale() == scale
+
+
+def test_convergence_without_trials_is_a_plot_that_says_so(tmp_path: Path) -> None:
+    assert plots.convergence([], tmp_path / "none.png").stat().st_size > 1000
+
+
+def table(order: float = 2.0) -> list[dict[str, Any]]:
+    return [
+        {
+            "cells_across": n,
+            "cell_size": 4e-3 / n,
+            "seconds": 0.01 * n**3,
+            "error_finest": None if n == 10 else 0.02 * (2 / n) ** order,
+            "error_reference": 0.025 * (2 / n) ** order,
+        }
+        for n in (4, 2, 6, 10)
+    ]
+
+
+def test_accuracy_shows_both_series_in_per_cent(figures: list[Figure]) -> None:
+    plots.accuracy(table(), "unused.png", reference_name="FEM")
+    assert line(figures[0], "against FEM")[:, 1] == pytest.approx([2.5, 0.625, 2.5 / 9, 0.1])
+    assert line(figures[0], "against the finest")[:, 0] == pytest.approx([0.08, 0.64, 2.16])
+    assert line(figures[0], "against the finest", axes=1)[:, 0] == pytest.approx([2.0, 1.0, 2 / 3])
+    texts = [text.get_text() for text in figures[0].axes[0].texts]
+    assert {"2", "4", "6", "10"} <= set(texts)
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0, 3.0])
+def test_the_triangle_has_the_slope_of_the_series(figures: list[Figure], order: float) -> None:
+    plots.accuracy(table(order), "unused.png")
+    assert f"{order:.1f}" in [text.get_text() for text in figures[0].axes[1].texts]
+    triangle = next(drawn for drawn in figures[0].axes[1].lines if str(drawn.get_label()).startswith("_"))
+    (x0, y0), _, (x1, y1), _ = np.asarray(triangle.get_xydata())
+    assert np.log(y1 / y0) / np.log(x1 / x0) == pytest.approx(order)
+
+
+def test_accuracy_without_a_reference_or_with_one_row(tmp_path: Path) -> None:
+    rows = table()
+    for row in rows:
+        del row["error_reference"]
+    assert plots.accuracy(rows, tmp_path / "finest.png").exists()
+    assert plots.accuracy(rows[:1], tmp_path / "one.png").exists()
+
+
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_the_same_numbers_give_the_same_file(tmp_path: Path, kind: str) -> None:
+    one, two = (plots.convergence(RMS, tmp_path / f"{k}.{kind}", stop=2e-3, title="S") for k in range(2))
+    assert one.read_bytes() == two.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{kind}", f"1.{kind}"]

@@ -1,0 +1,201 @@
+"""What must be in a picture, whichever backend draws it: laws over pixels at places the view gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from viz import layout, samples, style
+from viz.camera import Frame, View
+from viz.layout import Panel
+from viz.picture import Picture
+from viz.worker import Renderer
+
+WIDTH, HEIGHT = style.TRIAL_SIZE
+ASPECT = WIDTH / HEIGHT
+
+
+@pytest.fixture(scope="module", params=["pyvista", "matplotlib"])
+def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
+    with Renderer(request.param) as opened:
+        opened.wait_ready()
+        if opened.backend != request.param:
+            pytest.skip(opened.note)
+        yield opened
+
+
+def body(**kind: object) -> Picture:
+    """The spatial S beside a target it misses, so that no dot covers the body's axis."""
+    settings: dict[str, object] = {"trial": 3, "rms": 2e-3, "spacing": 0.8e-3, **kind}
+    return samples.catheter(samples.s_shape, samples.c_shape, **settings)  # type: ignore[arg-type]
+
+
+def near(image: np.ndarray, colour: str, tolerance: int = 30) -> np.ndarray:
+    """(h, w) bool: where the image has about that colour."""
+    wanted = 255 * np.array(style.rgb(colour))
+    return np.abs(image.astype(float) - wanted).max(axis=2) < tolerance
+
+
+def hue_share(image: np.ndarray, colour: str) -> float:
+    """Share of pixels with a colour's hue, however light or dark it is shaded."""
+    pixels = image.reshape(-1, 3).astype(float)
+    pixels = pixels[np.ptp(pixels, axis=1) > 25]
+    if len(pixels) == 0:
+        return 0.0
+
+    def hue(rgb: np.ndarray) -> np.ndarray:
+        away = rgb - rgb.mean(axis=-1, keepdims=True)
+        return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
+
+    # 0.985 is the cosine of 10 degrees of hue; the palette's colours are 20 and more apart.
+    return float((hue(pixels) @ hue(np.array(style.rgb(colour))) > 0.985).sum()) / (WIDTH * HEIGHT)
+
+
+def part(image: np.ndarray, panel: Panel) -> np.ndarray:
+    rows = slice(round((1 - panel.top) * HEIGHT), round((1 - panel.bottom) * HEIGHT))
+    return image[rows, round(panel.left * WIDTH) : round(panel.right * WIDTH)]
+
+
+def pixel(view: View, panel: Panel, point: np.ndarray) -> tuple[int, int]:
+    """Row and column where a point (3,) m is seen."""
+    ((x, y),) = panel.place(view.project(point[None]), panel.aspect(ASPECT))
+    return round((1 - y) * HEIGHT), round(x * WIDTH)
+
+
+def test_the_picture_has_its_size_and_is_not_blank(renderer: Renderer) -> None:
+    image = renderer.image(body())
+    assert image.shape == (HEIGHT, WIDTH, 3)
+    assert image.dtype == np.uint8
+    assert 0.03 < (image.min(axis=2) < 200).mean() < 0.6
+    assert (image[0] == 255).all(), "the margin is white"
+
+
+def test_drawn_twice_a_picture_is_the_same(renderer: Renderer) -> None:
+    first = renderer.image(body())
+    renderer.image(samples.catheter(samples.c_shape, segments=2))
+    assert np.array_equal(renderer.image(body()), first)
+
+
+def test_the_target_is_drawn_in_blue_where_it_is(renderer: Renderer) -> None:
+    picture = body()
+    assert picture.target is not None
+    frame = Frame.of(picture)
+    image = renderer.image(picture, frame=frame)
+    without = renderer.image(replace(picture, target=None), frame=frame)
+    assert not near(without, style.TARGET).any()
+    views = layout.Views.of(frame, ASPECT)
+    seen = near(image, style.TARGET, tolerance=70)
+    for view, panel in ((views.main, layout.MAIN), (views.top, layout.TOP), (views.side, layout.SIDE)):
+        row, column = pixel(view, panel, picture.target[-1])
+        assert seen[row - 1 : row + 2, column - 1 : column + 2].any()
+
+
+def test_every_segment_has_its_colour(renderer: Renderer) -> None:
+    main = part(renderer.image(body(unmagnetised=(1,))), layout.MAIN)
+    for colour in style.SEGMENTS[:4]:
+        assert hue_share(main, colour) > 2e-3, colour
+    assert hue_share(main, style.SEGMENTS[5]) < 5e-4, "a colour no segment has"
+    # Grey is the clamp's colour too: its share must grow.
+    grey = (np.ptp(main.astype(int), axis=2) < 12) & (main.mean(axis=2) > 90) & (main.mean(axis=2) < 215)
+    all_magnets = part(renderer.image(body()), layout.MAIN)
+    grey_before = (
+        (np.ptp(all_magnets.astype(int), axis=2) < 12)
+        & (all_magnets.mean(axis=2) > 90)
+        & (all_magnets.mean(axis=2) < 215)
+    )
+    assert grey.sum() > grey_before.sum() + 1500
+
+
+def test_the_body_is_seen_where_the_view_says(renderer: Renderer) -> None:
+    picture = replace(body(), target=None, segment_remanence=np.zeros((5, 3)))
+    frame = Frame.of(picture)
+    image = renderer.image(picture, frame=frame)
+    views = layout.Views.of(frame, ASPECT)
+    for view, panel in ((views.main, layout.MAIN), (views.top, layout.TOP), (views.side, layout.SIDE)):
+        for point in picture.centreline[10::10]:
+            row, column = pixel(view, panel, point)
+            assert image[row, column].max() < 230, "the body covers its axis"
+            # A diameter aside of every part of the body there is nothing but paper, floor or shadow.
+        above = picture.particles[np.argmax(picture.particles @ view.up)] + 1.5e-3 * view.up
+        row, column = pixel(view, panel, above)
+        assert image[row, column].min() > 215
+
+
+def test_magnetisation_is_drawn_in_front_of_the_body(renderer: Renderer) -> None:
+    picture = replace(body(), target=None)
+    frame = Frame.of(picture)
+    plain = replace(picture, segment_remanence=np.zeros((5, 3)))
+    with_arrows, without = (part(renderer.image(p, frame=frame), layout.MAIN) for p in (picture, plain))
+    dark = [(image.max(axis=2) < 75).sum() for image in (with_arrows, without)]
+    assert dark[0] > dark[1] + 800
+    view = layout.Views.of(frame, ASPECT).main
+    image = renderer.image(picture, frame=frame)
+    for start, vector in style.magnetisation_arrows(picture):
+        row, column = pixel(view, layout.MAIN, start + 0.3 * vector)
+        assert image[row, column].max() < 110
+
+
+def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
+    picture = body()
+    image = renderer.image(picture)
+    assert near(part(image, layout.FIELD), style.FIELD, tolerance=60).sum() > 60
+    assert near(image[int(0.84 * HEIGHT) :], style.FIELD, tolerance=60).sum() > 150, "arrow and |B| = 10.0 mT"
+    none = renderer.image(replace(picture, field=np.zeros(3)))
+    assert not near(part(none, layout.FIELD), style.FIELD, tolerance=60).any()
+    assert layout.field_text(picture) == "|B| = 10.0 mT"
+    assert layout.field_text(replace(picture, field=np.zeros(3))) == "no field"
+    afloat = renderer.image(replace(picture, gravity=None))
+    assert not np.array_equal(part(afloat, layout.COMPASS), part(image, layout.COMPASS))
+    bar = layout.scale_bar(
+        layout.Views.of(Frame.of(picture), ASPECT).main,
+        layout.MAIN,
+        layout.MAIN.aspect(ASPECT),
+        layout.unit(picture),
+    )
+    row = round((1 - bar.y) * HEIGHT)
+    line = (
+        image[row - 1 : row + 2, round(bar.left * WIDTH) + 3 : round(bar.right * WIDTH) - 3]
+        .max(axis=2)
+        .min(axis=0)
+    )
+    assert (line < 120).all()
+
+
+def test_trial_and_rms_are_written(renderer: Renderer) -> None:
+    one, other = body(rms=2e-3), body(rms=3e-3)
+    change = (renderer.image(one) != renderer.image(other)).any(axis=2)
+    rows, columns = np.nonzero(change)
+    assert len(rows) > 0
+    # Only the caption differs: its line, in the right half.
+    assert rows.max() < 0.1 * HEIGHT
+    assert columns.min() > 0.5 * WIDTH
+
+
+def test_a_long_title_does_not_run_into_the_caption(renderer: Renderer) -> None:
+    image = renderer.image(
+        body(title="a catheter with a name that never seems to come to its end, " * 3, trial=1234)
+    )
+    ink = (image[: int(0.09 * HEIGHT)].min(axis=2) < 150).any(axis=0)
+    gaps = np.flatnonzero(np.diff(np.flatnonzero(ink)) > 12)
+    # Words lie closer than 12 pixels apart; what is wider is the gap before the caption and those within it.
+    assert 1 <= len(gaps) <= 3
+
+
+def test_a_final_picture_shows_the_same_as_a_trials(renderer: Renderer) -> None:
+    small, large = (
+        renderer.image(body(), size=size).astype(float) for size in (style.TRIAL_SIZE, style.FINAL_SIZE)
+    )
+    blocks = large.reshape(300, 3, 400, 3, 3).mean(axis=(1, 3))
+    halves = small.reshape(300, 2, 400, 2, 3).mean(axis=(1, 3))
+    # Edges and letters fall differently on the two grids; the mean over 400 x 300 blocks does not.
+    assert np.abs(blocks - halves).mean() < 6.0
+
+
+def test_hollow_body_without_centreline_target_or_gravity_is_drawn(renderer: Renderer) -> None:
+    picture = replace(
+        body(), centreline=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title=""
+    )
+    assert (renderer.image(picture).min(axis=2) < 200).mean() > 0.03
