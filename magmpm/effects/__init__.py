@@ -15,11 +15,14 @@ from magmpm.effects import gravity, magnetic_torque
 from magmpm.scene import Scene
 
 
-def collect(scene: Scene) -> tuple[NDArray[np.void], ...]:
-    """Parameter records of the effects the scene names, by phase, never by their order in the file."""
+def collect(scene: Scene, strength: float = 1.0) -> tuple[NDArray[np.void], ...]:
+    """Parameter records of the effects the scene names, by phase, never by their order in the file.
+
+    strength scales every load, 0 to 1: a solve that ramps the load from zero asks for the steps between.
+    """
     named: list[NDArray[Any]] = []
     if scene.effects.magnetic_torque is not None:
-        named.append(magnetic_torque.parameters(np.array(scene.field.uniform)))
+        named.append(magnetic_torque.parameters(strength * np.array(scene.field.uniform)))
     if scene.effects.gravity is not None:
-        named.append(gravity.parameters(np.array(scene.effects.gravity.acceleration)))
+        named.append(gravity.parameters(strength * np.array(scene.effects.gravity.acceleration)))
     return tuple(named)

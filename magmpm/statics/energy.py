@@ -40,6 +40,7 @@ class Energy:
         self._materials = kernel_arguments(model)
         self._fortran = addresses()
         cells = len(layout.cell_plane)
+        self._rest: float | None = None
         self._per_cell = np.empty((3, cells))
 
     def at(self, grid: Array) -> Point:
@@ -55,6 +56,16 @@ class Energy:
             layout.cell_first, model.particles.volume, *self._materials, u, F, energy, low, high
         )
         return Point(grid, u, F, float(energy.sum()), float(low.min()), float(high.max()))
+
+    def rest_energy(self) -> float:
+        """Energy of the undeformed body, J: what the energy of a load is counted from."""
+        if self._rest is None:
+            self._rest = self.at(np.zeros(self.shape)).energy
+        return self._rest
+
+    def least_scale(self) -> float:
+        """Energy (J) below which nothing moves: a strain of 1e-9 all over the body."""
+        return 1e-18 * float(np.sum(self.model.shear * self.model.particles.volume))
 
     def residual(self, point: Point) -> Array:
         """Gradient of the energy, (planes, m) N."""

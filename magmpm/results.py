@@ -1,0 +1,93 @@
+"""What a run returns; saved as `result.json` and `state.npz`, and read back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.basis import Array
+from magmpm.errors import InputError
+
+ARRAYS = "state.npz"
+NUMBERS = "result.json"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One simulation. SI units.
+
+    centreline (2 cells + 1, 4) m: rows [s, x, y, z] at the cells' faces and middles, s along the undeformed axis;
+    tip (3,) m: mean of the end face. section: relative errors of the particles' area and second moment.
+    seconds: setup, compile, solve. Particle arrays have n rows, segment arrays k.
+    """
+
+    name: str
+    scene: dict[str, Any]  # Scene.to_si()
+    scene_hash: str
+    particle_reference: Array  # (n, 3) m
+    particle_position: Array  # (n, 3) m
+    particle_volume: Array  # (n,) m^3, undeformed
+    particle_segment: NDArray[np.int32]  # (n,)
+    particle_det_F: Array  # (n,)
+    segment_center: Array  # (k, 3) m, deformed
+    segment_remanence: Array  # (k, 3) T, mean of F Br
+    grid_displacement: Array  # (planes, m) m, the spline coefficients: another run's start
+    centreline: Array  # (2 cells + 1, 4) m
+    tip: Array  # (3,) m
+    field: Array  # (3,) T
+    converged: bool
+    iterations: int
+    particles: int
+    dof: int
+    min_det_F: float
+    max_det_F: float
+    energy: float  # J, counted from the undeformed body in the same field
+    section: dict[str, float]
+    seconds: dict[str, float]
+    warnings: list[str] = field(default_factory=list)
+    versions: dict[str, str] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """What `magmpm run --json` prints: everything but the particle and grid arrays."""
+        return {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in asdict(self).items()
+            if not key.startswith(("particle_", "grid_"))
+        }
+
+    def save(self, folder: Path | str) -> Path:
+        """Write the result into a folder, made if missing. Both files appear whole or not at all. Returns the folder."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
+        part = folder / f".{ARRAYS}"
+        with part.open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
+        part.replace(folder / ARRAYS)
+        numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in arrays}
+        part = folder / f".{NUMBERS}"
+        part.write_text(json.dumps({**numbers, **self.summary()}, indent=1) + "\n", encoding="utf-8")
+        part.replace(folder / NUMBERS)
+        return folder
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Result:
+        """The result a folder holds. Raises InputError if it holds none, or one that can't be read."""
+        folder = Path(folder)
+        try:
+            numbers = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
+            with np.load(folder / ARRAYS) as stored:
+                arrays = dict(stored)
+            return cls(**{f.name: arrays[f.name] if f.name in arrays else numbers[f.name] for f in fields(cls)})
+        except FileNotFoundError as error:
+            raise InputError(
+                f"{folder}: holds no saved result ({Path(error.filename).name} is missing); "
+                "give the folder that `magmpm run` named, such as runs/NAME"
+            ) from None
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(f"{folder}: the saved result can't be read ({error}); run the scene again") from None

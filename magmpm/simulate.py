@@ -1,0 +1,121 @@
+"""run(scene) -> Result: one simulation, as the scene says."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from magmpm import measures
+from magmpm.basis import Array
+from magmpm.errors import SolveError
+from magmpm.model import Model, build
+from magmpm.results import Result
+from magmpm.rod import solve_rod
+from magmpm.scene import Scene
+from magmpm.statics.equilibrium import Equilibrium, solve_static
+from magmpm.statics.start import from_rod
+
+Progress = Callable[[int, float], None]
+
+
+def run(scene: Scene, *, start: Result | None = None, on_progress: Progress | None = None) -> Result:
+    """Simulate a scene.
+
+    start: result of a neighbouring design on the same grid, to begin from; on_progress(step, decrement) is told of each Newton step.
+    Raises SolveError where no equilibrium is found; its state is the last good Result (converged False), or None.
+    """
+    begun = time.perf_counter()
+    model = build(scene)
+    compiled = _compile(scene)
+    setup = time.perf_counter() - begun - compiled
+    begun = time.perf_counter()
+    try:
+        found = solve_static(model, start=_neighbour(model, start), on_step=on_progress)
+    except SolveError as error:
+        seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
+        state = _result(model, error.state, seconds) if isinstance(error.state, Equilibrium) else None
+        raise SolveError(error.reason, state) from None
+    return _result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})
+
+
+def _neighbour(model: Model, start: Result | None) -> Array | None:
+    """The neighbour's deformation, moved by the difference of the two rods."""
+    if start is None:
+        return None
+    if start.grid_displacement.shape != (model.layout.planes, model.layout.m):
+        raise ValueError("start: the neighbouring result must be on the same grid")
+    before = from_rod(model, solve_rod(Scene.from_si(start.scene)))
+    return start.grid_displacement + from_rod(model, solve_rod(model.scene)) - before
+
+
+_compiled_for: set[tuple[str, ...]] = set()
+
+
+def _compile(scene: Scene) -> float:
+    """Seconds it takes to compile, or load from the disk cache, the kernels for this combination of effects; 0 once done."""
+    kinds = (scene.solver.static.anti_locking, *sorted(scene.effects.model_dump(exclude_none=True)))
+    if kinds in _compiled_for:
+        return 0.0
+    begun = time.perf_counter()
+    data = scene.to_si()
+    data["resolution"] = {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}
+    data["name"] = "compilation"
+    small = Scene.from_si({**data, "reference": None})
+    try:
+        solve_static(build(small))
+    except SolveError:
+        pass  # the coarse twin is only there to compile the kernels; what it finds is not used
+    _compiled_for.add(kinds)
+    return time.perf_counter() - begun
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in ("magmpm", "numpy", "scipy", "numba"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Result:
+    scene, point, particles = model.scene, found.point, model.particles
+    position = particles.position + point.displacement
+    segments = len(scene.body.catheter.segments)
+    share = np.zeros((segments, len(position)))
+    share[particles.segment, np.arange(len(position))] = particles.volume
+    share /= share.sum(axis=1, keepdims=True)
+    length = scene.body.catheter.length
+    rest = np.array(scene.field.uniform) if scene.effects.magnetic_torque is not None else np.zeros(3)
+    return Result(
+        name=scene.name,
+        scene=scene.to_si(),
+        scene_hash=scene.hash(),
+        particle_reference=particles.position,
+        particle_position=position,
+        particle_volume=particles.volume,
+        particle_segment=particles.segment,
+        particle_det_F=np.linalg.det(point.F),
+        segment_center=share @ position,
+        segment_remanence=share @ np.einsum("nij,nj->ni", point.F, model.magnet),
+        grid_displacement=point.grid,
+        centreline=measures.centreline(model, point.grid),
+        tip=measures.along_axis(model, point.grid, measures.end_face_weights(model), np.array([length]))[0],
+        field=rest,
+        converged=found.converged,
+        iterations=found.steps,
+        particles=len(position),
+        dof=model.dof,
+        min_det_F=point.min_det_F,
+        max_det_F=point.max_det_F,
+        energy=point.energy,
+        section=model.section,
+        seconds=seconds,
+        warnings=scene.warnings() + found.warnings,
+        versions=_versions(),
+    )

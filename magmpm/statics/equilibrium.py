@@ -1,0 +1,120 @@
+"""Static equilibrium of a model, on the branch that grows from zero load.
+
+The rod is followed from zero load to full load (milliseconds), and its shape starts the 3D solve. Where the rod fails, where the
+solve from it fails, or where its answer lies far from the rod's, the load is ramped in the 3D solve itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from magmpm import effects
+from magmpm.basis import Array
+from magmpm.errors import SolveError
+from magmpm.model import Model
+from magmpm.rod import RodShape, solve_rod
+from magmpm.statics.energy import Energy, Point
+from magmpm.statics.newton import Minimum, minimise
+from magmpm.statics.start import from_rod, straight
+
+FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
+RAMP_STEPS = 8
+
+_controller: ThreadpoolController | None = None
+
+
+@dataclass
+class Equilibrium:
+    """point: the state found; steps: Newton steps in all; converged; warnings: what a user should know."""
+
+    point: Point
+    steps: int
+    converged: bool
+    warnings: list[str] = field(default_factory=list)
+
+
+def solve_static(
+    model: Model,
+    *,
+    start: Array | None = None,
+    on_step: Callable[[int, float], None] | None = None,
+) -> Equilibrium:
+    """Equilibrium of a model. start (planes, m): grid coefficients to begin from, say of a neighbouring design.
+
+    Raises SolveError, with the last good Equilibrium (converged False) as its state.
+    """
+    global _controller
+    _controller = _controller or ThreadpoolController()
+    with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorisation are the threads
+        return _solve(model, start, on_step)
+
+
+def _solve(model: Model, start: Array | None, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+    options = model.scene.solver.static
+    warnings: list[str] = []
+    energy = Energy(model)
+
+    def newton(begin: Array) -> Minimum:
+        return minimise(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+
+    if options.field_steps is not None:
+        return _ramp(model, options.field_steps, on_step, warnings)
+    try:
+        rod = solve_rod(model.scene)
+    except SolveError as error:
+        warnings.append(f"{error}; the load was ramped in the 3D solve")
+        return _ramp(model, RAMP_STEPS, on_step, warnings)
+    steps = 0
+    for begin in (start, from_rod(model, rod)):
+        if begin is None:
+            continue
+        try:
+            found = newton(begin)
+        except SolveError:
+            steps += options.max_steps
+            continue
+        steps += found.steps
+        if _distance(model, found.point, rod) < FAR:
+            return Equilibrium(found.point, found.steps, True, warnings)
+    warnings.append(
+        "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
+    )
+    return _ramp(model, RAMP_STEPS, on_step, warnings)
+
+
+def _distance(model: Model, point: Point, rod: RodShape) -> float:
+    """Largest distance between particles near the axis and the rod, over the length."""
+    position = model.particles.position
+    radius = np.hypot(position[:, 1], position[:, 2])
+    near = radius <= radius.min() * 1.5
+    moved = position[near] + point.displacement[near]
+    return float(np.linalg.norm(moved - rod.at(position[near, 0]), axis=1).max() / rod.s[-1])
+
+
+def _ramp(
+    model: Model, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]
+) -> Equilibrium:
+    """Load from zero in `count` equal steps; a step that fails is halved, down to 1/32 of the first."""
+    options = model.scene.solver.static
+    grid, reached, size, steps = straight(model), 0.0, 1.0 / count, 0
+    last: Point | None = None
+    while reached < 1.0:
+        factor = min(1.0, reached + size)
+        loaded = replace(model, effects=effects.collect(model.scene, factor))
+        try:
+            found = minimise(
+                Energy(loaded), grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+            )
+        except SolveError as error:
+            size /= 2
+            if size < 1.0 / (32 * count):
+                state = None if last is None else Equilibrium(last, steps, False, warnings)
+                raise SolveError(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
+            continue
+        grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
+    assert last is not None  # the loop ran at least once
+    return Equilibrium(last, steps, True, warnings)

@@ -1,0 +1,123 @@
+"""Newton's method to a minimum of the energy, globalised.
+
+* Energy line search (Armijo), so every step goes down.
+* Where the tangent is not positive definite, it is shifted until it is. The first shift is 1e-5 of its largest diagonal entry: bending is
+  about 1e-6 as stiff as the stiffest mode, so this holds bending still while the stiff modes settle. A positive definite tangent
+  is never shifted: even 1e-7 would stall the soft modes for dozens of steps.
+* At a stationary point that is not a minimum (buckling, twist), the step goes down the direction of least curvature.
+* It stops on the energy decrement relative to the energy of the load; a last full step is taken, whose error is the square of that.
+
+Sources: Nocedal and Wright, Numerical Optimization, 2nd ed., chapter 3; negative curvature: More and Sorensen, Math. Prog. 16 (1979).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.errors import SolveError
+from magmpm.statics.energy import Energy, Point
+from magmpm.statics.panels import factor, solve
+
+FIRST_SHIFT = 1e-5  # of the largest diagonal entry
+LARGEST_SHIFT = 1e3
+LEAST_FRACTION = 1e-8  # of a step, before the line search gives up
+ROUNDING = 1e-13  # of the energy scale: below it two energies can't be told apart
+Progress = Callable[[int, float], None]
+
+
+@dataclass
+class Minimum:
+    """What Newton's method found: the point, its steps, and the factored tangent's energy decrement relative to the scale."""
+
+    point: Point
+    steps: int
+    decrement: float
+    left_unstable: int  # stationary points that were left along negative curvature
+
+
+def minimise(
+    energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
+) -> Minimum:
+    """A minimum of the energy, from grid coefficients `start` (planes, m).
+
+    tolerance: energy decrement over the energy scale at which to stop; on_step(step, decrement) is told of each step.
+    Raises SolveError, with the last point as its state, when max_steps do not reach it or no step goes down.
+    """
+    point = energy.at(start)
+    rest = energy.rest_energy()
+    if not point.min_det_F > 0:
+        raise SolveError("the start has det F <= 0", point)
+    left = 0
+    for step in range(1, max_steps + 1):
+        residual, direction, shift = _step(energy, point)
+        decrement = -float(np.sum(residual * direction)) / 2
+        scale = max(abs(point.energy - rest), energy.least_scale())
+        if decrement < tolerance * scale:
+            if shift == 0.0:
+                return _last_step(energy, point, direction, step, decrement / scale, left)
+            direction, decrement, left = _leave(energy, residual, left + 1), 0.0, left + 1
+            if left > 8:
+                raise SolveError("the solve returned to unstable equilibria eight times", point)
+        point = _search(energy, point, direction, decrement, scale)
+        if on_step is not None:
+            on_step(step, decrement / scale)
+    raise SolveError(
+        f"no equilibrium within {max_steps} Newton steps (energy decrement {decrement / scale:.1e} of the energy, "
+        f"wanted {tolerance:.1e}); raise solver.static.max_steps or set solver.static.field_steps",
+        point,
+    )
+
+
+def _step(energy: Energy, point: Point) -> tuple[Array, Array, float]:
+    """Residual, Newton direction and the shift it took, in units of the largest diagonal entry."""
+    layout = energy.model.layout
+    residual, panels = energy.tangent(point)
+    shift = 0.0
+    while factor(panels, layout.split) >= 0:
+        shift = max(FIRST_SHIFT, 10.0 * shift)
+        if shift > LARGEST_SHIFT:
+            raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
+        residual, panels = energy.tangent(point)
+        diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
+        diagonal += shift * diagonal.max()
+    return residual, -solve(panels, layout.split, residual), shift
+
+
+def _last_step(energy: Energy, point: Point, direction: Array, step: int, decrement: float, left: int) -> Minimum:
+    """The full step from a point where Newton's method converges quadratically."""
+    last = energy.at(point.grid + direction)
+    return Minimum(last if last.min_det_F > 0 else point, step, decrement, left)
+
+
+def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
+    """Direction of least curvature, from the shifted factors the energy's panels hold: inverse iteration from a fixed vector."""
+    layout, model = energy.model.layout, energy.model
+    x = model.grid.node_coordinates(0)[1:]
+    d = np.zeros((layout.planes, layout.m))
+    # A straight rod buckles towards +z, unless something tells it otherwise. Each attempt starts from another mix of bending.
+    d[:, 2::3] = (x**2)[:, None]
+    d[:, 1::3] = 1e-3 * attempt * (x**2)[:, None]
+    for _ in range(40):
+        d = solve(energy.panels, layout.split, d)
+        d /= np.abs(d).max()
+    if float(np.sum(residual * d)) > 0.0:
+        d = -d
+    length = x[-1] - x[0]
+    return 0.05 * length * d
+
+
+def _search(energy: Energy, point: Point, direction: Array, decrement: float, scale: float) -> Point:
+    """Backtrack along a direction until the energy falls as much as Armijo asks."""
+    fraction = 1.0
+    while True:
+        trial = energy.at(point.grid + fraction * direction)
+        enough = point.energy - 2e-4 * fraction * decrement + ROUNDING * scale
+        if trial.min_det_F > 0 and trial.energy <= enough:
+            return trial
+        fraction *= 0.5
+        if fraction < LEAST_FRACTION:
+            raise SolveError("no step lowers the energy: the line search gave up", point)
