@@ -1,0 +1,52 @@
+# Everything a fresh machine needs: git, make and Python 3.11 or newer. `make help` lists the targets.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help setup design test test-long lint bench schema clean
+help:
+	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
+	@echo "make test       set up, and run linters and tests"
+	@echo "make test-long  the longer validation cases as well"
+	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
+	@echo "make clean      remove the virtual environment and caches"
+
+# A virtual environment of its own. Debian ships venv apart from python3; virtualenv does as well.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "magmpm needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) -V 2>&1). Try: make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -m venv $(VENV) 2>/dev/null || $(PYTHON) -m virtualenv -q $(VENV) || \
+	  { rm -rf $(VENV); echo "no virtual environment can be made here; install one with: apt-get install python3-venv"; exit 1; }
+
+setup: $(VENV)/.ready
+$(VENV)/.ready: setup.cfg pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,cmaes,dashboard]'
+	@touch $@
+
+$(VENV)/.ready-test: $(VENV)/.ready
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,cmaes,dashboard,test]'
+	@touch $@
+
+design: $(VENV)/.ready
+	$(BIN)/magmpm design data/studies/s_shape.yaml
+
+lint: $(VENV)/.ready-test
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: lint
+	$(BIN)/python -m pytest -m "not slow"
+
+test-long: lint
+	$(BIN)/python -m pytest
+
+bench: $(VENV)/.ready-test
+	$(BIN)/python tests/bench.py
+
+schema: $(VENV)/.ready
+	$(BIN)/python -m magmpm.schema
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info

@@ -1,0 +1,247 @@
+"""The `magmpm` command: the only place that joins physics, studies and pictures.
+
+Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverged, with the last good state saved; 1 anything else.
+Heavy imports stay inside the commands, so that `magmpm --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.errors import InputError, MagmpmError, NotThereYet, SolveError
+from magmpm.progress import Progress
+
+if TYPE_CHECKING:
+    from magmpm.results import Result
+
+HELP = """\
+Simulate magnetic soft catheters, and find the magnetisation that makes a wanted shape.
+
+  magmpm run data/scenes/five_segments.yaml --render    one shape, with its picture
+  magmpm design data/studies/s_shape.yaml               the magnetisation that makes a shape
+  magmpm accuracy data/scenes/five_segments.yaml        what accuracy costs in time
+"""
+LATER = {
+    "stability": "the hard cases, each with its measure and bound",
+    "effects": "what each effect does to a scene and costs",
+    "import": "turns a robot of the magneticMPM format into a scene",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command. Returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        status: int = options.command(options)
+        return status
+    except SolveError as error:
+        return _say(f"magmpm: {error.reason}", SolveError.exit_status)
+    except MagmpmError as error:
+        return _say(f"magmpm: {error}", error.exit_status)
+    except KeyboardInterrupt:
+        return _say("magmpm: interrupted; what was finished is kept", 1)
+    except BrokenPipeError:  # the reader of our output has gone
+        sys.stderr.close()
+        return 1
+
+
+def _say(message: str, status: int) -> int:
+    print(message, file=sys.stderr)
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    run = commands.add_parser("run", help="simulate a scene", description="Simulate a scene file.")
+    run.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
+    run.add_argument("--render", action="store_true", help="draw the result as well")
+    _common(run, "runs/NAME, with the scene's name")
+    run.set_defaults(command=_run)
+
+    design = commands.add_parser(
+        "design",
+        help="search the design that makes a wanted shape",
+        description="Run a design study; run it again to resume it.",
+    )
+    design.add_argument("study", metavar="STUDY", help="study file, such as data/studies/s_shape.yaml")
+    design.add_argument("--trials", type=int, metavar="N", help="trials in all, in place of the file's")
+    design.add_argument("--sampler", metavar="S", help="tpe, gp, cmaes or random, in place of the file's")
+    design.add_argument("--storage", metavar="URL", help="database of the trials [sqlite in the results folder]")
+    design.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    _common(design, "runs/NAME, with the study file's name")
+    design.set_defaults(command=_design)
+
+    accuracy = commands.add_parser(
+        "accuracy",
+        help="what accuracy costs in time",
+        description="Solve a scene over a ladder of cell sizes: table, CSV, JSON and a picture of error against time.",
+    )
+    accuracy.add_argument("scene", metavar="SCENE", help="scene file; its `reference` is compared with where given")
+    accuracy.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
+    _common(accuracy, "runs/NAME, with the scene's name")
+    accuracy.set_defaults(command=_accuracy)
+
+    render = commands.add_parser(
+        "render", help="pictures of a saved result", description="Draw a saved run, or a study's best designs."
+    )
+    render.add_argument("result", metavar="RESULT", help="folder of a run or of a study, such as runs/s_shape")
+    _common(render, "into the folder itself")
+    render.set_defaults(command=_render)
+
+    dashboard = commands.add_parser(
+        "dashboard", help="optuna-dashboard on a study", description="Browse a study's trials and their pictures."
+    )
+    dashboard.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
+    dashboard.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
+    dashboard.set_defaults(command=_dashboard)
+
+    for name, purpose in LATER.items():
+        later = commands.add_parser(name, help=f"{purpose} (not there yet)")
+        later.add_argument("anything", nargs=argparse.REMAINDER)
+        later.set_defaults(command=_later, name=name)
+    return parser
+
+
+def _common(parser: argparse.ArgumentParser, folder: str) -> None:
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"folder of the results [{folder}]")
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+class _Version(argparse.Action):
+    """--version, looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(" ".join(f"{name} {version(name)}" for name in ("magmpm", "numpy", "numba", "scipy")))
+        parser.exit()
+
+
+def results_folder(name: str) -> Path:
+    """runs/NAME for a scene or study of that name."""
+    return Path("runs") / name.replace(" ", "-")
+
+
+def _print(options: argparse.Namespace, summary: dict[str, Any], text: str) -> None:
+    """The one JSON object, or the text for people."""
+    print(json.dumps(summary) if options.json else text)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from magmpm.scene import load_scene
+    from magmpm.simulate import run
+
+    scene = load_scene(options.scene)
+    folder = options.out or results_folder(scene.name)
+    with Progress(f"{scene.name}") as progress:
+        try:
+            result = run(scene, on_progress=lambda step, gap: progress.note(f"Newton step {step}, energy gap {gap:.0e}"))
+        except SolveError as error:
+            if error.state is None:
+                raise
+            saved = error.state.save(folder)
+            raise SolveError(f"{error.reason}; the last good state is in {saved}", error.state) from None
+    result.save(folder)
+    summary = {**result.summary(), "folder": str(folder)}
+    if options.render:
+        summary["picture"] = str(_draw_result(result, folder / "picture.png"))
+    _print(options, summary, _report(result, folder))
+    return 0
+
+
+def _report(result: Result, folder: Path) -> str:
+    tip = ", ".join(f"{1e3 * x:.3f}" for x in result.tip)
+    seconds = result.seconds
+    lines = [
+        f"{result.name}: equilibrium in {result.iterations} Newton steps",
+        f"  tip             ({tip}) mm",
+        f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}",
+        f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
+        f"{max(result.section.values()):.0e}",
+        f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
+        *(f"  warning         {warning}" for warning in result.warnings),
+        f"  saved in        {folder}",
+    ]
+    return "\n".join(lines)
+
+
+def _draw_result(result: Result, path: Path) -> Path:
+    from viz.picture import Picture
+    from viz.style import FINAL_SIZE
+    from viz.worker import Renderer
+
+    with Renderer() as renderer:
+        drawn = renderer.render(Picture.from_result(result), path, size=FINAL_SIZE)
+        if renderer.note:
+            print(renderer.note, file=sys.stderr)
+    return drawn
+
+
+def _design(options: argparse.Namespace) -> int:
+    from magmpm.cli_design import design
+
+    return design(options)
+
+
+def _accuracy(options: argparse.Namespace) -> int:
+    from magmpm.scene import load_scene
+    from magmpm.simulate import run
+    from studies.accuracy import LADDER, climb, save
+    from viz.plots import accuracy
+
+    scene = load_scene(options.scene)
+    folder = options.out or results_folder(scene.name)
+    with Progress(f"accuracy of {scene.name}") as progress:
+        ladder = climb(scene, run, _cells(options.cells) or LADDER, progress.at)
+    files = [*save(ladder, folder), accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name)]
+    summary = {**ladder.summary(), "files": [str(path) for path in files]}
+    _print(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
+    return 0
+
+
+def _cells(text: str | None) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")] if text else []
+    except ValueError:
+        raise InputError(
+            f"--cells: got {text!r}; must be whole numbers with commas between, such as 2,3,4,6"
+        ) from None
+
+
+def _render(options: argparse.Namespace) -> int:
+    from magmpm.cli_design import is_study, render_study
+    from magmpm.results import Result
+
+    folder = Path(options.result)
+    if is_study(folder):
+        files = render_study(folder, options.out or folder)
+    else:
+        files = [_draw_result(Result.load(folder), (options.out or folder) / "picture.png")]
+    _print(options, {"files": [str(path) for path in files]}, "\n".join(f"saved {path}" for path in files))
+    return 0
+
+
+def _dashboard(options: argparse.Namespace) -> int:
+    from magmpm.cli_design import dashboard
+
+    return dashboard(Path(options.folder), options.port)
+
+
+def _later(options: argparse.Namespace) -> int:
+    raise NotThereYet(
+        f"`magmpm {options.name}` ({LATER[options.name]}) is not there yet; `magmpm --help` lists what is"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""Progress of long work on standard error, with the time left; silent where nobody looks (no terminal)."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+PATIENCE = 1.0  # s before the first line: short work shows nothing
+
+
+class Progress:
+    """One line that is written over and over; a context manager that clears it at the end."""
+
+    def __init__(self, title: str) -> None:
+        self._title, self._begun, self._shown = title, time.monotonic(), 0
+        self._visible = sys.stderr.isatty()
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._write("")
+
+    def note(self, text: str) -> None:
+        """What is being done, where the end can't be foreseen."""
+        self._line(f"{self._title}: {text}")
+
+    def at(self, done: int, total: int, text: str = "") -> None:
+        """`done` of `total` parts are finished; the time left is guessed from those."""
+        spent = time.monotonic() - self._begun
+        left = f", about {_duration(spent / done * (total - done))} left" if done else ""
+        self._line(f"{self._title}: {done} of {total}{left}{'; ' if text else ''}{text}")
+
+    def _line(self, text: str) -> None:
+        if time.monotonic() - self._begun >= PATIENCE:
+            self._write(text)
+
+    def _write(self, text: str) -> None:
+        if self._visible and (text or self._shown):
+            sys.stderr.write("\r" + text.ljust(self._shown) + ("" if text else "\r"))
+            sys.stderr.flush()
+            self._shown = len(text)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
