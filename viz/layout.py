@@ -168,7 +168,7 @@ def legend(picture: Picture) -> list[LegendItem]:
         entries.append(("arrow", (style.MAGNETISATION,), "magnetisation"))
     entries.append(("line", (style.INK,), "axis"))
     if picture.target is not None:
-        entries.append(("dot", (style.TARGET,), "target"))
+        entries.append(("dot", (style.TARGET,), picture.target_name))
     rows = 3
     return [
         LegendItem(

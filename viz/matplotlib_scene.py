@@ -36,7 +36,7 @@ def draw(
     _floor(main, picture, frame)
     _body(main, picture)
     for start, vector in style.magnetisation_arrows(picture):
-        main.arrow(start, vector, style.ARROW_WIDTH * picture.diameter, style.MAGNETISATION, halo=True)
+        main.arrow(start, vector, style.ARROW_WIDTH * picture.thickness, style.MAGNETISATION, halo=True)
     for place, view in ((layout.TOP, views.top), (layout.SIDE, views.side)):
         _body(_Panel(figure, place, view, framed=True), picture)
     around = layout.compass_view(views.main)
@@ -144,7 +144,7 @@ def _body(panel: _Panel, picture: Picture) -> None:
     axis = picture.axis
     panel.lines(np.stack([axis[:-1], axis[1:]], axis=1), style.INK, 1.5, 5.0)
     if picture.target is not None:
-        width = style.DOT_WIDTH * picture.diameter
+        width = style.DOT_WIDTH * picture.thickness
         panel.balls(
             style.thinned(picture.target, style.TARGET_DOTS), width, style.TARGET, 6.0, rim=0.2 * width
         )
@@ -162,7 +162,7 @@ def _floor(panel: _Panel, picture: Picture, frame: Frame) -> None:
     body, target = layout.shadows(picture, frame)
     panel.balls(body, style.BALL_WIDTH * picture.particle_size, style.SHADOW, 1.2)
     if target is not None:
-        panel.balls(target, 0.7 * style.DOT_WIDTH * picture.diameter, style.TARGET_SHADOW, 1.3)
+        panel.balls(target, 0.7 * style.DOT_WIDTH * picture.thickness, style.TARGET_SHADOW, 1.3)
 
 
 def _write(figure: Figure, picture: Picture, views: layout.Views) -> None:

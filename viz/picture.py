@@ -16,6 +16,9 @@ MAX_PARTICLES = 40_000
 # How deep below the surface particles are kept, in their own sizes: the rest cannot be seen.
 SKIN = 2.5
 
+# Particles of less than this share of a whole one's volume are not drawn.
+SLIVER = 1e-3
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -28,7 +31,7 @@ class Picture:
     segment_remanence    (k, 3) T, deformed mean remanence F Br; zero length is an unmagnetised segment
     length, diameter     m, of the undeformed body
     centreline           (m, 3) m, deformed axis from clamp to tip, or shape (0, 3)
-    target               (q, 3) m, wanted points, or None
+    target               (q, 3) m, wanted points, or None; target_name is what the legend calls them
     field                (3,) T, uniform field, zero if there is none
     gravity              (3,) m/s^2, or None
     title, trial, rms    caption; rms in m
@@ -43,6 +46,7 @@ class Picture:
     diameter: float
     centreline: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     target: np.ndarray | None = None
+    target_name: str = "target"
     field: np.ndarray = field(default_factory=lambda: np.zeros(3))
     gravity: np.ndarray | None = None
     title: str = ""
@@ -76,6 +80,11 @@ class Picture:
         return strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12)
 
     @property
+    def thickness(self) -> float:
+        """m, the diameter, or what a slender body's marks are sized by, lest they be too small to see."""
+        return max(self.diameter, 0.06 * self.length)
+
+    @property
     def axis(self) -> np.ndarray:
         """(m, 3) m: the centreline, or the segments' centres where no centreline was given."""
         return self.centreline if len(self.centreline) > 1 else self.segment_center
@@ -95,6 +104,7 @@ class Picture:
         result: Any,
         *,
         target: np.ndarray | None = None,
+        target_name: str = "target",
         trial: int | None = None,
         rms: float | None = None,
         title: str | None = None,
@@ -104,14 +114,16 @@ class Picture:
 
         result: magmpm.results.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or
         (q, 3) rows [x, y, z], m. Only the skin's particles are kept, at most max_particles, and only finite
-        ones.
+        ones that are not slivers.
         """
         position = np.asarray(result.particle_position, dtype=float)
         finite = np.isfinite(position).all(axis=1)
         if not finite.any():
             raise ValueError("no particle of this result has a finite position: there is nothing to draw")
-        size = float(np.mean(np.asarray(result.particle_volume)[finite]) ** (1 / 3))
-        keep = np.flatnonzero(finite)
+        # Particles at the surface stand for cut cells; the largest stands for a whole one.
+        volume = np.asarray(result.particle_volume)
+        size = float(volume.max() ** (1 / 3))
+        keep = np.flatnonzero(finite & (volume > SLIVER * size**3))
         keep = keep[_skin(np.asarray(result.particle_reference)[keep], SKIN * size, max_particles)]
         catheter = result.scene["body"]["catheter"]
         effects = result.scene.get("effects") or {}
@@ -125,6 +137,7 @@ class Picture:
             diameter=float(catheter["diameter"]),
             centreline=np.asarray(result.centreline, dtype=float)[:, 1:4],
             target=None if target is None else np.asarray(target, dtype=float)[:, -3:],
+            target_name=target_name,
             field=np.asarray(result.field, dtype=float),
             gravity=_gravity(effects.get("gravity")),
             title=result.name if title is None else title,

@@ -64,14 +64,14 @@ def _body(panel: PanelCanvas, picture: Picture) -> None:
     panel.lines(_pairs(panel.view.lift(picture.axis, 2 * picture.length)), style.INK, 1.5)
     if picture.target is not None:
         dots = panel.view.lift(style.thinned(picture.target, style.TARGET_DOTS), 4 * picture.length)
-        width = style.DOT_WIDTH * picture.diameter
+        width = style.DOT_WIDTH * picture.thickness
         panel.balls(dots - width * panel.view.toward, 1.4 * width, "#FFFFFF", lit=False)
         panel.balls(dots, width, style.TARGET)
 
 
 def _magnetisation(panel: PanelCanvas, picture: Picture) -> None:
     for start, vector in style.magnetisation_arrows(picture):
-        width, halo = style.ARROW_WIDTH * picture.diameter, style.ARROW_HALO * picture.diameter
+        width, halo = style.ARROW_WIDTH * picture.thickness, style.ARROW_HALO * picture.thickness
         panel.arrow(panel.view.lift(start, 6 * picture.length), vector, width, style.MAGNETISATION, halo=halo)
 
 
@@ -88,7 +88,7 @@ def _floor(panel: PanelCanvas, picture: Picture, frame: Frame) -> None:
         panel.view.lift(body, 2 * layer), style.BALL_WIDTH * picture.particle_size, style.SHADOW, lit=False
     )
     if target is not None:
-        width = 0.7 * style.DOT_WIDTH * picture.diameter
+        width = 0.7 * style.DOT_WIDTH * picture.thickness
         panel.balls(
             panel.view.lift(target, 2 * layer + picture.diameter), width, style.TARGET_SHADOW, lit=False
         )

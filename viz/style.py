@@ -40,10 +40,12 @@ TRIAL_SIZE = (800, 600)
 
 # Sizes in diameters of the body.
 CLAMP_RADIUS, CLAMP_THICKNESS = 0.7, 0.15
+
+# Sizes in the body's thickness (Picture.thickness).
 DOT_WIDTH, ARROW_WIDTH, ARROW_HALO = 0.28, 0.13, 0.045
 
 # A ball is a little wider than the cube its particle stands for, or the body would be seen through.
-BALL_WIDTH = 1.25
+BALL_WIDTH = 1.2
 
 TARGET_DOTS = 21
 
@@ -66,17 +68,19 @@ def segment_colours(magnetised: np.ndarray) -> np.ndarray:
 
 
 def magnetisation_arrows(picture: Picture) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Start (3,) and vector (3,), m, of an arrow through the centre of each magnetised segment.
+    """Start (3,) and vector (3,), m, of an arrow through the axis in each magnetised segment.
 
     The strongest is nearly as long as the segments are apart; the others in proportion to their remanence.
+    The centre of a segment bent far lies beside its axis: the arrow goes through the axis's nearest point.
     """
     strength = np.linalg.norm(picture.segment_remanence, axis=1)
     apart = picture.length / max(len(strength), 1)
-    longest = float(np.clip(0.9 * apart, 1.2 * picture.diameter, 2.4 * picture.diameter))
+    longest = float(np.clip(0.9 * apart, 1.2 * picture.thickness, 2.4 * picture.thickness))
     arrows = []
     for k in np.flatnonzero(picture.magnetised):
         vector = picture.segment_remanence[k] / strength.max() * longest
-        arrows.append((picture.segment_center[k] - 0.5 * vector, vector))
+        distance = np.linalg.norm(picture.axis - picture.segment_center[k], axis=1)
+        arrows.append((picture.axis[np.argmin(distance)] - 0.5 * vector, vector))
     return arrows
 
 

@@ -80,6 +80,23 @@ def test_a_picture_stays_small_and_keeps_its_shape() -> None:
     assert len(pickle.dumps(picture)) < 20 * 4000 + 5000
 
 
+def test_slivers_do_not_make_the_balls_small_or_the_picture_large() -> None:
+    result = fake_result()
+    result.particle_volume[::2] *= 1e-6
+    picture = Picture.from_result(result)
+    assert picture.particle_size == pytest.approx(0.00025)
+    assert len(picture.particles) <= len(result.particle_position) / 2
+
+
+def test_arrows_go_through_the_axis_of_a_segment_bent_far() -> None:
+    bent = samples.catheter(samples.c_shape, segments=1, spacing=1e-3)
+    beside = replace(bent, segment_center=np.asarray(bent.particles, dtype=float).mean(axis=0)[None])
+    ((start, vector),) = style.magnetisation_arrows(beside)
+    away = np.linalg.norm(bent.centreline - (start + 0.5 * vector), axis=1)
+    assert away.min() < 1e-9
+    assert np.argmin(away) == pytest.approx(40, abs=1), "and through the middle of its arc"
+
+
 def test_particles_that_are_not_finite_are_left_out() -> None:
     result = fake_result()
     result.particle_position[5:50] = np.nan

@@ -164,6 +164,14 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     assert (line < 120).all()
 
 
+def test_the_legend_names_what_is_there() -> None:
+    picture = body(unmagnetised=(1,))
+    names = ["magnetic", "unmagnetised", "magnetisation", "axis", "target"]
+    assert [item.text for item in layout.legend(picture)] == names
+    reference = replace(picture, target_name="reference", segment_remanence=np.zeros((5, 3)))
+    assert [item.text for item in layout.legend(reference)] == ["unmagnetised", "axis", "reference"]
+
+
 def test_trial_and_rms_are_written(renderer: Renderer) -> None:
     one, other = body(rms=2e-3), body(rms=3e-3)
     change = (renderer.image(one) != renderer.image(other)).any(axis=2)
