@@ -207,3 +207,27 @@ def test_hollow_body_without_centreline_target_or_gravity_is_drawn(renderer: Ren
         body(), centreline=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title=""
     )
     assert (renderer.image(picture).min(axis=2) < 200).mean() > 0.03
+
+
+@pytest.mark.parametrize("near_first", [True, False])
+def test_what_is_nearer_hides_what_is_behind(renderer: Renderer, near_first: bool) -> None:
+    """Two bars that cross as seen from the side (along +y): the one at y = -5 mm is nearer."""
+    along = np.linspace(0.0, 0.03, 61)
+    near_bar = np.stack([along, 0 * along - 5e-3, 0 * along + 0.015], axis=1)
+    far_bar = np.stack([0 * along + 0.015, 0 * along + 5e-3, along], axis=1)
+    bars = np.concatenate([near_bar, far_bar]) if near_first else np.concatenate([far_bar, near_bar])
+    picture = Picture(
+        particles=bars.astype(np.float32),
+        particle_segment=np.repeat([0, 1] if near_first else [1, 0], 61),
+        particle_size=2e-3,
+        segment_center=np.array([[0.005, -5e-3, 0.015], [0.015, 5e-3, 0.005]]),
+        segment_remanence=0.1 * np.eye(3)[:2],
+        length=0.04,
+        diameter=0.004,
+    )
+    frame = Frame.of(picture)
+    view = layout.Views.of(frame, ASPECT).side
+    row, column = pixel(view, layout.SIDE, np.array([0.015, -5e-3, 0.015]))
+    at = renderer.image(picture, frame=frame)[row, column].astype(float)
+    palette = 255 * np.array([style.rgb(colour) for colour in style.SEGMENTS[:2]])
+    assert np.argmin(np.linalg.norm(palette - at, axis=1)) == 0
