@@ -99,7 +99,7 @@ def section_points(
 def _piece_rules(
     low: Array, high: Array, outer: float, inner: float, count: int, least: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
-    """Indices of the rectangles that hold at least `least` m^2 of material (k,), and their points (k, count^2, 2) and areas (k, count^2)."""
+    """Indices (k,) of the rectangles that hold at least `least` m^2 of material; their points (k, count^2, 2), areas (k, count^2)."""
     moments = disc_moments(low, high, outer) - disc_moments(low, high, inner)
     keep = np.flatnonzero(moments[:, 0] > least)
     area = moments[keep, 0]
@@ -107,7 +107,9 @@ def _piece_rules(
     yy, yz, zz = (moments[keep, 3:] / area[:, None]).T
     a, b, d = yy - centroid[:, 0] ** 2, yz - centroid[:, 0] * centroid[:, 1], zz - centroid[:, 1] ** 2
     det = np.sqrt(np.maximum(a * d - b * b, 0.0))
-    root = np.stack([np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2)  # root of the covariance matrix
+    root = np.stack(
+        [np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2
+    )  # root of the covariance matrix
     root /= np.sqrt(np.maximum(a + d + 2 * det, np.finfo(float).tiny))[:, None, None]
     unit, weight = gauss(count)
     grid = np.stack(np.meshgrid(unit, unit, indexing="ij"), -1).reshape(-1, 2)
@@ -115,9 +117,7 @@ def _piece_rules(
     return keep, points, area[:, None] * np.outer(weight, weight).ravel()
 
 
-def _quarters(
-    low: Array, high: Array, owner: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.int64]]:
+def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
     """Each rectangle cut into four, with the owner repeated."""
     half = (high - low) / 2
     corners = [low + half * np.array(c) for c in ((0, 0), (0, 1), (1, 0), (1, 1))]
@@ -160,8 +160,7 @@ def rod_particles(
     segment = np.repeat(np.searchsorted(ends, middle), particles_per_cell)
 
     # One row for each (section rectangle, axial point, section point), in that order within an axial cell.
-    ix, iq = np.meshgrid(np.arange(len(x)), np.arange(len(points)), indexing="ij")
-    ix, iq = ix.ravel(), iq.ravel()
+    ix, iq = (i.ravel() for i in np.indices((len(x), len(points))))
     order = np.lexsort((iq, ix, rectangle[iq], cell_x[ix]))
     ix, iq = ix[order], iq[order]
     position = np.column_stack([x[ix], points[iq]])
@@ -177,5 +176,7 @@ def section_errors(particles: Particles, *, outer: float, inner: float, length: 
     v = particles.volume / length
     return {
         "area_error": float(abs(v.sum() / area - 1)),
-        "second_moment_error": float(max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))),
+        "second_moment_error": float(
+            max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))
+        ),
     }

@@ -76,7 +76,9 @@ def _parser() -> argparse.ArgumentParser:
     design.add_argument("study", metavar="STUDY", help="study file, such as data/studies/s_shape.yaml")
     design.add_argument("--trials", type=int, metavar="N", help="trials in all, in place of the file's")
     design.add_argument("--sampler", metavar="S", help="tpe, gp, cmaes or random, in place of the file's")
-    design.add_argument("--storage", metavar="URL", help="database of the trials [sqlite in the results folder]")
+    design.add_argument(
+        "--storage", metavar="URL", help="database of the trials [sqlite in the results folder]"
+    )
     design.add_argument("--no-pictures", action="store_true", help="draw nothing")
     _common(design, "runs/NAME, with the study file's name")
     design.set_defaults(command=_design)
@@ -86,20 +88,28 @@ def _parser() -> argparse.ArgumentParser:
         help="what accuracy costs in time",
         description="Solve a scene over a ladder of cell sizes: table, CSV, JSON and a picture of error against time.",
     )
-    accuracy.add_argument("scene", metavar="SCENE", help="scene file; its `reference` is compared with where given")
+    accuracy.add_argument(
+        "scene", metavar="SCENE", help="scene file; its `reference` is compared with where given"
+    )
     accuracy.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
     _common(accuracy, "runs/NAME, with the scene's name")
     accuracy.set_defaults(command=_accuracy)
 
     render = commands.add_parser(
-        "render", help="pictures of a saved result", description="Draw a saved run, or a study's best designs."
+        "render",
+        help="pictures of a saved result",
+        description="Draw a saved run, or a study's best designs.",
     )
-    render.add_argument("result", metavar="RESULT", help="folder of a run or of a study, such as runs/s_shape")
+    render.add_argument(
+        "result", metavar="RESULT", help="folder of a run or of a study, such as runs/s_shape"
+    )
     _common(render, "into the folder itself")
     render.set_defaults(command=_render)
 
     dashboard = commands.add_parser(
-        "dashboard", help="optuna-dashboard on a study", description="Browse a study's trials and their pictures."
+        "dashboard",
+        help="optuna-dashboard on a study",
+        description="Browse a study's trials and their pictures.",
     )
     dashboard.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     dashboard.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
@@ -145,7 +155,10 @@ def _run(options: argparse.Namespace) -> int:
     folder = options.out or results_folder(scene.name)
     with Progress(f"{scene.name}") as progress:
         try:
-            result = run(scene, on_progress=lambda step, gap: progress.note(f"Newton step {step}, energy gap {gap:.0e}"))
+            result = run(
+                scene,
+                on_progress=lambda step, gap: progress.note(f"Newton step {step}, energy gap {gap:.0e}"),
+            )
         except SolveError as error:
             if error.state is None:
                 raise
@@ -203,7 +216,10 @@ def _accuracy(options: argparse.Namespace) -> int:
     folder = options.out or results_folder(scene.name)
     with Progress(f"accuracy of {scene.name}") as progress:
         ladder = climb(scene, run, _cells(options.cells) or LADDER, progress.at)
-    files = [*save(ladder, folder), accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name)]
+    files = [
+        *save(ladder, folder),
+        accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name),
+    ]
     summary = {**ladder.summary(), "files": [str(path) for path in files]}
     _print(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
     return 0

@@ -17,11 +17,13 @@ BLAS, LAPACK = "scipy.linalg.cython_blas", "scipy.linalg.cython_lapack"
 def addresses() -> tuple[int, int, int, int, int, int]:
     """Addresses of dpotrf, dtrsm, dsyrk, dgemm, dtrsv and dgemv, in this order."""
     found = [get_cython_function_address(LAPACK, "dpotrf")]
-    found += [get_cython_function_address(BLAS, name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")]
+    found += [
+        get_cython_function_address(BLAS, name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
+    ]
     return tuple(found)  # type: ignore[return-value]
 
 
-@intrinsic
+@intrinsic  # type: ignore[misc]
 def call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
     """Call the Fortran routine at `address` with a tuple of addresses: Fortran takes every argument by reference."""
     signature = types.void(address, arguments)

@@ -10,11 +10,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numba
 from numba import prange
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
-kernel = numba.njit(parallel=True, cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
-compiled = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
+kernel: Callable[..., Any] = numba.njit(
+    parallel=True, cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True
+)
+compiled: Callable[..., Any] = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
 
 __all__ = ["FASTMATH", "compiled", "kernel", "prange"]

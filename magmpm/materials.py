@@ -7,17 +7,22 @@ Source: Simo and Hughes, Computational Inelasticity, section 9.2, with the volum
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.jit import compiled
 
+Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 
-def young_modulus(shear_modulus: float, bulk_modulus: float) -> float:
+
+def young_modulus(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
     """Small-strain Young's modulus (Pa), E = 9 K G / (3 K + G)."""
     return 9 * bulk_modulus * shear_modulus / (3 * bulk_modulus + shear_modulus)
 
 
-def poisson_ratio(shear_modulus: float, bulk_modulus: float) -> float:
+def poisson_ratio(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
     """Small-strain Poisson's ratio, (3 K - 2 G) / (2 (3 K + G))."""
     return (3 * bulk_modulus - 2 * shear_modulus) / (2 * (3 * bulk_modulus + shear_modulus))
 

@@ -106,7 +106,9 @@ def build(scene: Scene) -> Model:
         magnet=scene.segment_remanence()[of],
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=effects.collect(scene),
-        modes=volume_modes(particles, layout.cell_first, 4 if scene.solver.static.anti_locking == "f-bar" else 0),
+        modes=volume_modes(
+            particles, layout.cell_first, 4 if scene.solver.static.anti_locking == "f-bar" else 0
+        ),
         section=section_errors(particles, outer=outer, inner=inner, length=catheter.length),
     )
 

@@ -240,13 +240,13 @@ class StaticOptions(Part):
         examples=["f-bar"],
     )
     tolerance: float = Field(
-        default=1e-9,
+        default=1e-11,
         strict=True,
         ge=1e-14,
         le=1e-2,
         allow_inf_nan=False,
-        description="Stops when a step can win less than this part of the energy; 1e-9 unless given.",
-        examples=[1e-9],
+        description="Stops when a step can win less than this part of the energy; 1e-11 unless given.",
+        examples=[1e-11],
     )
     max_steps: int = Field(
         default=60,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ class Result:
     particle_det_F: Array  # (n,)
     segment_center: Array  # (k, 3) m, deformed
     segment_remanence: Array  # (k, 3) T, mean of F Br
-    grid_displacement: Array  # (planes, m) m, the spline coefficients: another run's start
+    grid_correction: Array  # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's start
     centreline: Array  # (2 cells + 1, 4) m
     tip: Array  # (3,) m
     field: Array  # (3,) T
@@ -49,8 +50,8 @@ class Result:
     energy: float  # J, counted from the undeformed body in the same field
     section: dict[str, float]
     seconds: dict[str, float]
-    warnings: list[str] = field(default_factory=list)
-    versions: dict[str, str] = field(default_factory=dict)
+    warnings: list[str] = dataclasses.field(default_factory=list)
+    versions: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm run --json` prints: everything but the particle and grid arrays."""
@@ -64,7 +65,11 @@ class Result:
         """Write the result into a folder, made if missing. Both files appear whole or not at all. Returns the folder."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
+        arrays = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
         part = folder / f".{ARRAYS}"
         with part.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
@@ -83,11 +88,15 @@ class Result:
             numbers = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
             with np.load(folder / ARRAYS) as stored:
                 arrays = dict(stored)
-            return cls(**{f.name: arrays[f.name] if f.name in arrays else numbers[f.name] for f in fields(cls)})
+            return cls(
+                **{f.name: arrays[f.name] if f.name in arrays else numbers[f.name] for f in fields(cls)}
+            )
         except FileNotFoundError as error:
             raise InputError(
                 f"{folder}: holds no saved result ({Path(error.filename).name} is missing); "
                 "give the folder that `magmpm run` named, such as runs/NAME"
             ) from None
         except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{folder}: the saved result can't be read ({error}); run the scene again") from None
+            raise InputError(
+                f"{folder}: the saved result can't be read ({error}); run the scene again"
+            ) from None

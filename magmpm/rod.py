@@ -88,7 +88,9 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     shear_factor = _shear_factor(nu, r0 / r1)
     density = np.array([material.density or 0.0 for material in materials])
     twist_bend = np.stack([2 * G * inertia, E * inertia, E * inertia], axis=1)
-    compliance = np.stack([1 / (E * area), 1 / (shear_factor * G * area), 1 / (shear_factor * G * area)], axis=1)
+    compliance = np.stack(
+        [1 / (E * area), 1 / (shear_factor * G * area), 1 / (shear_factor * G * area)], axis=1
+    )
     torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
     magnetised = scene.segment_remanence() * (0.0 if torque is None else area / MU0)
     length = (lengths / counts)[of]
@@ -131,11 +133,19 @@ def solve_rod_model(rod: RodModel, loads: Array | None = None) -> RodShape:
     total = 0
     for factor in loads:
         status, steps, energy, stable = relax(
-            quaternions, rod.length, rod.twist_bend, rod.compliance, rod.moment, factor * rod.field, factor * rod.weight
+            quaternions,
+            rod.length,
+            rod.twist_bend,
+            rod.compliance,
+            rod.moment,
+            factor * rod.field,
+            factor * rod.weight,
         )
         total += steps
         if status != 0:
-            raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps")
+            raise SolveError(
+                f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps"
+            )
     position, frames, curvature, strain = frames_of(
         quaternions, rod.length, rod.compliance, rod.moment, rod.field, rod.weight
     )

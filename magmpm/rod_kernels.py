@@ -222,13 +222,38 @@ def _solve(Ld, Lo, x):
 
 
 @compiled
+def _dot(a, b):
+    """Sum of the products of two (n, 3) arrays. (Array expressions would take seconds to compile.)"""
+    total = 0.0
+    for k in range(len(a)):
+        total += a[k, 0] * b[k, 0] + a[k, 1] * b[k, 1] + a[k, 2] * b[k, 2]
+    return total
+
+
+@compiled
+def _scaled(a, factor, out):
+    """out = factor a, (n, 3)."""
+    for k in range(len(a)):
+        for i in range(3):
+            out[k, i] = factor * a[k, i]
+
+
+@compiled
+def _copy(a, out):
+    """out = a, quaternions (n, 4)."""
+    for k in range(len(a)):
+        for i in range(4):
+            out[k, i] = a[k, i]
+
+
+@compiled
 def _softest(Ld, Lo, d):
     """Direction (n + 1, 3) of least curvature by inverse iteration from a fixed vector, so that the answer is the same every time."""
     for k in range(len(d)):
         d[k, 0], d[k, 1], d[k, 2] = 1e-5, -1.0, 1e-5  # a turn about -y: a straight rod buckles towards +z
     for _ in range(60):
         _solve(Ld, Lo, d)
-        d /= np.sqrt(np.sum(d * d))
+        _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
 
 
 @compiled
@@ -239,41 +264,49 @@ def relax(q, length, D, C, moment, field, weight):
     """
     n = len(length)
     g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-    Ld, Lo, trial = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3)), np.empty_like(q)
-    trial[0] = q[0]
+    Ld, Lo = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    d, turn, trial = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 4))
+    _copy(q, trial)
     energy = _energy(q, length, D, C, moment, field, weight)
-    scale = np.sum(length * 0.5 * D[:, 1]) / np.sum(length) ** 2  # energy of bending by one radian
+    scale, total = 0.0, 0.0
+    for e in range(n):
+        scale += 0.5 * length[e] * D[e, 1]
+        total += length[e]
+    scale /= total**2  # energy of bending by one radian
     noise = 1e-14 * (abs(energy) + scale)  # rounding of the sum: below it, energies can't be told apart
     for step in range(MAX_STEPS):
         _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
         shift, least = 0.0, 1e-4 * scale / n
         while not _factor(Hd, Ho, shift, Ld, Lo):
             shift = max(least, 4.0 * shift)
-        d = -g
+        _scaled(g, -1.0, d)
         _solve(Ld, Lo, d)
-        decrement = -np.sum(g[1:] * d[1:])
+        decrement = -_dot(g, d)
         if decrement < 1e-14 * scale:
             if shift == 0.0:
                 for k in range(1, n + 1):
                     _turn(q[k], d[k], trial[k])
-                q[1:] = trial[1:]
+                _copy(trial, q)
                 return 0, step + 1, _energy(q, length, D, C, moment, field, weight), True
             _softest(Ld, Lo, d)  # an unstable equilibrium: leave it
-            if np.sum(g * d) > 0.0:
-                d = -d
+            if _dot(g, d) > 0.0:
+                _scaled(d, -1.0, d)
             decrement = 0.0
-        largest = np.sqrt(np.max(np.sum(d * d, axis=1)))
+        largest = 0.0
+        for k in range(1, n + 1):
+            largest = max(largest, np.sqrt(d[k, 0] ** 2 + d[k, 1] ** 2 + d[k, 2] ** 2))
         a = LARGEST_TURN / largest if largest > LARGEST_TURN or decrement == 0.0 else 1.0
         while True:
+            _scaled(d, a, turn)
             for k in range(1, n + 1):
-                _turn(q[k], a * d[k], trial[k])
+                _turn(q[k], turn[k], trial[k])
             reached = _energy(trial, length, D, C, moment, field, weight)
             if reached <= energy - 1e-4 * a * decrement + noise:
                 break
             a *= 0.5
             if a < 1e-10:
                 return 1, step + 1, energy, False
-        q[1:] = trial[1:]
+        _copy(trial, q)
         energy = reached
     return 1, MAX_STEPS, energy, False
 
@@ -284,21 +317,38 @@ def frames_of(q, length, C, moment, field, weight):
     n = len(length)
     position, frames = np.zeros((n + 1, 3)), np.empty((n + 1, 3, 3))
     curvature, strain, count = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1)
-    R, z, b, w, v, mid = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3), np.empty(3), np.empty(4)
+    R, z, b, w, v, mid, pull = (
+        np.empty((3, 3)),
+        np.empty(4),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(4),
+        np.empty(3),
+    )
     for k in range(n + 1):
         _matrix(q[k], frames[k])
     for e in range(n):
         _relative(q[e], q[e + 1], z)
-        sign = 1.0 if np.sum(q[e] * q[e + 1]) >= 0 else -1.0
-        mid[:] = q[e] + sign * q[e + 1]
-        mid /= np.sqrt(np.sum(mid * mid))
+        dot, size = 0.0, 0.0
+        for i in range(4):
+            dot += q[e, i] * q[e + 1, i]
+        for i in range(4):
+            mid[i] = q[e, i] + (q[e + 1, i] if dot >= 0 else -q[e + 1, i])
+            size += mid[i] ** 2
+        for i in range(4):
+            mid[i] /= np.sqrt(size)
         for part in range(3):  # Simpson's rule along the element: its two frames and the one half-way
             if part == 1:
                 _matrix(mid, R)
-                pull = 0.5 * (weight[e] + weight[e + 1])
+                side, other = e, e + 1
             else:
-                R[:] = frames[e + part // 2]
-                pull = weight[e + part // 2]
+                side = other = e + part // 2
+                for i in range(3):
+                    for j in range(3):
+                        R[i, j] = frames[side, i, j]
+            for i in range(3):
+                pull[i] = 0.5 * (weight[side, i] + weight[other, i])
             _to_frame(R, field, b)
             _to_frame(R, pull, w)
             for i in range(3):
@@ -308,12 +358,14 @@ def frames_of(q, length, C, moment, field, weight):
                 position[e + 1, i] += share * (R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2])
             if part != 1:
                 k = e + part // 2
-                strain[k] += v
                 count[k] += 1.0
                 for i in range(3):
+                    strain[k, i] += v[i]
                     curvature[k, i] += 2.0 / length[e] * z[i + 1]
-        position[e + 1] += position[e]
+        for i in range(3):
+            position[e + 1, i] += position[e, i]
     for k in range(n + 1):
-        strain[k] /= count[k]
-        curvature[k] /= count[k]
+        for i in range(3):
+            strain[k, i] /= count[k]
+            curvature[k, i] /= count[k]
     return position, frames, curvature, strain

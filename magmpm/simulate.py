@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 import time
 from collections.abc import Callable
@@ -14,10 +15,8 @@ from magmpm.basis import Array
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results import Result
-from magmpm.rod import solve_rod
 from magmpm.scene import Scene
 from magmpm.statics.equilibrium import Equilibrium, solve_static
-from magmpm.statics.start import from_rod
 
 Progress = Callable[[int, float], None]
 
@@ -34,7 +33,7 @@ def run(scene: Scene, *, start: Result | None = None, on_progress: Progress | No
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
     try:
-        found = solve_static(model, start=_neighbour(model, start), on_step=on_progress)
+        found = solve_static(model, correction=_neighbour(model, start), on_step=on_progress)
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds) if isinstance(error.state, Equilibrium) else None
@@ -43,13 +42,12 @@ def run(scene: Scene, *, start: Result | None = None, on_progress: Progress | No
 
 
 def _neighbour(model: Model, start: Result | None) -> Array | None:
-    """The neighbour's deformation, moved by the difference of the two rods."""
+    """What the neighbour's solve added to its rod's shape: nearly the same for this design."""
     if start is None:
         return None
-    if start.grid_displacement.shape != (model.layout.planes, model.layout.m):
+    if start.grid_correction.shape != (model.layout.planes, model.layout.m):
         raise ValueError("start: the neighbouring result must be on the same grid")
-    before = from_rod(model, solve_rod(Scene.from_si(start.scene)))
-    return start.grid_displacement + from_rod(model, solve_rod(model.scene)) - before
+    return start.grid_correction
 
 
 _compiled_for: set[tuple[str, ...]] = set()
@@ -65,10 +63,10 @@ def _compile(scene: Scene) -> float:
     data["resolution"] = {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}
     data["name"] = "compilation"
     small = Scene.from_si({**data, "reference": None})
-    try:
+    with contextlib.suppress(
+        SolveError
+    ):  # the coarse twin is only there to compile the kernels; its answer is not used
         solve_static(build(small))
-    except SolveError:
-        pass  # the coarse twin is only there to compile the kernels; what it finds is not used
     _compiled_for.add(kinds)
     return time.perf_counter() - begun
 
@@ -103,7 +101,7 @@ def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Resu
         particle_det_F=np.linalg.det(point.F),
         segment_center=share @ position,
         segment_remanence=share @ np.einsum("nij,nj->ni", point.F, model.magnet),
-        grid_displacement=point.grid,
+        grid_correction=found.correction,
         centreline=measures.centreline(model, point.grid),
         tip=measures.along_axis(model, point.grid, measures.end_face_weights(model), np.array([length]))[0],
         field=rest,

@@ -20,7 +20,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import types
 from numba.extending import overload
 
 from magmpm.jit import FASTMATH
@@ -36,13 +35,14 @@ def register(dtype: np.dtype[Any], **hooks: Callable[..., Any]) -> None:
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):
         raise ValueError(f"an effect's dtype needs field names of its own, got {dtype}")
-    for name, function in hooks.items():
-        if name not in _registry:
+    for name in hooks:
+        if name not in HOOKS:
             raise ValueError(f"unknown hook {name!r}; hooks are {', '.join(HOOKS)}")
+    for name, function in hooks.items():
         _registry[name][dtype.names] = function
 
 
-def _find(hook: str, effects: types.BaseTuple) -> Callable[..., Any] | None:
+def _find(hook: str, effects: Any) -> Callable[..., Any] | None:
     return _registry[hook].get(tuple(effects[0].dtype.fields))
 
 

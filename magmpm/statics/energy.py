@@ -48,13 +48,9 @@ class Energy:
         model, layout = self.model, self.model.layout
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
-        gather(
-            layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, u, F
-        )
+        gather(layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, u, F)
         energy, low, high = self._per_cell
-        cell_energy(
-            layout.cell_first, model.particles.volume, *self._materials, u, F, energy, low, high
-        )
+        cell_energy(layout.cell_first, model.particles.volume, *self._materials, u, F, energy, low, high)
         return Point(grid, u, F, float(energy.sum()), float(low.min()), float(high.max()))
 
     def rest_energy(self) -> float:

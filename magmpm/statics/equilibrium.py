@@ -29,37 +29,46 @@ _controller: ThreadpoolController | None = None
 
 @dataclass
 class Equilibrium:
-    """point: the state found; steps: Newton steps in all; converged; warnings: what a user should know."""
+    """What a static solve found.
+
+    point: the state; steps: Newton steps in all; correction (planes, m) m: grid coefficients less those of the rod's shape, which a
+    neighbouring design may start from; warnings: what a user should know.
+    """
 
     point: Point
     steps: int
     converged: bool
+    correction: Array
     warnings: list[str] = field(default_factory=list)
 
 
 def solve_static(
     model: Model,
     *,
-    start: Array | None = None,
+    correction: Array | None = None,
     on_step: Callable[[int, float], None] | None = None,
 ) -> Equilibrium:
-    """Equilibrium of a model. start (planes, m): grid coefficients to begin from, say of a neighbouring design.
+    """Equilibrium of a model. correction (planes, m): of a neighbouring design, to begin from.
 
     Raises SolveError, with the last good Equilibrium (converged False) as its state.
     """
     global _controller
     _controller = _controller or ThreadpoolController()
     with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorisation are the threads
-        return _solve(model, start, on_step)
+        return _solve(model, correction, on_step)
 
 
-def _solve(model: Model, start: Array | None, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+def _solve(
+    model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
+) -> Equilibrium:
     options = model.scene.solver.static
     warnings: list[str] = []
     energy = Energy(model)
 
     def newton(begin: Array) -> Minimum:
-        return minimise(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+        return minimise(
+            energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+        )
 
     if options.field_steps is not None:
         return _ramp(model, options.field_steps, on_step, warnings)
@@ -68,10 +77,8 @@ def _solve(model: Model, start: Array | None, on_step: Callable[[int, float], No
     except SolveError as error:
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
-    steps = 0
-    for begin in (start, from_rod(model, rod)):
-        if begin is None:
-            continue
+    shape, steps = from_rod(model, rod), 0
+    for begin in ([] if correction is None else [shape + correction]) + [shape]:
         try:
             found = newton(begin)
         except SolveError:
@@ -79,7 +86,7 @@ def _solve(model: Model, start: Array | None, on_step: Callable[[int, float], No
             continue
         steps += found.steps
         if _distance(model, found.point, rod) < FAR:
-            return Equilibrium(found.point, found.steps, True, warnings)
+            return Equilibrium(found.point, steps, True, found.point.grid - shape, warnings)
     warnings.append(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
     )
@@ -107,14 +114,22 @@ def _ramp(
         loaded = replace(model, effects=effects.collect(model.scene, factor))
         try:
             found = minimise(
-                Energy(loaded), grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+                Energy(loaded),
+                grid,
+                tolerance=options.tolerance,
+                max_steps=options.max_steps,
+                on_step=on_step,
             )
         except SolveError as error:
             size /= 2
             if size < 1.0 / (32 * count):
-                state = None if last is None else Equilibrium(last, steps, False, warnings)
+                state = (
+                    None
+                    if last is None
+                    else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings)
+                )
                 raise SolveError(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
             continue
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
     assert last is not None  # the loop ran at least once
-    return Equilibrium(last, steps, True, warnings)
+    return Equilibrium(last, steps, True, np.zeros_like(last.grid), warnings)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.basis import Array
-from magmpm.jit import compiled, kernel, prange
 from magmpm.fortran import addresses, call
+from magmpm.jit import compiled, kernel, prange
 
 _ADDRESSES = addresses()
 
@@ -40,7 +40,12 @@ def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; -1: none). Returns LAPACK's info."""
     potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
     byte = 8
-    n, ld, two_n, info = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    n, ld, two_n, info = (
+        sizes[0:].ctypes.data,
+        sizes[1:].ctypes.data,
+        sizes[2:].ctypes.data,
+        sizes[3:].ctypes.data,
+    )
     right, lower, trans, plain = (
         letters[0:].ctypes.data,
         letters[1:].ctypes.data,
@@ -69,7 +74,7 @@ def _factor(panels, split, fortran):
     """Cholesky in place. Returns -1, or the plane whose pivot block is not positive definite."""
     planes = panels.shape[0] - 2
     m = panels.shape[1]
-    failed = np.full(2, -1, np.int64)
+    failed = np.array([-1, -1])
     panels[planes:] = 0.0
     for half in prange(2):
         sizes = np.array([m, 3 * m, 2 * m, 0], np.int32)
@@ -89,8 +94,9 @@ def _factor(panels, split, fortran):
                 if _eliminate(panels, j, one, two, m, fortran, work, sizes, letters) != 0:
                     failed[1] = j
                     break
-    if failed.max() >= 0:
-        return failed.max()
+    for half in range(2):
+        if failed[half] >= 0:
+            return failed[half]
     for a in range(m):
         for b in range(m):
             panels[split + 1, a, b] += panels[planes, a, b]
@@ -150,8 +156,9 @@ def _solve(panels, split, x, fortran):
                 one = planes if one == split + 1 else one
                 two = planes + (split + 1 - two) if two <= split + 1 else two
                 _reduce(panels, x, j, one, two, m, False, fortran, work, sizes, letters)
-    x[split + 1] += x[planes]
-    x[split] += x[planes + 1]
+    for a in range(m):
+        x[split + 1, a] += x[planes, a]
+        x[split, a] += x[planes + 1, a]
     sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)
     work = np.array([1.0, -1.0])
@@ -171,7 +178,7 @@ def _solve(panels, split, x, fortran):
                 _reduce(panels, x, j, j - 1, j - 2, m, True, fortran, work, sizes, letters)
 
 
-@kernel
+@compiled
 def multiply(panels, split, x, out):
     """out = A x with the unfactored panels; x, out (planes, m). A plain reference beside the factors, and their residual check."""
     planes = panels.shape[0] - 2

@@ -1,7 +1,8 @@
 """Where the equilibrium solve starts: the rod's shape, dressed with the section's own deformation.
 
 Each section moves and turns with the rod's frame, and narrows and bends as Saint-Venant's solution says: with axial strain
-eps = eps0 + k2 z - k3 y the section points move by u_y = -nu (eps0 y + k2 y z - k3 (y^2 - z^2)/2), u_z = -nu (eps0 z + k2 (z^2 - y^2)/2 - k3 y z).
+eps = eps0 + k2 z - k3 y the section's points move by
+u_y = -nu (eps0 y + k2 y z - k3 (y^2 - z^2)/2), u_z = -nu (eps0 z + k2 (z^2 - y^2)/2 - k3 y z).
 Without this the start would carry a volume change that costs a Newton step or two.
 Source: Love, A Treatise on the Mathematical Theory of Elasticity, 4th ed., chapter 15.
 """
@@ -37,8 +38,8 @@ def from_rod(model: Model, rod: RodShape) -> Array:
     axis = _interpolate(rod.s, rod.position, inside) + overhang
 
     nu = poisson_ratio(model.shear.mean(), model.bulk.mean())
-    free = 1.0 - np.exp(-np.maximum(x, 0.0) / (y.max() / 2))  # the clamp holds the section's shape
-    e, k2, k3 = ((c * free)[:, None] for c in (strain[:, 0] - 1.0, curvature[:, 1], curvature[:, 2]))
+    # Up to the clamp, which holds the section's shape: to let this grow with the distance from it costs more energy, not less.
+    e, k2, k3 = (c[:, None] for c in (strain[:, 0] - 1.0, curvature[:, 1], curvature[:, 2]))
     in_plane = np.zeros((len(x), len(y), 3))
     in_plane[:, :, 1] = y - nu * (e * y + k2 * y * z - k3 * (y * y - z * z) / 2)
     in_plane[:, :, 2] = z - nu * (e * z + k2 * (z * z - y * y) / 2 - k3 * y * z)

@@ -11,7 +11,15 @@ import numpy as np
 from magmpm.effects.hooks import add_energy, add_force, add_stress, add_tangent
 from magmpm.fortran import call
 from magmpm.jit import compiled, kernel, prange
-from magmpm.materials import cofactor, determinant, shape_energy, stress, tangent, volume_energy, volume_pressure
+from magmpm.materials import (
+    cofactor,
+    determinant,
+    shape_energy,
+    stress,
+    tangent,
+    volume_energy,
+    volume_pressure,
+)
 
 STENCIL = 27  # nodes of a cell
 
@@ -147,7 +155,23 @@ def _particle_products(q, volume, A, G, T):
 
 @compiled
 def _cell_tangent(
-    first, last, weights, slopes, volume, shear, bulk, modes, effects, magnet, density, u, F, fortran, work, K, r
+    first,
+    last,
+    weights,
+    slopes,
+    volume,
+    shear,
+    bulk,
+    modes,
+    effects,
+    magnet,
+    density,
+    u,
+    F,
+    fortran,
+    work,
+    K,
+    r,
 ):
     """Tangent K [node, i, k, other node] (27, 3, 3, 27) and residual r (27, 3) of one cell.
 
@@ -184,7 +208,21 @@ def _cell_tangent(
     one, zero = factors[0:].ctypes.data, factors[1:].ctypes.data
     call(
         fortran[3],
-        (plain, trans, rows, nodes, count, one, T.ctypes.data, rows, G.ctypes.data, nodes, zero, K.ctypes.data, rows),
+        (
+            plain,
+            trans,
+            rows,
+            nodes,
+            count,
+            one,
+            T.ctypes.data,
+            rows,
+            G.ctypes.data,
+            nodes,
+            zero,
+            K.ctypes.data,
+            rows,
+        ),
     )
     for mode in range(len(c)):  # the projected volume part's second derivative: one outer product a mode
         for node in range(STENCIL):
