@@ -1,0 +1,157 @@
+"""The three MPM steps of a static model in plain NumPy, as the formulas stand: what the compiled kernels are
+compared with.
+
+Nothing is shared with the kernels but the particles, the materials and which node is which unknown. Splines
+come from SciPy's B-splines on the whole grid, the clamp is a rule on their coefficients (node 0 is minus node
+1, so that u = 0 on the face), and F-bar is a weighted least-squares fit, cell by cell. Everything is dense:
+for small models only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from magmpm.effects.magnetic_torque import MU0
+from magmpm.model import Model
+
+
+def spline_matrix(x: np.ndarray, origin: float, h: float, cells: int, derivative: int = 0) -> np.ndarray:
+    """Values or derivatives of all quadratic B-splines of one axis at x: (points, cells + 2)."""
+    knots = origin + h * np.arange(-2, cells + 3)
+    columns = []
+    for node in range(cells + 2):
+        spline = BSpline.basis_element(knots[node : node + 4], extrapolate=False)
+        spline = spline.derivative(derivative) if derivative else spline
+        columns.append(np.nan_to_num(spline(x)))
+    return np.stack(columns, axis=1)
+
+
+@dataclass
+class Reference:
+    """N (n, nodes): value of every free spline at every particle; dN (3, n, nodes): its gradient, 1/m. Nodes
+    plane by plane.
+    """
+
+    model: Model
+    N: np.ndarray
+    dN: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model) -> Reference:
+        grid, layout = model.grid, model.layout
+        values, slopes = [], []
+        for axis in range(3):
+            x = model.particles.position[:, axis]
+            o, h, c = grid.origin[axis], grid.spacing[axis], grid.cells[axis]
+            values.append(spline_matrix(x, o, h, c))
+            slopes.append(spline_matrix(x, o, h, c, 1))
+        for table in (values, slopes):  # the clamp: coefficient of node 0 = - that of node 1
+            table[0] = np.column_stack([table[0][:, 1] - table[0][:, 0], table[0][:, 2:]])
+        y, z = layout.node_yz.T
+
+        def product(fx: np.ndarray, fy: np.ndarray, fz: np.ndarray) -> np.ndarray:
+            return np.einsum("np,nm,nm->npm", fx, fy[:, y], fz[:, z]).reshape(len(fx), -1)
+
+        (Nx, Ny, Nz), (Dx, Dy, Dz) = values, slopes
+        dN = np.stack([product(Dx, Ny, Nz), product(Nx, Dy, Nz), product(Nx, Ny, Dz)])
+        return cls(model, product(Nx, Ny, Nz), dN)
+
+    def gather(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """u = sum N_a c_a (n, 3) and F = I + sum c_a (x) grad N_a (n, 3, 3), for coefficients c (planes, m)."""
+        c = c.reshape(-1, 3)
+        return self.N @ c, np.eye(3) + np.einsum("ak,jna->nkj", c, self.dN)
+
+    def cells(self) -> list[np.ndarray]:
+        """Particles of each cell: those that share a grid cell and a segment."""
+        p = self.model.particles
+        key = np.column_stack([p.cell, p.segment])
+        _, inverse = np.unique(key, axis=0, return_inverse=True)
+        return [np.flatnonzero(inverse == k) for k in range(inverse.max() + 1)]
+
+    def projection(self) -> np.ndarray:
+        """(n, n): J at the particles -> what the volume energy sees: J itself, or its best linear fit over
+        each cell.
+        """
+        model = self.model
+        n = len(model.shear)
+        if model.modes.shape[1] == 0:
+            return np.eye(n)
+        P = np.zeros((n, n))
+        for cell in self.cells():
+            x = model.particles.position[cell]
+            x = (x - x.mean(axis=0)) / model.grid.spacing
+            B, V = np.column_stack([np.ones(len(cell)), x]), np.diag(model.particles.volume[cell])
+            P[np.ix_(cell, cell)] = B @ np.linalg.pinv(B.T @ V @ B) @ B.T @ V
+        return P
+
+    def energy_density_parts(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Energy (n,) J of each particle, and its det F."""
+        model = self.model
+        u, F = self.gather(c)
+        J = np.linalg.det(F)
+        V, G, K = model.particles.volume, model.shear, model.bulk
+        seen = self.projection() @ J
+        W = G / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3) + K / 2 * (seen - 1) ** 2
+        B, g = loads(model)
+        W -= np.einsum("i,nij,nj->n", B / MU0, F, model.magnet) + model.density * (u @ g)
+        return V * W, J
+
+    def energy(self, c: np.ndarray) -> float:
+        return float(self.energy_density_parts(c)[0].sum())
+
+    def residual(self, c: np.ndarray) -> np.ndarray:
+        """dE/dc (planes, m): sum over particles of V (P grad N - f N)."""
+        model = self.model
+        _, F = self.gather(c)
+        J = np.linalg.det(F)
+        H = np.linalg.inv(F).transpose(0, 2, 1)
+        V, G, K = model.particles.volume, model.shear, model.bulk
+        I1 = np.einsum("nij,nij->n", F, F)
+        g = G * J ** (-2 / 3)
+        projection = self.projection()
+        pressure = projection.T @ (V * K * (projection @ J - 1)) / V
+        P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (pressure * J)[:, None, None] * H
+        B, weight = loads(model)
+        P -= np.einsum("i,nj->nij", B / MU0, model.magnet)
+        f = model.density[:, None] * weight
+        out = np.einsum("n,nkj,jna->ak", V, P, self.dN) - np.einsum("n,nk,na->ak", V, f, self.N)
+        return out.reshape(c.shape)
+
+    def tangent(self, c: np.ndarray) -> np.ndarray:
+        """d^2E/dc^2 (unknowns, unknowns), from dP/dF written with H = F^-T."""
+        model = self.model
+        _, F = self.gather(c)
+        J = np.linalg.det(F)
+        H = np.linalg.inv(F).transpose(0, 2, 1)
+        V, G, K = model.particles.volume, model.shear, model.bulk
+        I1 = np.einsum("nij,nij->n", F, F)
+        g = G * J ** (-2 / 3)
+        projection = self.projection()
+        p = projection.T @ (V * K * (projection @ J - 1)) / V
+        eye = np.eye(3)
+
+        def outer(scale: np.ndarray, left: np.ndarray, right: np.ndarray, indices: str) -> np.ndarray:
+            return np.einsum(f"n,{indices}->niJkL", scale, left, right)
+
+        A = np.einsum("n,ik,JL->niJkL", g, eye, eye)
+        A -= outer(2 / 3 * g, F, H, "niJ,nkL") + outer(2 / 3 * g, H, F, "niJ,nkL")
+        A += outer(2 / 9 * g * I1 + p * J, H, H, "niJ,nkL") + outer(g * I1 / 3 - p * J, H, H, "niL,nkJ")
+        nodes = self.N.shape[1]
+        full = np.einsum("n,niJkL,Jna,Lnb->aibk", V, A, self.dN, self.dN, optimize=True)
+        # the volume energy: d^2U/dJ^2 through the projection
+        dJ = np.einsum("n,nkL,Lna->nak", J, H, self.dN).reshape(len(J), -1)
+        seen = projection @ dJ
+        return full.reshape(3 * nodes, 3 * nodes) + seen.T @ (V[:, None] * K[:, None] * seen)
+
+
+def loads(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Field (3,) T and acceleration (3,) m/s^2 of the effects the model's scene names; zeros for those it
+    does not.
+    """
+    named = model.scene.effects
+    B = np.zeros(3) if named.magnetic_torque is None else np.array(model.scene.field.uniform)
+    g = np.zeros(3) if named.gravity is None else np.array(named.gravity.acceleration)
+    return B, g

@@ -1,0 +1,19 @@
+"""Taylor tests: a derivative is right when the remainder falls at the order that the first missing term has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+
+def slopes(remainder: Callable[[float], Any], steps: Sequence[float]) -> np.ndarray:
+    """Orders at which the norm of remainder(t) falls between neighbouring steps t, (len(steps) - 1,)."""
+    sizes = np.array([np.linalg.norm(np.atleast_1d(remainder(t))) for t in steps])
+    return np.diff(np.log(sizes)) / np.diff(np.log(np.asarray(steps)))
+
+
+def convergence_order(h: Sequence[float], error: Sequence[float]) -> float:
+    """Order of error against h: slope of the least-squares line through their logarithms."""
+    return float(np.polyfit(np.log(np.asarray(h, dtype=float)), np.log(np.asarray(error, dtype=float)), 1)[0])
