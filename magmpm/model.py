@@ -14,6 +14,7 @@ from magmpm.bodies import Particles, rod_grid, rod_particles, section_errors
 from magmpm.scene import Scene
 from magmpm.statics.panels import split_plane
 
+LINEAR_STIFFNESS = 10.0  # of G: what the linear modes of the volume part carry at most, see volume_modes
 Index = NDArray[np.int64]
 
 
@@ -93,6 +94,8 @@ def build(scene: Scene) -> Model:
     layout = _layout(grid, particles)
     materials = [scene.segment_material(k) for k in range(len(catheter.segments))]
     of = particles.segment
+    ratio = np.array([material.bulk_to_shear for material in materials])
+    averaged = scene.solver.static.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
     return Model(
         scene=scene,
@@ -102,13 +105,11 @@ def build(scene: Scene) -> Model:
         weights=weights,
         slopes=slopes,
         shear=shear[of],
-        bulk=(shear * [material.bulk_to_shear for material in materials])[of],
+        bulk=(shear * ratio)[of],
         magnet=scene.segment_remanence()[of],
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=effects.collect(scene),
-        modes=volume_modes(
-            particles, layout.cell_first, 4 if scene.solver.static.anti_locking == "f-bar" else 0
-        ),
+        modes=volume_modes(particles, layout.cell_first, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=section_errors(particles, outer=outer, inner=inner, length=catheter.length),
     )
 
@@ -145,18 +146,19 @@ def _layout(grid: Grid, particles: Particles) -> Layout:
     )
 
 
-def volume_modes(particles: Particles, cell_first: Index, count: int) -> Array:
-    """Anti-locking: functions on each cell's particles onto which det F is projected in the volume part of the energy.
+def volume_modes(particles: Particles, cell_first: Index, ratio: Array) -> Array:
+    """Anti-locking (F-bar): functions on each cell's particles onto which det F is projected in the volume part of the energy.
 
-    count 0: none, the volume part sees each particle's det F; 1: its mean over the cell; 4: its best linear fit.
-    Returns (n, count) m^(-3/2), orthonormal under the particles' volumes, so the projection is sum_k mode_k (sum V mode_k J).
+    ratio (n,): K/G. Returns (n, 4) m^(-3/2): a constant and three linear modes, orthogonal under the particles' volumes. The volume
+    energy of a cell is K/2 sum_k c_k^2 with c_k = sum V mode_k (J - 1). The linear modes carry at most LINEAR_STIFFNESS G in place
+    of K: a cell's mean of J is held by K, its variation within the cell, which vanishes with the cell's size, more softly.
     Source: F-bar, de Souza Neto et al., IJSS 33 (1996); as a projection for splines, Elguedj et al., CMAME 197 (2008).
+    The measurements behind both choices are in docs/design.md.
     """
-    modes = np.zeros((len(particles.volume), count))
+    modes = np.zeros((len(particles.volume), 4))
     cell = np.repeat(np.arange(len(cell_first) - 1), np.diff(cell_first))
     root = np.sqrt(particles.volume)
-    basis = [np.ones(len(cell)), *particles.position.T][:count]
-    for k, raw in enumerate(basis):
+    for k, raw in enumerate([np.ones(len(cell)), *particles.position.T]):
         mode = raw * root
         size = np.sqrt(np.bincount(cell, mode**2))
         for _ in range(2):  # twice: once leaves rounding of the size of the offset from the origin
@@ -165,6 +167,7 @@ def volume_modes(particles: Particles, cell_first: Index, count: int) -> Array:
         left = np.sqrt(np.bincount(cell, mode**2))
         fine = left > 1e-9 * size  # particles in a line or a plane: the mode adds nothing
         modes[:, k] = np.where(fine[cell], mode / np.where(fine, left, 1.0)[cell], 0.0)
+    modes[:, 1:] *= np.sqrt(np.minimum(1.0, LINEAR_STIFFNESS / ratio))[:, None]
     return modes / root[:, None]
 
 

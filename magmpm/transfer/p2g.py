@@ -61,8 +61,11 @@ def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density
             J = determinant(F[p])
             lowest, highest = min(lowest, J), max(highest, J)
             W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
-            W += volume_energy(_volume_change(J, p, modes, c), bulk[p])
+            if len(c) == 0:
+                W += volume_energy(J, bulk[p])
             total += volume[p] * (W + add_energy(effects, magnet[p], density[p], u[p], F[p]))
+        for k in range(len(c)):  # K/2 (J - 1)^2 of the projection: the modes are orthogonal
+            total += 0.5 * bulk[first] * c[k] ** 2
         energy[cell], low[cell], high[cell] = total, lowest, highest
 
 
