@@ -43,7 +43,7 @@ test-long: lint
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/.ready-test
-	$(BIN)/python tests/bench.py
+	$(BIN)/python tests/benchmarks/bench.py
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.schema

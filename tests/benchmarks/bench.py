@@ -1,0 +1,186 @@
+"""What `make bench` prints: times and memory of the main job, each beside its bound and aim.
+
+    python tests/benchmarks/bench.py [NAME ...]
+
+Medians on warm kernels unless the name says otherwise; compile time apart. Writes runs/bench/bench.json: a map from name to
+{value, unit, bound, aim}. Nothing here asserts: the machine may be busy with other things.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = ROOT / "data/scenes/five_segments.yaml"
+STUDY = ROOT / "data/studies/s_shape.yaml"
+OUT = ROOT / "runs/bench"
+NEIGHBOUR = 0.05  # how far each magnetisation is moved for the warm start: 3 degrees
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure to measure. bound: at most; aim: better still."""
+
+    measure: Callable[[], float]
+    unit: str
+    bound: float
+    aim: float | None = None
+
+
+def median_seconds(work: Callable[[], object], repeats: int) -> float:
+    """Median time of `work`, after one run that does not count."""
+    work()
+    times = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return statistics.median(times)
+
+
+def static_cold() -> float:
+    """Nothing known but the scene: particles, grid, rod, Newton, measures."""
+    from magmpm.scene import load_scene
+    from magmpm.simulate import run
+
+    scene = load_scene(SCENE)
+    return median_seconds(lambda: run(scene), 15)
+
+
+def static_warm() -> float:
+    """The same, from the result of a design whose magnetisations are 3 degrees off."""
+    from magmpm.scene import load_scene
+    from magmpm.simulate import run
+
+    scene = load_scene(SCENE)
+    directions = np.array([segment.magnetization for segment in scene.body.catheter.segments])
+    rng = np.random.default_rng(0)
+    before = run(scene.with_magnetizations(directions + NEIGHBOUR * rng.standard_normal(directions.shape)))
+    return median_seconds(lambda: run(scene, start=before), 15)
+
+
+def static_8_cells() -> float:
+    """The five-segment scene at 8 cells across, cold."""
+    from magmpm.scene import load_scene
+    from magmpm.simulate import run
+
+    scene = load_scene(SCENE).with_cells(8)
+    return median_seconds(lambda: run(scene), 3)
+
+
+def command(*arguments: str, **environment: str) -> tuple[str, float]:
+    """Output and seconds of a magmpm command in a process of its own. Raises CalledProcessError."""
+    begun = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "magmpm.cli", *arguments],
+        cwd=ROOT, env={**os.environ, **environment}, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return done.stdout, time.perf_counter() - begun
+
+
+def first_compile() -> float:
+    """Compilation with an empty cache, in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        out, _ = command("run", str(SCENE), "--json", "--out", folder, NUMBA_CACHE_DIR=f"{folder}/cache")
+    return float(json.loads(out)["seconds"]["compile"])
+
+
+def start_to_solve() -> float:
+    """From typing the command to the start of the first solve, with the kernels in the disk cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        command("run", str(SCENE), "--json", "--out", folder)
+        times = []
+        for _ in range(5):
+            out, whole = command("run", str(SCENE), "--json", "--out", folder)
+            times.append(whole - json.loads(out)["seconds"]["solve"])
+    return statistics.median(times)
+
+
+def study(trials: int) -> tuple[dict[str, object], float]:
+    """JSON and peak memory (MB), render worker included, of the S-shape study run for so many trials."""
+    import psutil
+    import yaml
+
+    definition = yaml.safe_load(STUDY.read_text())
+    definition.pop("stop", None)  # all the trials, for a steady median
+    definition["scene"] = str((STUDY.parent / definition["scene"]).resolve())
+    definition["match"]["centreline"] = str((STUDY.parent / definition["match"]["centreline"]).resolve())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "study.yaml"
+        path.write_text(yaml.safe_dump(definition))
+        process = subprocess.Popen(
+            [sys.executable, "-m", "magmpm.cli", "design", str(path), "--trials", str(trials), "--json", "--out", folder],
+            cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        )  # fmt: skip
+        peak, watched = 0.0, psutil.Process(process.pid)
+        while process.poll() is None:
+            try:
+                family = [watched, *watched.children(recursive=True)]
+                peak = max(peak, sum(p.memory_info().rss for p in family) / 1e6)
+            except psutil.Error:
+                pass  # a child ended while it was being read
+            time.sleep(0.05)
+        assert process.stdout is not None
+        out = process.stdout.read()
+    if process.returncode:
+        raise RuntimeError(f"magmpm design ended with status {process.returncode}")
+    return json.loads(out), peak
+
+
+def trial() -> float:
+    """A trial of the S-shape study, with its storage and render: median over 35."""
+    summary, _ = study(35)
+    return float(summary["seconds_per_trial"])  # type: ignore[arg-type]
+
+
+def study_memory() -> float:
+    """Peak memory of a study of 60 trials, all its processes together."""
+    return study(60)[1]
+
+
+FIGURES = {
+    "static_cold_s": Figure(static_cold, "s", 0.35, 0.12),
+    "static_warm_s": Figure(static_warm, "s", 0.15, 0.06),
+    "static_8_cells_s": Figure(static_8_cells, "s", 3.0, 1.0),
+    "trial_s": Figure(trial, "s", 1.0, 0.5),
+    "first_compile_s": Figure(first_compile, "s", 30.0),
+    "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
+    "study_memory_mb": Figure(study_memory, "MB", 600.0),
+}
+
+
+def main(names: list[str]) -> int:
+    """Measure the named figures, or all."""
+    unknown = [name for name in names if name not in FIGURES]
+    if unknown:
+        print(f"unknown figures: {', '.join(unknown)}; known are {', '.join(FIGURES)}", file=sys.stderr)
+        return 2
+    OUT.mkdir(parents=True, exist_ok=True)
+    path = OUT / "bench.json"
+    found = json.loads(path.read_text()) if names and path.exists() else {}
+    print(f"{'figure':<20} {'value':>9} {'bound':>9} {'aim':>9}")
+    for name, figure in FIGURES.items():
+        if names and name not in names:
+            continue
+        value = figure.measure()
+        found[name] = {"value": value, "unit": figure.unit, "bound": figure.bound, "aim": figure.aim}
+        aim = "-" if figure.aim is None else f"{figure.aim:g}"
+        print(f"{name:<20} {value:9.3f} {figure.bound:9g} {aim:>9} {figure.unit}", flush=True)
+        path.write_text(json.dumps(found, indent=1) + "\n")
+    print(f"saved {path.relative_to(ROOT)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
