@@ -62,9 +62,11 @@ def minimise(
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
         if decrement < NEAR * scale and shift == 0.0:
-            point, decrement = _chord_steps(energy, point, direction, decrement, tolerance * scale)
-            if decrement < tolerance * scale:
-                return Minimum(point, step, decrement / scale, left)
+            near, reached = _chord_steps(energy, point, direction, decrement, tolerance * scale)
+            if reached < tolerance * scale:
+                return Minimum(near, step, reached / scale, left)
+            # A soft direction (just past buckling) may be too curved for chord steps: then the line search goes on from here.
+            point = near if reached < decrement else _search(energy, point, direction, decrement, scale)
         elif decrement < tolerance * scale:
             left += 1
             if left > MOST_LEFT:
