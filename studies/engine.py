@@ -1,0 +1,223 @@
+"""The study itself: ask for a design, solve, compare, keep, until it is good enough or the trials are used up.
+
+One trial at a time, by Optuna's ask and tell. What a trial is depends on the study's definition, its seed and the
+trials before it, and on nothing else; a process may end anywhere, and the next one goes on as if nothing had been.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from magmpm.errors import SolveError
+from studies import records, report
+from studies.definition import Study
+from studies.report import StudyReport
+from studies.samplers import SETTINGS, check_available, make_sampler
+from studies.search_space import SearchSpace
+from studies.storage import (
+    TIMEOUT,
+    folder_lock,
+    open_storage,
+    open_study,
+    shown_url,
+    storage_faults,
+    storage_url,
+)
+from studies.trial import Outcome, Solve, Trial, attributes, evaluate
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.trial import FrozenTrial
+
+    from magmpm.results import Result
+
+FAILURES = "failures.log"
+REMEMBERED = 50  # durations of trials by which the time left is guessed
+
+
+class Picture(Protocol):
+    """Draws a trial's result to a file; returns the file (another ending is fine). What it raises never harms the trial."""
+
+    def __call__(self, result: Result, path: Path, trial: Trial) -> Path: ...
+
+
+def run_study(
+    study: Study,
+    *,
+    solve: Solve,
+    out: Path | str,
+    picture: Picture | None = None,
+    on_trial: Callable[[Trial], None] | None = None,
+    trials: int | None = None,
+    sampler: str | None = None,
+    storage: str | None = None,
+    storage_timeout: float = TIMEOUT,
+) -> StudyReport:
+    """Runs a study to its end, or resumes it; returns at once when it is done.
+
+    solve: from scene to Result; what it raises costs the trial the penalty. trials, sampler: in place of the study's; trials
+    counts all trials, those of earlier runs included. A study that has reached its `stop` is done, however many trials are
+    asked for. An interrupt (Ctrl-C) ends it with everything finished kept.
+    Raises InputError for a changed definition, an unusable sampler or storage; StorageError when the database is locked or gone.
+    """
+    study = study.changed(trials=trials, sampler=sampler)
+    check_available(study.sampler)
+    folder = Path(out)
+    url = storage_url(folder, storage)
+    with folder_lock(folder):
+        run = _Run(study, folder, url, storage_timeout)
+        ended = run.to_the_end(solve, picture, on_trial)
+        if ended != "interrupted":
+            run.keep_best(solve)
+        summary = run.report(ended)
+        summary.save()
+    return summary
+
+
+class _Run:
+    """A study that is open in this process."""
+
+    def __init__(self, study: Study, out: Path, url: str, timeout: float) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        self.study, self.out, self.url, self.timeout = study, out, url, timeout
+        self.space = SearchSpace.of(study)
+        self.distributions = self.space.distributions()
+        search = {"parameters": list(self.distributions), **SETTINGS[study.sampler]}
+        self.storage = open_storage(url, timeout)
+        self.kept = open_study(self.storage, study, {**study.definition(), "search": search}, out, url)
+        self.gallery = records.Gallery(out, self.storage)
+        finished = self.finished()
+        best = report.best_trial(finished)
+        self.count, self.best = len(finished), None if best is None else best.value
+        self.durations = [t.user_attrs["seconds"]["total"] for t in finished if "seconds" in t.user_attrs]
+
+    def finished(self) -> list[FrozenTrial]:
+        """Finished trials in order."""
+        from optuna.trial import TrialState
+
+        with storage_faults(self.url, self.timeout):
+            return list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
+
+    def to_the_end(
+        self, solve: Solve, picture: Picture | None, on_trial: Callable[[Trial], None] | None
+    ) -> report.Ended:
+        """Runs what trials are left. Returns why it ended."""
+        stop = self.study.stop_rms
+        while True:
+            if stop is not None and self.best is not None and self.best <= stop:
+                return "stop"
+            if self.count >= self.study.trials:
+                return "trials"
+            try:
+                trial = self.one_trial(solve, picture)
+                if on_trial is not None:
+                    on_trial(trial)
+            except KeyboardInterrupt:
+                return "interrupted"
+
+    def one_trial(self, solve: Solve, picture: Picture | None) -> Trial:
+        """Asks for a design, solves it and tells how near it came. An interrupt puts the trial back into the queue."""
+        begun = time.perf_counter()
+        with storage_faults(self.url, self.timeout):
+            self.kept.sampler = make_sampler(self.study.sampler, self.study.seed, self.count)
+            asked = self.kept.ask(self.distributions)
+        try:
+            scene = self.space.scene_of(asked.params)
+            outcome = evaluate(solve, scene, self.study.target, self.out / FAILURES)
+            known = attributes(
+                outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
+            )
+            return self.keep(asked, outcome, known, picture, begun)
+        except KeyboardInterrupt:
+            self.put_back(asked)
+            raise
+
+    def put_back(self, asked: optuna.Trial) -> None:
+        """Lets `ask` take up this trial again, with the same number and parameters, unless it has ended."""
+        from optuna.trial import TrialState
+
+        with storage_faults(self.url, self.timeout):
+            if not self.storage.get_trial(asked._trial_id).state.is_finished():
+                self.storage.set_trial_state_values(asked._trial_id, state=TrialState.WAITING)
+
+    def keep(
+        self,
+        asked: optuna.Trial,
+        outcome: Outcome,
+        known: dict[str, Any],
+        picture: Picture | None,
+        begun: float,
+    ) -> Trial:
+        """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count."""
+        result = outcome.result
+        improved = result is not None and (self.best is None or outcome.rms < self.best)
+        best = outcome.rms if improved else self.best
+        trial = Trial(
+            asked.number, outcome.rms, outcome.tip_error, best, improved, outcome.reason, self.study.target
+        )
+        solved = time.perf_counter()
+        if result is not None and picture is not None:
+            note = self.gallery.add(asked, lambda path: picture(result, path, trial))
+            known |= {} if note is None else {"picture_note": note}
+        drawn = time.perf_counter()
+        if result is not None and improved:
+            design = {"number": asked.number, "rms_m": outcome.rms, "params": asked.params, **known}
+            records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", result, design)
+        seconds = {"solve": outcome.seconds, "render": drawn - solved, "total": time.perf_counter() - begun}
+        with storage_faults(self.url, self.timeout):
+            for key, value in {**known, "seconds": seconds}.items():
+                asked.set_user_attr(key, value)
+            self.kept.tell(asked, outcome.rms)
+        self.count, self.best = self.count + 1, best
+        self.durations.append(time.perf_counter() - begun)
+        del self.durations[:-REMEMBERED]
+        left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
+        return dataclasses.replace(
+            trial,
+            finished=self.count,
+            wanted=self.study.trials,
+            seconds=self.durations[-1],
+            seconds_left=left,
+        )
+
+    def keep_best(self, solve: Solve) -> None:
+        """Sees that OUT/best holds the best trial; solves it again where its result is not in this folder."""
+        best = report.best_trial(self.finished())
+        if best is None or records.holds(self.out / records.BEST, best):
+            return
+        source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
+        if not records.holds(source, best):
+            try:
+                result = solve(self.space.scene_of(best.params))
+            except SolveError:
+                return  # it has been solved elsewhere; parameters and numbers stay in the report
+            records.save_design(source, result, report.describe(best))
+        records.replace_folder(source, self.out / records.BEST)
+
+    def report(self, ended: report.Ended) -> StudyReport:
+        """The study as it stands."""
+        trials = self.finished()
+        best, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
+        return StudyReport(
+            name=self.study.name,
+            out=self.out,
+            storage=shown_url(self.url),
+            sampler=self.study.sampler,
+            seed=self.study.seed,
+            wanted=self.study.trials,
+            stop_rms_m=self.study.stop_rms,
+            trials=len(trials),
+            failed=sum(not report.feasible(t) for t in trials),
+            best=None if best is None else report.describe(best),
+            first_trial_below_stop=None if first is None else first.number,
+            seconds_per_trial=report.seconds_per_trial(trials),
+            ended=ended,
+            rms_m=[t.value for t in trials if t.value is not None],
+        )

@@ -1,0 +1,87 @@
+"""What a study leaves in its folder: a picture of every trial, and the result of every design that was the best so far.
+
+OUT/pictures/trial_007.png    also an Optuna artifact of the trial, in OUT/artifacts, which the dashboard shows
+OUT/improvements/007/         result and design of a trial that was the best when it ran
+OUT/best/                     the same of the best trial
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.trial import FrozenTrial
+
+    from magmpm.results import Result
+
+BEST = "best"
+IMPROVEMENTS = "improvements"
+PICTURES = "pictures"
+ARTIFACTS = "artifacts"
+DESIGN = "design.json"
+
+_ARTIFACT = "artifacts:"  # Optuna's prefix of the attributes that name a trial's artifacts
+
+
+class Gallery:
+    """The pictures of a study's trials, as files and as Optuna artifacts."""
+
+    def __init__(self, out: Path, storage: optuna.storages.BaseStorage) -> None:
+        from optuna.artifacts import FileSystemArtifactStore
+
+        self._out, self._storage = out, storage
+        (out / ARTIFACTS).mkdir(parents=True, exist_ok=True)
+        (out / PICTURES).mkdir(parents=True, exist_ok=True)
+        self._store = FileSystemArtifactStore(str(out / ARTIFACTS))
+
+    def add(self, trial: optuna.Trial, draw: Callable[[Path], Path]) -> str | None:
+        """Draws a trial's picture and attaches it. Returns why there is none, if there is none: that is no reason to fail."""
+        try:
+            path = draw(self._out / PICTURES / f"trial_{trial.number:03d}.png")
+            self._attach(trial, path)
+        except Exception as error:  # drawing goes through OpenGL, worker processes and disks
+            return f"{type(error).__name__}: {error}"
+        return None
+
+    def _attach(self, trial: optuna.Trial, path: Path) -> None:
+        """Uploads the picture; one that an interrupted run of the same trial has attached already is replaced."""
+        from optuna.artifacts import upload_artifact
+
+        names = self._storage.get_trial_system_attrs(trial._trial_id)
+        known = [name.removeprefix(_ARTIFACT) for name in names if name.startswith(_ARTIFACT)]
+        if known:
+            with path.open("rb") as stream:
+                self._store.write(known[0], stream)
+        else:
+            upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
+
+
+def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
+    """Writes a result and the design it belongs to (number, rms_m, params, ...) into a folder; the design last."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / DESIGN).unlink(missing_ok=True)
+    result.save(folder)
+    (folder / DESIGN).write_text(json.dumps(design, indent=1) + "\n", encoding="utf-8")
+
+
+def holds(folder: Path, trial: FrozenTrial) -> bool:
+    """Whether a folder holds the whole result of this trial."""
+    try:
+        design = json.loads((folder / DESIGN).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return bool(design.get("number") == trial.number and design.get("params") == trial.params)
+
+
+def replace_folder(source: Path, target: Path) -> None:
+    """Makes `target` a copy of `source`, never half of one."""
+    part = target.with_name(f".{target.name}")
+    shutil.rmtree(part, ignore_errors=True)
+    shutil.copytree(source, part)
+    shutil.rmtree(target, ignore_errors=True)
+    part.replace(target)

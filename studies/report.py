@@ -1,0 +1,87 @@
+"""What a study has found so far, read from its storage."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from optuna.trial import FrozenTrial
+
+REPORT = "study.json"
+
+Ended = Literal["stop", "trials", "interrupted"]
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A study's state. SI.
+
+    trials: finished ones, of which `failed` got the penalty; best: {number, rms_m, tip_error_m, params, magnetization (k, 3),
+    field_T} of the feasible trial nearest to the target, or None; first_trial_below_stop: number (from 0, as the dashboard
+    counts) of the first trial that reached `stop`, None without one; seconds_per_trial: median of solve, picture and
+    storage; storage: the database's URL (without password); ended: why the study is not running any more.
+    """
+
+    name: str
+    out: Path
+    storage: str
+    sampler: str
+    seed: int
+    wanted: int
+    stop_rms_m: float | None
+    trials: int
+    failed: int
+    best: dict[str, Any] | None
+    first_trial_below_stop: int | None
+    seconds_per_trial: float | None
+    ended: Ended
+    rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
+
+    def summary(self) -> dict[str, Any]:
+        """What `magmpm design --json` prints."""
+        return {**asdict(self), "out": str(self.out)}
+
+    def save(self) -> Path:
+        """Writes the summary to OUT/study.json, whole or not at all. Returns the path."""
+        path = self.out / REPORT
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(self.summary(), indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
+        return path
+
+
+def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
+    """The feasible trial nearest to the target; of equals, the first."""
+    return min((t for t in trials if feasible(t)), key=_rms, default=None)
+
+
+def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial | None:
+    """The first feasible trial whose rms is at most `rms`."""
+    return next((t for t in trials if rms is not None and feasible(t) and _rms(t) <= rms), None)
+
+
+def feasible(trial: FrozenTrial) -> bool:
+    """Whether the trial's solve succeeded, rather than costing the penalty."""
+    return bool(trial.user_attrs.get("feasible"))
+
+
+def describe(trial: FrozenTrial) -> dict[str, Any]:
+    """What a report says of a trial."""
+    kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "magnetization", "field_T")}
+    return {"number": trial.number, "rms_m": _rms(trial), "params": dict(trial.params), **kept}
+
+
+def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
+    """Median of the trials' whole seconds."""
+    seconds = [t.user_attrs["seconds"]["total"] for t in trials if "seconds" in t.user_attrs]
+    return statistics.median(seconds) if seconds else None
+
+
+def _rms(trial: FrozenTrial) -> float:
+    assert trial.value is not None  # Optuna's type covers trials that have not ended
+    return trial.value

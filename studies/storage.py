@@ -1,0 +1,255 @@
+"""Where trials are kept: an SQLite file in the results folder unless another database is named.
+
+SQLite runs in WAL mode, so that the dashboard reads while trials are written, and waits TIMEOUT seconds for
+whoever else writes.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sqlite3
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from magmpm.errors import InputError, MagmpmError
+from magmpm.wording import report
+from studies.definition import Study, definition_hash, differences
+
+if TYPE_CHECKING:
+    import optuna
+
+DATABASE = "study.db"
+LOCK = ".lock"
+TIMEOUT = 60.0  # s to wait for a locked database
+STALE = 600.0  # s after which a trial begun on another machine counts as left behind
+
+
+class StorageError(MagmpmError):
+    """The database of trials can't be used at the moment: locked, gone, full."""
+
+
+def storage_url(out: Path, url: str | None) -> str:
+    """The database's URL: as given, or OUT/study.db. Raises InputError for what is no URL."""
+    if url is None:
+        return f"sqlite:///{(out / DATABASE).resolve()}"
+    if "://" not in url:
+        rule = "must be the URL of a database"
+        raise InputError(report("--storage", received=url, rule=rule, remedy=f"write, say, sqlite:///{url}"))
+    return url
+
+
+def shown_url(url: str) -> str:
+    """The URL without its password, for messages and reports."""
+    from sqlalchemy.engine import make_url
+
+    return make_url(url).render_as_string(hide_password=True)
+
+
+@contextmanager
+def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
+    """Turns what the database driver raises into a StorageError that says what to do."""
+    from optuna.exceptions import StorageInternalError
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (StorageInternalError, SQLAlchemyError, sqlite3.Error) as error:
+        cause: BaseException = error
+        while cause.__cause__ is not None and not isinstance(cause, sqlite3.Error):
+            cause = cause.__cause__
+        reason = str(getattr(cause, "orig", cause)).strip().splitlines()[0]
+        if "locked" in reason or "busy" in reason:
+            rule = f"another process has kept it locked for {timeout:g} s"
+            remedy = "end that process, then run this command again: it resumes"
+        else:
+            rule = reason
+            remedy = (
+                "see that the database can be reached and written to, then run this command again: it resumes"
+            )
+        raise StorageError(report(shown_url(url), rule=rule, remedy=remedy)) from None
+
+
+def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
+    """The database as Optuna uses it, made if missing.
+
+    Raises InputError when the URL or its driver is wrong or the file is something else, StorageError when it is locked or
+    can't be reached.
+    """
+    import optuna
+    from sqlalchemy.engine import make_url
+    from sqlalchemy.exc import ArgumentError, NoSuchModuleError
+
+    remedy = "write, say, --storage sqlite:///study.db or --storage postgresql+psycopg://user@host/name"
+    try:
+        parts = make_url(url)
+        parts.get_dialect().import_dbapi()
+    except (ArgumentError, NoSuchModuleError, ImportError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            report("--storage", received=url, rule=f"must be a usable URL: {reason}", remedy=remedy)
+        ) from None
+    sqlite = parts.get_backend_name() == "sqlite"
+    options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
+    if sqlite and parts.database not in (None, "", ":memory:"):
+        _prepare_sqlite(Path(str(parts.database)), timeout, url)
+    with storage_faults(url, timeout):
+        try:
+            backend = optuna.storages.RDBStorage(url, engine_kwargs=options)
+        except RuntimeError as error:  # made by another version of Optuna
+            raise InputError(report(shown_url(url), rule=str(error), remedy="use another --out")) from None
+        if sqlite:
+            _commit_without_waiting(backend)
+        return optuna.storages.get_storage(backend)
+
+
+def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
+    """Sees that the file is a database that can be written, and puts it into WAL mode."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with storage_faults(url, timeout):
+            connection = sqlite3.connect(path, timeout=timeout)
+            try:
+                connection.execute("PRAGMA journal_mode=WAL")
+            finally:
+                connection.close()
+    except OSError as error:
+        rule, remedy = f"the folder must be writable ({error.strerror})", "use another --out"
+        raise InputError(report(str(path.parent), rule=rule, remedy=remedy)) from None
+    except StorageError as error:
+        if "not a database" in str(error):
+            rule, remedy = (
+                "must be an SQLite database",
+                "use another --out or --storage, or move the file away",
+            )
+            raise InputError(report(str(path), rule=rule, remedy=remedy)) from None
+        raise
+
+
+def _commit_without_waiting(backend: optuna.storages.RDBStorage) -> None:
+    """synchronous=NORMAL: in WAL mode a power cut can cost the last trials, but never the database."""
+    from sqlalchemy import event
+
+    @event.listens_for(backend.engine, "connect")
+    def _on_connect(connection: sqlite3.Connection, _: object) -> None:
+        connection.execute("PRAGMA synchronous=NORMAL")
+
+    backend.scoped_session.remove()
+    backend.engine.dispose()
+
+
+def open_study(
+    storage: optuna.storages.BaseStorage, study: Study, definition: Mapping[str, Any], out: Path, url: str
+) -> optuna.Study:
+    """The study in its storage, new or resumed, with trials that an interruption left behind waiting to run again.
+
+    Raises InputError, showing the difference, when the storage holds a study of this name with another definition.
+    """
+    import optuna
+
+    with storage_faults(url):
+        kept = optuna.create_study(
+            storage=storage, study_name=study.name, direction="minimize", load_if_exists=True
+        )
+        known = kept.user_attrs.get("definition")
+        if known is None and kept.get_trials(deepcopy=False):
+            rule = f"holds a study named {study.name} that magmpm did not make"
+            raise InputError(report(shown_url(url), rule=rule, remedy="use another --out or --storage"))
+        if known is None:
+            kept.set_user_attr("definition", dict(definition))
+            kept.set_user_attr("definition_hash", definition_hash(definition))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # "experimental": the name of the axis in the dashboard
+                kept.set_metric_names(["rms_m"])
+        elif kept.user_attrs.get("definition_hash") != definition_hash(definition):
+            changes = "\n".join(f"    {line}" for line in differences(known, definition))
+            raise InputError(
+                f"{study.path}: {shown_url(url)} holds a study named {study.name} with another definition\n{changes}\n"
+                "  rule: a study is continued only as it was begun (trials and stop may change)\n"
+                f"  remedy: begin a new study with --out, say, --out {out}-2; or put the old values back to resume"
+            )
+        _requeue(kept, storage, out)
+        kept.set_user_attr("process", _this_process(out))
+    return kept
+
+
+def _this_process(out: Path) -> dict[str, Any]:
+    return {"host": socket.gethostname(), "pid": os.getpid(), "out": str(out.resolve())}
+
+
+def _requeue(kept: optuna.Study, storage: optuna.storages.BaseStorage, out: Path) -> None:
+    """Puts trials that a killed process left running into the queue: `ask` takes them up with the same number and parameters.
+
+    Raises StorageError when the process that runs them is alive.
+    """
+    from optuna.trial import TrialState
+
+    for trial in kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        owner = kept.user_attrs.get("process", {})
+        age = (datetime.now() - trial.datetime_start).total_seconds() if trial.datetime_start else STALE
+        if _alive(owner, out, age):
+            rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
+            remedy = "wait for it or end it, then run this command again: it resumes"
+            raise StorageError(report(f"study {kept.study_name}", rule=rule, remedy=remedy))
+        storage.set_trial_state_values(trial._trial_id, state=TrialState.WAITING)
+
+
+def _alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
+    """Whether the process that last took up a study may still be running its trial, begun `age` seconds ago."""
+    here = _this_process(out)
+    if owner.get("host") != here["host"]:
+        return bool(owner) and age < STALE
+    if owner.get("out") == here["out"] or owner.get("pid") == here["pid"]:
+        return False  # we hold that folder's lock, so nobody else runs
+    try:
+        os.kill(int(owner["pid"]), 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+@contextmanager
+def folder_lock(out: Path) -> Iterator[None]:
+    """Holds the results folder: one process at a time. The lock goes with the process, however it ends.
+
+    Raises StorageError when another process holds it, InputError when the folder can't be written.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        stream = (out / LOCK).open("a+")
+    except OSError as error:
+        rule, remedy = f"the folder must be writable ({error.strerror})", "use another --out"
+        raise InputError(report(str(out), rule=rule, remedy=remedy)) from None
+    with stream:
+        if not _try_lock(stream):
+            stream.seek(0)
+            holder = stream.read().strip()
+            rule = f"a study is running in this folder{f' (process {holder})' if holder else ''}"
+            remedy = "wait for it, end it, or use another --out"
+            raise StorageError(report(str(out), rule=rule, remedy=remedy))
+        stream.truncate(0)
+        stream.write(str(os.getpid()))
+        stream.flush()
+        yield
+
+
+def _try_lock(stream: IO[str], patience: float = 2.0) -> bool:
+    """Tries for `patience` seconds: a process that has just been killed may need a moment to go."""
+    import fcntl
+
+    until = time.monotonic() + patience
+    while True:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except OSError:
+            if time.monotonic() > until:
+                return False
+            time.sleep(0.05)

@@ -1,0 +1,124 @@
+"""One trial: a design's scene is solved and compared with the target. Whatever goes wrong costs the trial, not the study."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.errors import SolveError
+from magmpm.measures import rms_distance, tip_error
+from magmpm.scene import Scene
+
+if TYPE_CHECKING:
+    from magmpm.results import Result
+
+Solve = Callable[[Scene], "Result"]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A finished trial, as callbacks see it. SI.
+
+    rms_m is the penalty when the solve failed for `reason`; tip_error_m is None then; best_rms_m: least so far, this trial
+    included; finished of wanted trials are done; seconds: all of this trial; seconds_left: guessed, until the last trial.
+    """
+
+    number: int
+    rms_m: float
+    tip_error_m: float | None
+    best_rms_m: float | None
+    improved: bool
+    reason: str | None
+    target: NDArray[np.float64]
+    finished: int = 0
+    wanted: int = 0
+    seconds: float = 0.0
+    seconds_left: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What solving a design gave: a result and its distances (m), or the penalty and the reason."""
+
+    result: Result | None
+    rms: float
+    tip_error: float | None
+    reason: str | None
+    seconds: float
+
+
+def penalty(scene: Scene) -> float:
+    """What a failed solve counts as, m: the catheter's length.
+
+    Finite, so that samplers learn from it, and further off than designs are: a straight catheter is nearer to most targets.
+    """
+    return scene.body.catheter.length
+
+
+def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path) -> Outcome:
+    """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
+
+    A solve that fails in any way, or ends in numbers that are none, is the penalty with a reason; a traceback of what was not
+    foreseen goes to the log. Interrupts pass through.
+    """
+    begun = time.perf_counter()
+
+    def failed(reason: str) -> Outcome:
+        return Outcome(None, penalty(scene), None, reason, time.perf_counter() - begun)
+
+    try:
+        result = solve(scene)
+        seconds = time.perf_counter() - begun
+        rms, tip = rms_distance(result, target), tip_error(result, target)
+    except SolveError as error:
+        return failed(error.reason)
+    except Exception as error:  # a study runs for hours: no design may end it
+        with log.open("a", encoding="utf-8") as stream:
+            stream.write(f"scene {scene.hash()}\n{traceback.format_exc()}\n")
+        return failed(f"{type(error).__name__}: {error}")
+    if not (np.isfinite(rms) and np.isfinite(tip)):
+        return failed("the result holds numbers that are not finite")
+    if not result.converged:
+        return failed("the solve did not converge")
+    return Outcome(result, rms, tip, None, seconds)
+
+
+def attributes(
+    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], field: NDArray[np.float64]
+) -> dict[str, Any]:
+    """What is kept of a trial beside its parameters and value: user attributes, plain data in SI.
+
+    directions (k, 3): magnetisation of each segment; field (3,) T.
+    """
+    result = outcome.result
+    kept: dict[str, Any] = {
+        "feasible": result is not None,
+        "scene_hash": scene.hash(),
+        "magnetization": np.round(directions, 9).tolist(),
+        "field_T": np.round(field, 12).tolist(),
+        "versions": dict(versions() if result is None else {**versions(), **result.versions}),
+    }
+    if result is None:
+        return {**kept, "reason": outcome.reason}
+    return {
+        **kept,
+        "rms_m": outcome.rms,
+        "tip_error_m": outcome.tip_error,
+        "min_det_F": float(result.min_det_F),
+        "max_det_F": float(result.max_det_F),
+        "newton_steps": int(result.iterations),
+    }
+
+
+def versions() -> Mapping[str, str]:
+    """Versions of what chose the trials; the result names those of what solved it."""
+    from importlib.metadata import version
+
+    return {name: version(name) for name in ("magmpm", "optuna")}

@@ -1,0 +1,57 @@
+"""A study in a process of its own, which a test can kill in the middle of a trial.
+
+python interruptible.py STUDY OUT SAMPLER [N WHERE]: stops for good in the N-th trial of this process (from 1), at WHERE: before its
+solve ("solve"), or after its picture and attributes, when only its value is missing ("tell"); then OUT/waiting exists.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any, NoReturn
+
+import optuna
+from rod_solve import RodResult, solve
+
+from magmpm.scene import Scene
+from studies.definition import load_study
+from studies.engine import run_study
+from studies.trial import Trial
+
+
+def draw(result: RodResult, path: Path, trial: Trial) -> Path:
+    """Something that looks like a picture's file."""
+    path.write_bytes(f"trial {trial.number} rms {trial.rms_m}".encode())
+    return path
+
+
+def main(study: str, out: str, sampler: str, at: str = "0", where: str = "solve") -> None:
+    calls = {"solve": 0, "tell": 0}
+    tell = optuna.Study.tell
+
+    def count(place: str) -> None:
+        calls[place] += 1
+        if place == where and calls[place] == int(at):
+            _wait(Path(out))
+
+    def counted_solve(scene: Scene) -> RodResult:
+        count("solve")
+        return solve(scene)
+
+    def counted_tell(*args: Any, **options: Any) -> Any:
+        count("tell")
+        return tell(*args, **options)
+
+    optuna.Study.tell = counted_tell  # type: ignore[method-assign]
+    run_study(load_study(study), solve=counted_solve, picture=draw, out=out, sampler=sampler)  # type: ignore[arg-type]
+
+
+def _wait(out: Path) -> NoReturn:
+    (out / "waiting").touch()
+    while True:
+        time.sleep(60)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

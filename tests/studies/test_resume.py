@@ -1,0 +1,177 @@
+"""A study that is killed and run again is the same study: numbers, parameters, values, pictures."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import optuna
+import pytest
+from interruptible import draw
+from magmpm.errors import InputError
+from magmpm.scene import Scene
+from rod_solve import STUDY, RodResult, solve, write_study
+from studies.definition import SAMPLERS, load_study
+from studies.engine import run_study
+from studies.samplers import check_available
+
+HERE = Path(__file__).parent
+
+samplers = pytest.mark.parametrize(
+    "sampler",
+    [
+        pytest.param(
+            name,
+            marks=pytest.mark.skipif(
+                name == "gp" and importlib.util.find_spec("torch") is None,
+                reason="the GP sampler needs torch, an extra: pip install 'magmpm[gp]'",
+            ),
+        )
+        for name in SAMPLERS
+    ],
+)
+
+
+def trials_of(out: Path) -> list[optuna.trial.FrozenTrial]:
+    """The trials in a results folder, read back from the database."""
+    storage = optuna.storages.RDBStorage(f"sqlite:///{out}/study.db")
+    (name,) = optuna.get_all_study_names(storage)
+    return optuna.load_study(study_name=name, storage=storage).trials
+
+
+def same(one: list[optuna.trial.FrozenTrial], other: list[optuna.trial.FrozenTrial]) -> None:
+    """Asserts that two studies are the same to the last bit: the rod is deterministic, and so is the search."""
+    assert [t.number for t in one] == [t.number for t in other]
+    assert {t.state for t in [*one, *other]} == {optuna.trial.TrialState.COMPLETE}
+    assert [t.params for t in one] == [t.params for t in other]
+    assert [t.value for t in one] == [t.value for t in other]
+
+
+def kill_in_trial(study: Path, out: Path, sampler: str, at: int, where: str) -> None:
+    """Runs the study in a process and kills that process where it stands still."""
+    command = [sys.executable, str(HERE / "interruptible.py"), str(study), str(out), sampler, str(at), where]
+    child = subprocess.Popen(command)
+    try:
+        until = time.monotonic() + 120
+        while not (out / "waiting").exists():
+            assert child.poll() is None, "the study ended before the trial it was to be killed in"
+            assert time.monotonic() < until, "the study never came to the trial it was to be killed in"
+            time.sleep(0.02)
+    finally:
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+    (out / "waiting").unlink()
+
+
+@samplers
+def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: Path) -> None:
+    path = write_study(tmp_path)
+    for out in ("a", "b"):
+        report = run_study(load_study(path), solve=solve, out=tmp_path / out, sampler=sampler)
+        assert report.trials == 8
+    same(trials_of(tmp_path / "a"), trials_of(tmp_path / "b"))
+    path.write_text(STUDY.replace("seed: 3", "seed: 4"))
+    run_study(load_study(path), solve=solve, out=tmp_path / "c", sampler=sampler)
+    assert [t.params for t in trials_of(tmp_path / "a")] != [t.params for t in trials_of(tmp_path / "c")]
+    assert len({t.value for t in trials_of(tmp_path / "a")}) == 8, "no design is tried twice"
+
+
+@samplers
+@pytest.mark.parametrize("where", ["solve", "tell"])
+def test_killed_in_mid_trial_and_resumed_is_the_same_study(
+    sampler: str, where: str, tmp_path: Path
+) -> None:
+    # 23 trials: CMA-ES (population 10) ends its second generation, TPE is past its random trials
+    path = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 23"))
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    run_study(load_study(path), solve=solve, picture=draw, out=whole, sampler=sampler)
+    for at in (1, 12):
+        kill_in_trial(path, parts, sampler, at, where)
+    report = run_study(load_study(path), solve=solve, picture=draw, out=parts, sampler=sampler)
+    assert report.trials == 23
+    same(trials_of(whole), trials_of(parts))
+    for one, other in zip(trials_of(whole), trials_of(parts), strict=True):
+        (first,), (second,) = pictures(whole, one), pictures(parts, other)
+        assert first == second
+    assert (whole / "best" / "result.json").read_text() == (parts / "best" / "result.json").read_text()
+
+
+def pictures(out: Path, trial: optuna.trial.FrozenTrial) -> list[bytes]:
+    """The contents of a trial's artifacts."""
+    storage = optuna.storages.RDBStorage(f"sqlite:///{out}/study.db")
+    known = optuna.artifacts.get_all_artifact_meta(trial, storage=storage)
+    return [(out / "artifacts" / meta.artifact_id).read_bytes() for meta in known]
+
+
+def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
+    """--trials counts all trials, so a study may be run in any number of parts."""
+    path = write_study(tmp_path)
+    run_study(load_study(path), solve=solve, out=tmp_path / "whole", sampler="tpe")
+    for trials in (1, 2, 6, 8):
+        report = run_study(load_study(path), solve=solve, out=tmp_path / "parts", sampler="tpe", trials=trials)
+        assert report.trials == trials
+    same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
+
+
+def test_ctrl_c_keeps_what_is_finished_and_repeats_the_trial(tmp_path: Path) -> None:
+    path = write_study(tmp_path)
+    run_study(load_study(path), solve=solve, out=tmp_path / "whole")
+    calls = []
+
+    def interrupted(scene: Scene) -> RodResult:
+        calls.append(scene)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return solve(scene)
+
+    report = run_study(load_study(path), solve=interrupted, out=tmp_path / "parts")
+    assert (report.ended, report.trials) == ("interrupted", 3)
+    report = run_study(load_study(path), solve=interrupted, out=tmp_path / "parts")
+    assert (report.ended, report.trials) == ("trials", 8)
+    assert calls[3].hash() == calls[4].hash(), "the interrupted trial is tried again"
+    same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
+
+
+def test_what_is_done_does_nothing(tmp_path: Path) -> None:
+    study = load_study(write_study(tmp_path))
+    first = run_study(study, solve=solve, out=tmp_path / "out")
+
+    def never(scene: Scene) -> Any:
+        raise AssertionError("a finished study solved something")
+
+    again = run_study(study, solve=never, out=tmp_path / "out")
+    assert again == first
+    assert again.ended == "trials"
+    fewer = run_study(study, solve=never, out=tmp_path / "out", trials=3)
+    assert fewer.trials == 8, "trials that are there stay"
+
+
+def test_stop_reached_is_done_even_with_more_trials(tmp_path: Path) -> None:
+    path = write_study(tmp_path, STUDY + "stop: {rms: 30 mm}\n")  # any catheter is within 30 mm
+    first = run_study(load_study(path), solve=solve, out=tmp_path / "out")
+    assert (first.trials, first.ended, first.first_trial_below_stop) == (1, "stop", 0)
+    again = run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=20)
+    assert (again.trials, again.ended) == (1, "stop")
+    path.write_text(STUDY + "stop: {rms: 0.001 mm}\n")  # stop may change: it is not part of the definition
+    more = run_study(load_study(path), solve=solve, out=tmp_path / "out")
+    assert (more.trials, more.ended, more.first_trial_below_stop) == (8, "trials", None)
+
+
+@pytest.mark.parametrize(("sampler", "module"), [("gp", "torch"), ("cmaes", "cmaes")])
+def test_missing_extra_is_said_before_any_trial(
+    sampler: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a))
+    with pytest.raises(InputError, match=rf"pip install 'magmpm\[{sampler}\]'"):
+        check_available(sampler)
+    study = load_study(write_study(tmp_path))
+    with pytest.raises(InputError, match=module):
+        run_study(study, solve=solve, out=tmp_path / "out", sampler=sampler)
+    assert not (tmp_path / "out").exists()
