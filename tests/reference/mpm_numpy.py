@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from magmpm.effects.magnetic_torque import MU0
-from magmpm.model import Model
+from magmpm.model import LINEAR_STIFFNESS, Model
 
 
 def spline_matrix(x: np.ndarray, origin: float, h: float, cells: int, derivative: int = 0) -> np.ndarray:
@@ -71,36 +71,38 @@ class Reference:
         _, inverse = np.unique(key, axis=0, return_inverse=True)
         return [np.flatnonzero(inverse == k) for k in range(inverse.max() + 1)]
 
-    def projection(self) -> np.ndarray:
-        """(n, n): J at the particles -> what the volume energy sees: J itself, or its best linear fit over
-        each cell.
+    def volume_stiffness(self) -> np.ndarray:
+        """Q (n, n) N m of the volume energy (J - 1)^T Q (J - 1) / 2, J the particles' det F.
+
+        Plain: K V on the diagonal. F-bar: J is fitted over each cell by a linear function, least squares under the particles'
+        volumes; its mean costs K, its variation at most LINEAR_STIFFNESS G, what it leaves costs nothing.
         """
         model = self.model
-        n = len(model.shear)
+        V, G, K = model.particles.volume, model.shear, model.bulk
         if model.modes.shape[1] == 0:
-            return np.eye(n)
-        P = np.zeros((n, n))
+            return np.diag(V * K)
+        Q = np.zeros((len(V), len(V)))
         for cell in self.cells():
             x = model.particles.position[cell]
             x = (x - x.mean(axis=0)) / model.grid.spacing
-            B, V = np.column_stack([np.ones(len(cell)), x]), np.diag(model.particles.volume[cell])
-            P[np.ix_(cell, cell)] = B @ np.linalg.pinv(B.T @ V @ B) @ B.T @ V
-        return P
+            W = np.diag(V[cell])
+            mean, line = (
+                B @ np.linalg.pinv(B.T @ W @ B) @ B.T @ W
+                for B in (np.ones((len(cell), 1)), np.column_stack([np.ones(len(cell)), x]))
+            )
+            slope, k, g = line - mean, K[cell[0]], G[cell[0]]
+            Q[np.ix_(cell, cell)] = k * mean.T @ W @ mean + min(k, LINEAR_STIFFNESS * g) * slope.T @ W @ slope
+        return Q
 
-    def energy_density_parts(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Energy (n,) J of each particle, and its det F."""
+    def energy_parts(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Energy (n,) J of each particle, of which only sums over whole cells mean something, and its det F."""
         model = self.model
         u, F = self.gather(c)
         J = np.linalg.det(F)
-        V, G, K = model.particles.volume, model.shear, model.bulk
-        seen = self.projection() @ J
-        W = G / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3) + K / 2 * (seen - 1) ** 2
+        W = model.shear / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3)
         B, g = loads(model)
         W -= np.einsum("i,nij,nj->n", B / MU0, F, model.magnet) + model.density * (u @ g)
-        return V * W, J
-
-    def energy(self, c: np.ndarray) -> float:
-        return float(self.energy_density_parts(c)[0].sum())
+        return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
     def residual(self, c: np.ndarray) -> np.ndarray:
         """dE/dc (planes, m): sum over particles of V (P grad N - f N)."""
@@ -108,11 +110,10 @@ class Reference:
         _, F = self.gather(c)
         J = np.linalg.det(F)
         H = np.linalg.inv(F).transpose(0, 2, 1)
-        V, G, K = model.particles.volume, model.shear, model.bulk
+        V = model.particles.volume
         I1 = np.einsum("nij,nij->n", F, F)
-        g = G * J ** (-2 / 3)
-        projection = self.projection()
-        pressure = projection.T @ (V * K * (projection @ J - 1)) / V
+        g = model.shear * J ** (-2 / 3)
+        pressure = self.volume_stiffness() @ (J - 1) / V
         P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (pressure * J)[:, None, None] * H
         B, weight = loads(model)
         P -= np.einsum("i,nj->nij", B / MU0, model.magnet)
@@ -126,11 +127,11 @@ class Reference:
         _, F = self.gather(c)
         J = np.linalg.det(F)
         H = np.linalg.inv(F).transpose(0, 2, 1)
-        V, G, K = model.particles.volume, model.shear, model.bulk
+        V = model.particles.volume
         I1 = np.einsum("nij,nij->n", F, F)
-        g = G * J ** (-2 / 3)
-        projection = self.projection()
-        p = projection.T @ (V * K * (projection @ J - 1)) / V
+        g = model.shear * J ** (-2 / 3)
+        Q = self.volume_stiffness()
+        p = Q @ (J - 1) / V
         eye = np.eye(3)
 
         def outer(scale: np.ndarray, left: np.ndarray, right: np.ndarray, indices: str) -> np.ndarray:
@@ -141,10 +142,8 @@ class Reference:
         A += outer(2 / 9 * g * I1 + p * J, H, H, "niJ,nkL") + outer(g * I1 / 3 - p * J, H, H, "niL,nkJ")
         nodes = self.N.shape[1]
         full = np.einsum("n,niJkL,Jna,Lnb->aibk", V, A, self.dN, self.dN, optimize=True)
-        # the volume energy: d^2U/dJ^2 through the projection
         dJ = np.einsum("n,nkL,Lna->nak", J, H, self.dN).reshape(len(J), -1)
-        seen = projection @ dJ
-        return full.reshape(3 * nodes, 3 * nodes) + seen.T @ (V[:, None] * K[:, None] * seen)
+        return full.reshape(3 * nodes, 3 * nodes) + dJ.T @ Q @ dJ
 
 
 def loads(model: Model) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from magmpm.statics.panels import factor, multiply, new_panels, solve, split_plane, to_dense
 
 SIZES = pytest.mark.parametrize(

@@ -4,13 +4,16 @@ two materials, two magnetisations, a cut cell, both effects, with and without F-
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from reference.mpm_numpy import Reference
+from reference.scenes import rod_scene
+
 from magmpm.model import Model, build
 from magmpm.statics.energy import Energy
 from magmpm.statics.panels import to_dense
-from reference.mpm_numpy import Reference
-from reference.scenes import rod_scene
 
 ROUNDING = (
     1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
@@ -64,12 +67,12 @@ def test_cell_energy(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """Energy of every cell and of the whole; smallest and largest det F."""
     energy, reference, c = case
     point = energy.at(c)
-    density, J = reference.energy_density_parts(c)
+    parts, J = reference.energy_parts(c)
     first = energy.model.layout.cell_first
     np.testing.assert_allclose(
-        energy._per_cell[0], np.add.reduceat(density, first[:-1]), atol=ROUNDING * np.abs(density).sum()
+        energy._per_cell[0], np.add.reduceat(parts, first[:-1]), atol=ROUNDING * np.abs(parts).sum()
     )
-    assert point.energy == pytest.approx(density.sum(), rel=ROUNDING)
+    assert point.energy == pytest.approx(parts.sum(), rel=ROUNDING)
     assert (point.min_det_F, point.max_det_F) == pytest.approx((J.min(), J.max()), rel=ROUNDING)
 
 
@@ -95,7 +98,7 @@ def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None
     energy, reference, _ = case
     first = energy.model.layout.cell_first
     assert first[-1] == len(energy.model.shear)
-    assert [list(range(a, b)) for a, b in zip(first[:-1], first[1:], strict=True)] == sorted(
+    assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(
         cell.tolist() for cell in reference.cells()
     )
 
@@ -104,15 +107,12 @@ def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.nda
     """What lets threads add without locks: planes that slab 2k writes are not those that slab 2k + 2 writes."""
     layout = case[0].model.layout
     touched = [
-        set((layout.cell_plane[a:b, None] + np.arange(3)).ravel())
-        for a, b in zip(layout.slab_first[:-1], layout.slab_first[1:], strict=True)
+        set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)
     ]
     for colour in (touched[0::2], touched[1::2]):
-        for one, two in zip(colour[:-1], colour[1:], strict=True):
+        for one, two in pairwise(colour):
             assert not one & two
-    assert sum(b - a for a, b in zip(layout.slab_first[:-1], layout.slab_first[1:], strict=True)) == len(
-        layout.cell_plane
-    )
+    assert sum(b - a for a, b in pairwise(layout.slab_first)) == len(layout.cell_plane)
 
 
 def test_crushed_cell_has_infinite_energy() -> None:
