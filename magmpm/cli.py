@@ -240,7 +240,9 @@ def _render(options: argparse.Namespace) -> int:
 
     folder = Path(options.result)
     if is_study(folder):
-        files = render_study(folder, options.out or folder)
+        files, note = render_study(folder, options.out or folder)
+        if note:
+            print(note, file=sys.stderr)
     else:
         files = [_draw_result(Result.load(folder), (options.out or folder) / "picture.png")]
     _print(options, {"files": [str(path) for path in files]}, "\n".join(f"saved {path}" for path in files))

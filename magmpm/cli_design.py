@@ -1,0 +1,195 @@
+"""`magmpm design`, `render` of a study, and `dashboard`: where studies meet the solver and the pictures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.errors import InputError
+from magmpm.progress import Progress
+
+if TYPE_CHECKING:
+    from magmpm.results import Result
+    from studies.report import StudyReport
+    from studies.trial import Trial
+    from viz.worker import Renderer
+
+MOST_SHAPES = 8  # in the movie of the best shapes
+
+
+def design(options: argparse.Namespace) -> int:
+    """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
+    from contextlib import nullcontext
+
+    from magmpm.simulate import run
+    from studies.definition import load_study
+    from studies.engine import run_study
+    from viz.worker import Renderer
+
+    study = load_study(options.study)
+    out = options.out or Path("runs") / study.name
+    with nullcontext() if options.no_pictures else Renderer() as renderer, Progress(study.name) as progress:
+        report = run_study(
+            study,
+            solve=run,
+            out=out,
+            picture=None if renderer is None else _trial_picture(renderer),
+            on_trial=lambda trial: _tell(trial, progress),
+            trials=options.trials,
+            sampler=options.sampler,
+            storage=options.storage,
+        )
+        files = [] if renderer is None else _draw_study(out, report.summary(), study.target, renderer)
+        note = "" if renderer is None else renderer.note
+    if note:
+        print(note, file=sys.stderr)
+    summary = {**report.summary(), "files": [str(path) for path in files]}
+    print(json.dumps(summary) if options.json else _text(report, files))
+    return 1 if report.ended == "interrupted" else 0
+
+
+def _tell(trial: Trial, progress: Progress) -> None:
+    best = "-" if trial.best_rms_m is None else f"{1e3 * trial.best_rms_m:.2f} mm"
+    progress.at(trial.finished, trial.wanted, f"best {best}")
+
+
+def _trial_picture(renderer: Renderer) -> Callable[[Result, Path, Trial], Path]:
+    from viz.picture import Picture
+
+    def draw(result: Result, path: Path, trial: Trial) -> Path:
+        picture = Picture.from_result(result, target=trial.target, trial=trial.number, rms=trial.rms_m)
+        return renderer.render(picture, path)
+
+    return draw
+
+
+def _text(report: StudyReport, files: list[Path]) -> str:
+    """The report for people."""
+    lines = [
+        f"{report.name}: {report.trials} trials ({report.failed} failed), sampler {report.sampler}, seed {report.seed}"
+    ]
+    if report.best is not None:
+        lines.append(
+            f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm"
+        )
+        for k, direction in enumerate(report.best["magnetization"] or [], 1):
+            lines.append(f"    segment {k}      [{', '.join(f'{x:+.4f}' for x in direction)}]")
+    if report.stop_rms_m is not None:
+        first = report.first_trial_below_stop
+        lines.append(
+            f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
+        )
+    if report.seconds_per_trial is not None:
+        lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")
+    lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {report.out}")
+    lines += [f"  saved            {path}" for path in files]
+    if report.ended == "interrupted":
+        lines.append("  interrupted; run the same command to go on")
+    return "\n".join(lines)
+
+
+def is_study(folder: Path) -> bool:
+    """Whether a folder holds a study."""
+    from studies.report import REPORT
+
+    return (folder / REPORT).exists()
+
+
+def render_study(folder: Path, out: Path) -> tuple[list[Path], str]:
+    """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note."""
+    from studies.report import REPORT
+    from viz.worker import Renderer
+
+    report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+    with Renderer() as renderer:
+        return _draw_study(folder, report, _saved_target(folder), renderer, out), renderer.note
+
+
+def _saved_target(folder: Path) -> np.ndarray | None:
+    path = folder / "target.csv"
+    if not path.exists():
+        return None
+    from magmpm.tables import read_centreline
+
+    return np.asarray(read_centreline(path))
+
+
+def _draw_study(
+    folder: Path,
+    report: dict[str, Any],
+    target: np.ndarray | None,
+    renderer: Renderer,
+    out: Path | None = None,
+) -> list[Path]:
+    """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
+    from magmpm.results import Result
+    from magmpm.tables import write_centreline
+    from studies.records import BEST, IMPROVEMENTS
+    from viz import plots
+    from viz.movie import best_shapes_movie
+    from viz.picture import Picture
+    from viz.style import FINAL_SIZE
+
+    out = out or folder
+    if target is not None and not (folder / "target.csv").exists():
+        write_centreline(folder / "target.csv", target)
+
+    def picture(of: Path) -> Picture:
+        known = json.loads((of / "design.json").read_text(encoding="utf-8"))
+        return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"])
+
+    files = []
+    if (folder / BEST).exists():
+        files.append(renderer.render(picture(folder / BEST), out / "best.png", size=FINAL_SIZE))
+    if report["rms_m"]:
+        penalised = [k for k, rms in enumerate(report["rms_m"]) if k in set(report.get("failed_trials", []))]
+        files.append(
+            renderer.run(
+                plots.convergence,
+                report["rms_m"],
+                out / "convergence.png",
+                report["stop_rms_m"],
+                report["name"],
+                penalised,
+            )
+        )
+    shapes = sorted((folder / IMPROVEMENTS).glob("[0-9]*")) if (folder / IMPROVEMENTS).exists() else []
+    if shapes:
+        files.append(
+            best_shapes_movie(
+                [picture(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer
+            ).path
+        )
+    return [Path(path) for path in files]
+
+
+def dashboard(folder: Path, port: int) -> int:
+    """optuna-dashboard on a study's database and pictures, until it is stopped. Raises InputError."""
+    from importlib.util import find_spec
+
+    from studies.records import ARTIFACTS
+    from studies.report import REPORT
+
+    if not is_study(folder):
+        raise InputError(
+            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
+        )
+    if find_spec("optuna_dashboard") is None:
+        raise InputError(
+            "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
+        )
+    from optuna.artifacts import FileSystemArtifactStore
+    from optuna_dashboard import run_server
+
+    storage = json.loads((folder / REPORT).read_text(encoding="utf-8"))["storage"]
+    print(f"http://127.0.0.1:{port} shows {folder}; Ctrl-C ends it", file=sys.stderr)
+    run_server(
+        storage, host="127.0.0.1", port=port, artifact_store=FileSystemArtifactStore(str(folder / ARTIFACTS))
+    )
+    return 0
