@@ -30,6 +30,7 @@ LARGEST_SHIFT = 1e3
 MOST_LEFT = 8  # unstable equilibria a solve may leave
 LEAST_FRACTION = 1e-8  # of a step, before the line search gives up
 ROUNDING = 1e-13  # of the energy scale: below it two energies can't be told apart
+ROUNDING_AT_REST = 1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
 Progress = Callable[[int, float], None]
 
 
@@ -149,9 +150,10 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
 def _search(energy: Energy, point: Point, direction: Array, decrement: float, scale: float) -> Point:
     """Backtrack along a direction until the energy falls as much as Armijo asks."""
     fraction = 1.0
+    noise = max(ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:
         trial = energy.at(point.grid + fraction * direction)
-        enough = point.energy - 2e-4 * fraction * decrement + ROUNDING * scale
+        enough = point.energy - 2e-4 * fraction * decrement + noise
         if trial.min_det_F > 0 and trial.energy <= enough:
             return trial
         fraction *= 0.5
