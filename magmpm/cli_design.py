@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from magmpm.progress import Progress
 
 if TYPE_CHECKING:
     from magmpm.results import Result
+    from studies.engine import Picture as DrawTrial
     from studies.report import StudyReport
     from studies.trial import Trial
     from viz.worker import Renderer
@@ -59,7 +59,7 @@ def _tell(trial: Trial, progress: Progress) -> None:
     progress.at(trial.finished, trial.wanted, f"best {best}")
 
 
-def _trial_picture(renderer: Renderer) -> Callable[[Result, Path, Trial], Path]:
+def _trial_picture(renderer: Renderer) -> DrawTrial:
     from viz.picture import Picture
 
     def draw(result: Result, path: Path, trial: Trial) -> Path:
@@ -148,7 +148,7 @@ def _draw_study(
     if (folder / BEST).exists():
         files.append(renderer.render(picture(folder / BEST), out / "best.png", size=FINAL_SIZE))
     if report["rms_m"]:
-        penalised = [k for k, rms in enumerate(report["rms_m"]) if k in set(report.get("failed_trials", []))]
+        penalised = report["failed_trials"]
         files.append(
             renderer.run(
                 plots.convergence,

@@ -220,4 +220,5 @@ class _Run:
             seconds_per_trial=report.seconds_per_trial(trials),
             ended=ended,
             rms_m=[t.value for t in trials if t.value is not None],
+            failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
         )

@@ -41,6 +41,7 @@ class StudyReport:
     seconds_per_trial: float | None
     ended: Ended
     rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
+    failed_trials: list[int]  # places of those in rms_m
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm design --json` prints."""
