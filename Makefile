@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long lint bench schema clean
+.PHONY: help setup design test test-long lint bench validate schema clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
+	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make clean      remove the virtual environment and caches"
 
 # A virtual environment of its own. Debian ships venv apart from python3; virtualenv does as well.
@@ -44,6 +45,9 @@ test-long: lint
 
 bench: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/bench.py
+
+validate: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/validate.py
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.schema

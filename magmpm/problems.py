@@ -1,0 +1,120 @@
+"""Validation problems: each a scene at any cell size, an independent answer, and its source.
+
+    for name, problem in finite_element_problems(Path("data/references/fem.json")).items():
+        result = run(problem.scene(cells_across=4))
+        print(name, largest_distance(result, problem.centreline) / problem.length)
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.effects.magnetic_torque import MU0
+from magmpm.errors import InputError
+from magmpm.materials import young_modulus
+from magmpm.scene import Scene
+from magmpm.tables import read_centreline
+
+SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that are made here
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One problem. centreline: rows [s, x, y, z] (m, 4) m; error: of the answer itself, over the length; source: where it is from."""
+
+    name: str
+    content: dict[str, Any]  # Scene.to_si() but for the resolution
+    centreline: Array
+    error: float
+    source: str
+
+    @property
+    def length(self) -> float:
+        """Length of the catheter, m."""
+        return float(self.content["body"]["catheter"]["length"])
+
+    def scene(self, cells_across: int, **solver: Any) -> Scene:
+        """The scene at this resolution; solver: settings of `solver.static`."""
+        return Scene.from_si(
+            {**self.content, "resolution": {"cells_across": cells_across}, "solver": {"static": solver}}
+        )
+
+
+def finite_element_problems(path: Path) -> dict[str, Problem]:
+    """The problems of a file such as data/references/fem.json (its SOURCES.md says what the keys mean).
+
+    Raises InputError when the file or a table it names can't be read.
+    """
+    try:
+        cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: can't be read as finite-element references ({error})") from None
+    return {name: _finite_element_problem(name, case, path.parent) for name, case in cases.items()}
+
+
+def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Problem:
+    materials, segments = {}, []
+    for segment in case["segments"]:
+        material = f"G {segment['shear_modulus']:g} Pa, Br {segment['remanence']:g} T"
+        materials[material] = {
+            "shear_modulus": segment["shear_modulus"],
+            "bulk_to_shear": case["bulk_to_shear"],
+            "density": case["density"],
+            "remanence": segment["remanence"],
+        }
+        direction = segment["direction"] if segment["remanence"] else [0.0, 0.0, 0.0]
+        segments.append({"magnetization": direction, "material": material, "length": segment["length"]})
+    effects: dict[str, Any] = {}
+    if any(case["field"]):
+        effects["magnetic_torque"] = {}
+    if any(case["gravity"]):
+        effects["gravity"] = {"acceleration": case["gravity"]}
+    catheter = {
+        "length": case["length"],
+        "diameter": case["diameter"],
+        "inner_diameter": case["inner_diameter"],
+        "material": next(iter(materials)),
+        "segments": segments,
+    }
+    content = {
+        "name": name,
+        "materials": materials,
+        "body": {"catheter": catheter},
+        "field": {"uniform": case["field"]},
+        "effects": effects,
+    }
+    error = 1e-3 * case["centreline_error_mm"] / case["length"]
+    return Problem(name, content, read_centreline(folder / case["centreline"]), error, "data/references/make_fem.py")
+
+
+def elastica_problem(load: float, field_angle: float, slenderness: float, centreline: Array) -> Problem:
+    """A rod magnetised along its axis in a field at field_angle (rad) to it, G = 120 kPa, 1 mm thick.
+
+    load: M B A L^2/(E I) of Wang et al., JMPS 142 (2020) 104045; slenderness: length over diameter; centreline (m, 4): the elastica's,
+    over its length.
+    """
+    diameter = 1e-3
+    length = slenderness * diameter
+    stiffness = young_modulus(SHEAR, RATIO * SHEAR) * np.pi * diameter**4 / 64
+    field = load * stiffness * MU0 / (REMANENCE * np.pi * diameter**2 / 4 * length**2)
+    content = {
+        "name": f"elastica, load {load:g}",
+        "materials": {"magnetic": {"shear_modulus": SHEAR, "bulk_to_shear": RATIO, "remanence": REMANENCE}},
+        "body": {
+            "catheter": {
+                "length": length,
+                "diameter": diameter,
+                "material": "magnetic",
+                "segments": [{"magnetization": [1.0, 0.0, 0.0]}],
+            }
+        },
+        "field": {"uniform": [field * np.cos(field_angle), 0.0, field * np.sin(field_angle)]},
+        "effects": {"magnetic_torque": {}},
+    }
+    return Problem(content["name"], content, length * centreline, 1e-6, "Wang et al., JMPS 142 (2020)")  # type: ignore[arg-type]

@@ -1,0 +1,61 @@
+"""What `make validate` prints: statics against every finite-element reference, over the cell size, with and without F-bar.
+
+    python tests/benchmarks/validate.py [fem_catheters.json]
+
+With a path, the two cases of that file (uniform meshes: see docs/design.md) as well.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from magmpm.errors import SolveError
+from magmpm.measures import largest_distance
+from magmpm.problems import Problem, finite_element_problems
+from magmpm.simulate import run
+
+ROOT = Path(__file__).resolve().parents[2]
+CELLS = (3, 4, 6, 8)
+
+
+def uniform_mesh_problems(path: Path, like: dict[str, Problem]) -> dict[str, Problem]:
+    """The same scenes against the centrelines of an older file."""
+    found = {}
+    for name, case in json.loads(path.read_text())["cases"].items():
+        rows = 1e-3 * np.column_stack([case["s_mm"], case["centreline_mm"]])
+        found[f"{name} (uniform mesh)"] = replace(like[name], centreline=rows, error=1e-3)
+    return found
+
+
+def main(paths: list[str]) -> int:
+    """Print the table."""
+    problems = finite_element_problems(ROOT / "data/references/fem.json")
+    for path in paths:
+        problems |= uniform_mesh_problems(Path(path), problems)
+    print("largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8")
+    print(f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}")
+    for name, problem in problems.items():
+        for locking in ("f-bar", "none"):
+            row, errors = [], []
+            for n in CELLS:
+                try:
+                    result = run(problem.scene(n, anti_locking=locking))
+                except SolveError as error:
+                    row.append(f"{error.reason[:12]:>14}")
+                    continue
+                errors.append(largest_distance(result, problem.centreline) / problem.length)
+                row.append(f"{100 * errors[-1]:9.4f} ({result.iterations:2d})")
+            known = len(errors) == len(CELLS)
+            order = np.polyfit(np.log(CELLS[1:]), np.log(errors[1:]), 1)[0] if known else np.nan
+            yes = "yes" if locking == "f-bar" else "no"
+            print(f"{name:<38}{yes:>6}{100 * problem.error:14.4f}" + "".join(row) + f"{-order:8.1f}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
