@@ -1,0 +1,235 @@
+"""The commands as a user types them: what they print, what they leave behind, how they end."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import bad_scenes
+import numpy as np
+import pytest
+
+from magmpm.cli import main
+from magmpm.errors import SolveError
+from magmpm.results import Result
+from magmpm.rod import solve_rod
+from magmpm.scene import load_scene
+from magmpm.statics import equilibrium
+
+ROOT = Path(__file__).parents[2]
+SCENE = """\
+name: small
+materials:
+  magnetic: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}
+body:
+  catheter:
+    length: 20 mm
+    diameter: 4 mm
+    material: magnetic
+    segments: [{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}]
+field: {uniform: [0 mT, 0 mT, 5 mT]}
+effects: {magnetic_torque: {}}
+resolution: {cells_across: 2}
+"""
+STUDY = """\
+scene: scene.yaml
+vary: {magnetization: {}}
+match: {centreline: target.csv}
+trials: 3
+sampler: random
+seed: 7
+stop: {rms: 0.001 mm}
+"""
+CONTRACT = {
+    "tip",
+    "centreline",
+    "converged",
+    "iterations",
+    "particles",
+    "dof",
+    "min_det_F",
+    "max_det_F",
+    "seconds",
+    "warnings",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a scene, a study and its target, to stand in; pictures by matplotlib, which needs no OpenGL."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "study.yaml").write_text(STUDY)
+    rows = ["s_mm,x_mm,y_mm,z_mm", *(f"{s},{s},0,{0.01 * s * s}" for s in range(0, 21, 4))]
+    (tmp_path / "target.csv").write_text("\n".join(rows) + "\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
+    return tmp_path
+
+
+def test_run_prints_one_json_object_as_the_contract_says(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`run --json`: every key of the contract, SI, and nothing else on standard output."""
+    assert main(["run", "scene.yaml", "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert set(out) >= CONTRACT
+    assert set(out["seconds"]) == {"setup", "compile", "solve"}
+    assert len(out["tip"]) == 3
+    assert np.shape(out["centreline"])[1] == 4
+    assert out["converged"] is True
+    rod = solve_rod(load_scene("scene.yaml")).position[-1]
+    assert np.linalg.norm(rod - [0.02, 0, 0]) > 8e-4  # it bends,
+    assert (
+        np.linalg.norm(rod - out["tip"]) < 0.01 * 0.02
+    )  # and in metres: the rod is good to 1 % of the length
+    saved = Result.load("runs/small")
+    assert saved.tip.tolist() == out["tip"]
+
+
+def test_run_for_people_names_the_folder_and_the_section_error(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The printed report says where the result is and how exact the particles are."""
+    assert main(["run", "scene.yaml", "--out", "here", "--render"]) == 0
+    text = capsys.readouterr().out
+    assert "saved in        here" in text
+    assert "section area and second moment exact to" in text
+    assert (folder / "here/picture.png").stat().st_size > 5_000  # a blank page is smaller
+
+
+def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first command does the trials; the second finds them done; more trials go on from there."""
+    assert main(["design", "study.yaml", "--json"]) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert set(first) >= {"trials", "best", "first_trial_below_stop", "seconds_per_trial", "storage"}
+    assert set(first["best"]) >= {"number", "rms_m", "params"}
+    assert first["trials"] == 3
+    assert first["first_trial_below_stop"] is None
+    for name in ("best.png", "convergence.png", "best/result.json", "pictures/trial_002.png"):
+        assert (folder / "runs/study" / name).exists(), name
+    assert list((folder / "runs/study").glob("best_shapes.*"))
+
+    assert main(["design", "study.yaml", "--json", "--no-pictures"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["rms_m"] == first["rms_m"]
+
+    assert main(["design", "study.yaml", "--json", "--trials", "4", "--no-pictures"]) == 0
+    more = json.loads(capsys.readouterr().out)
+    assert more["rms_m"][:3] == first["rms_m"]
+    assert more["trials"] == 4
+
+
+def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`render` needs only the folder."""
+    assert main(["run", "scene.yaml"]) == 0
+    assert main(["render", "runs/small"]) == 0
+    assert (folder / "runs/small/picture.png").exists()
+    assert main(["design", "study.yaml", "--no-pictures"]) == 0
+    assert not (folder / "runs/study/best.png").exists()
+    capsys.readouterr()
+    assert main(["render", "runs/study", "--out", "drawn", "--json"]) == 0
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert {Path(f).name for f in files} >= {"best.png", "convergence.png"}
+    assert all(Path(f).exists() for f in files)
+
+
+def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The ladder: table, CSV, JSON, picture; errors fall with the cell size."""
+    assert main(["accuracy", "scene.yaml", "--cells", "2,3,4", "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    errors = [rung["error_finest"] for rung in out["rungs"]]
+    assert errors[-1] is None
+    assert errors[0] > errors[1] > 0
+    for name in ("accuracy.csv", "accuracy.json", "accuracy.png"):
+        assert (folder / "runs/small" / name).exists(), name
+
+
+@pytest.mark.parametrize("name", ["stability", "effects", "import"])
+def test_later_commands_say_so(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Commands of the contract that are not built yet end with status 2 and say it."""
+    assert main([name, "anything"]) == 2
+    assert "not there yet" in capsys.readouterr().err
+
+
+def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Through the command as well: message on standard error, nothing on standard output, no traceback, nothing run."""
+    for number, case in enumerate(bad_scenes.CASES):
+        here = tmp_path / str(number)
+        here.mkdir()
+        path = bad_scenes.write(case, here)
+        assert main(["run", str(path), "--json", "--out", str(here / "out")]) == 2, case
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        for phrase in bad_scenes.expected(case, path):
+            assert phrase in captured.err, case
+        assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "missing.yaml"], ["missing.yaml"]),
+        (["render", "nowhere"], ["nowhere", "holds no saved result"]),
+        (["dashboard", "nowhere"], ["nowhere", "holds no study"]),
+        (["accuracy", "scene.yaml", "--cells", "4"], ["at least two"]),
+        (["accuracy", "scene.yaml", "--cells", "4,x"], ["4,x", "whole numbers"]),
+        (["accuracy", "scene.yaml", "--cells", "4,99"], ["cells_across", "99"]),
+        (["design", "study.yaml", "--sampler", "gauss-newton"], ["gauss-newton", "not there yet"]),
+        (["design", "study.yaml", "--sampler", "tpee"], ["tpee", "tpe"]),
+        (["design", "study.yaml", "--trials", "0"], ["0"]),
+    ],
+)
+def test_wrong_arguments_end_with_status_2(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+) -> None:
+    """What is wrong with a command line is said in words of that command line."""
+    assert main(arguments) == 2
+    message = capsys.readouterr().err
+    for word in words:
+        assert word in message
+    assert "Traceback" not in message
+
+
+def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ramp whose first step is solved and whose others are not: the state at that load is saved, and called unconverged."""
+    solved = equilibrium.minimise
+    calls = []
+
+    def fails_after_the_first(*arguments: Any, **options: Any) -> Any:
+        calls.append(1)
+        if len(calls) > 1 and calls.pop():
+            raise SolveError("no step lowers the energy")
+        return solved(*arguments, **options)
+
+    assert (
+        main(["run", "scene.yaml", "--json"]) == 0
+    )  # kernels are compiled now, so the ramp below is the next solve
+    capsys.readouterr()
+    monkeypatch.setattr(equilibrium, "minimise", fails_after_the_first)
+    (folder / "scene.yaml").write_text(SCENE + "solver: {static: {field_steps: 4}}\n")
+    assert main(["run", "scene.yaml", "--json", "--out", "half"]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "of the load: no step lowers the energy; the last good state is in half" in captured.err
+    kept = Result.load("half")
+    assert not kept.converged
+    assert 0 < np.linalg.norm(kept.tip - [0.02, 0, 0]) < 5e-4  # bent, by about a quarter of the load
+
+
+def test_a_process_of_its_own(folder: Path) -> None:
+    """The installed command and `python -m magmpm.cli` both answer; a closed pipe is no traceback."""
+    done = subprocess.run(
+        [sys.executable, "-m", "magmpm.cli", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ},
+    )
+    for word in ("run", "design", "accuracy", "render", "data/scenes/five_segments.yaml"):
+        assert word in done.stdout
