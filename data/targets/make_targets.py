@@ -1,0 +1,76 @@
+"""The targets of the shipped studies: space curves with a given curvature, made with no solver.
+
+    python data/targets/make_targets.py
+
+Each is the axis of an inextensible rod, 40 mm long, clamped along +x, whose curvature vector is prescribed along s in a frame that does
+not turn about the tangent (Bishop's). In-plane bending is in the plane of the shipped scene's field, (0, 0.6, 0.8).
+
+C: bends one way, strongest at the base: 60 degrees in all.
+S: bends up and, past 55 % of the length, back; the outer three quarters bend sideways too, so that it leaves the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from magmpm.tables import write_centreline
+
+HERE = Path(__file__).resolve().parent
+LENGTH = 40e-3  # m
+UP, SIDE = np.array([0.0, 0.6, 0.8]), np.array([0.0, -0.8, 0.6])
+STEPS = 2000
+ROWS = 21
+
+Bend = Callable[[float], float]  # of s/L, degrees over the length
+
+
+def curve(up: Bend, side: Bend) -> np.ndarray:
+    """Rows [s, x, y, z] (STEPS + 1, 4) m of the curve that bends by up and side; midpoint rule, exact in its rotations."""
+    frame = np.stack([[1.0, 0.0, 0.0], UP, SIDE], axis=1)
+    h = 1 / STEPS
+    rows = [np.zeros(4)]
+    for k in range(STEPS):
+        x = (k + 0.5) * h
+        half = Rotation.from_rotvec(np.deg2rad([0.0, -side(x), up(x)]) * h / 2).as_matrix()
+        middle = frame @ half
+        rows.append(rows[-1] + LENGTH * h * np.array([1.0, *middle[:, 0]]))
+        frame = middle @ half
+    return np.array(rows)
+
+
+def c_shape() -> np.ndarray:
+    """60 degrees, the curvature falling to nothing at the tip as 1 - (s/L)^2."""
+    return curve(lambda x: 60 * 1.5 * (1 - x * x), lambda x: 0.0)
+
+
+def s_shape() -> np.ndarray:
+    """Up at 90 degrees a length, back at 60 past 55 %, and sideways at up to 60."""
+    turn = 0.55
+
+    def up(x: float) -> float:
+        if x < turn:
+            return 90 * np.cos(np.pi / 2 * x / turn)
+        return -60 * np.sin(np.pi * (x - turn) / (1 - turn))
+
+    def side(x: float) -> float:
+        return 60 * np.sin(np.pi * (x - 0.25) / 0.75) if x > 0.25 else 0.0
+
+    return curve(up, side)
+
+
+def main() -> None:
+    """Write both tables."""
+    for name, rows in (("c_shape", c_shape()), ("s_shape", s_shape())):
+        kept = rows[:: STEPS // (ROWS - 1)]
+        moved = 1e3 * np.linalg.norm(kept[-1, 1:] - [LENGTH, 0, 0])
+        comment = f"{name}: a curve of prescribed curvature, by make_targets.py; its tip moves {moved:.1f} mm"
+        write_centreline(HERE / f"{name}.csv", kept, comment=comment)
+        print(comment)
+
+
+if __name__ == "__main__":
+    main()
