@@ -39,9 +39,9 @@ def rod_scene(
     segments: list[dict[str, Any]] = [
         {"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)
     ]
-    for segment, part in zip(segments, lengths or [None] * len(segments), strict=True):
+    for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):
         if part is not None:
-            segment["length"] = part
+            segment["length"] = float(part)
     materials = {
         f"m{k}": {
             "shear_modulus": g,
