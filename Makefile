@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long lint bench validate schema clean
+.PHONY: help setup design test test-long lint bench bench-sampler validate schema clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -42,6 +42,9 @@ test: lint
 
 test-long: lint
 	$(BIN)/python -m pytest
+
+bench-sampler: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/sampler.py
 
 bench: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/bench.py

@@ -5,7 +5,7 @@
 Each is the axis of an inextensible rod, 40 mm long, clamped along +x, whose curvature vector is prescribed along s in a frame that does
 not turn about the tangent (Bishop's). In-plane bending is in the plane of the shipped scene's field, (0, 0.6, 0.8).
 
-C: bends one way, strongest at the base: 60 degrees in all.
+C: bends one way, strongest at the base: 75 degrees in all.
 S: bends up and, past 55 % of the length, back; the outer three quarters bend sideways too, so that it leaves the plane.
 """
 
@@ -43,8 +43,8 @@ def curve(up: Bend, side: Bend) -> np.ndarray:
 
 
 def c_shape() -> np.ndarray:
-    """60 degrees, the curvature falling to nothing at the tip as 1 - (s/L)^2."""
-    return curve(lambda x: 60 * 1.5 * (1 - x * x), lambda x: 0.0)
+    """75 degrees, the curvature falling to nothing at the tip as 1 - (s/L)^2."""
+    return curve(lambda x: 75 * 1.5 * (1 - x * x), lambda x: 0.0)
 
 
 def s_shape() -> np.ndarray:

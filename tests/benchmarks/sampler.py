@@ -1,0 +1,47 @@
+"""What `make bench-sampler` prints: trials to 2 mm on both targets, for seeds 1 to 5.
+
+    python tests/benchmarks/sampler.py [SAMPLER] [SEEDS]
+
+Every trial is a full solve at the study's resolution, without pictures; each study runs in a folder of its own, from nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from magmpm.simulate import run
+from studies.definition import load_study
+from studies.engine import run_study
+
+ROOT = Path(__file__).resolve().parents[2]
+STUDIES = ("c_shape", "s_shape")
+
+
+def main(sampler: str = "tpe", seeds: str = "5") -> int:
+    """Print the table, and write runs/bench/sampler_NAME.json."""
+    rows = []
+    print(f"{sampler}: trial (from 1) that first comes within 2 mm rms; best of at most 35 trials")
+    for name in STUDIES:
+        study = load_study(ROOT / f"data/studies/{name}.yaml")
+        for seed in range(1, int(seeds) + 1):
+            with tempfile.TemporaryDirectory() as folder:
+                report = run_study(replace(study, seed=seed), solve=run, out=folder, sampler=sampler)
+            first = report.first_trial_below_stop
+            best = None if report.best is None else 1e3 * report.best["rms_m"]
+            rows.append({"study": name, "seed": seed, "reached_in": None if first is None else first + 1, "best_mm": best})
+            reached = "not within 35" if first is None else f"trial {first + 1}"
+            print(f"{name:<10} seed {seed}: {reached:<14} best {best:.2f} mm", flush=True)
+        hits = sum(row["reached_in"] is not None for row in rows if row["study"] == name)
+        print(f"{name:<10} {hits} of {seeds}")
+    out = ROOT / "runs/bench" / f"sampler_{sampler}.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(rows, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
