@@ -17,7 +17,7 @@ from magmpm.errors import SolveError
 from studies import records, report
 from studies.definition import Study
 from studies.report import StudyReport
-from studies.samplers import SETTINGS, check_available, make_sampler
+from studies.samplers import check_available, make_sampler, settings
 from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
@@ -89,7 +89,7 @@ class _Run:
         self.study, self.out, self.url, self.timeout = study, out, url, timeout
         self.space = SearchSpace.of(study)
         self.distributions = self.space.distributions()
-        search = {"parameters": list(self.distributions), **SETTINGS[study.sampler]}
+        search = {"parameters": list(self.distributions), **settings(study.sampler)}
         self.storage = open_storage(url, timeout)
         self.kept = open_study(self.storage, study, {**study.definition(), "search": search}, out, url)
         self.gallery = records.Gallery(out, self.storage)
@@ -126,7 +126,7 @@ class _Run:
         """Asks for a design, solves it and tells how near it came. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
         with storage_faults(self.url, self.timeout):
-            self.kept.sampler = make_sampler(self.study.sampler, self.study.seed, self.count)
+            self.kept.sampler = make_sampler(self.study.sampler, self.space, self.study.seed, self.count)
             asked = self.kept.ask(self.distributions)
         try:
             scene = self.space.scene_of(asked.params)

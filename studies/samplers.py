@@ -6,6 +6,7 @@ knows of earlier trials it reads from the storage. So nothing depends on which p
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import warnings
 from collections.abc import Callable
@@ -14,19 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import InputError
+from studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
-# Part of a study's definition: another setting gives other trials. Measured: docs/design.md, "Choosing trials".
-STARTUP = 5  # random trials before a model of the objective is asked
-TPE_CANDIDATES = 128  # points drawn from TPE's good density, of which the best ratio wins
-SETTINGS: dict[str, dict[str, Any]] = {
-    "tpe": {"startup": STARTUP, "candidates": TPE_CANDIDATES},
-    "gp": {"startup": STARTUP},
-    "cmaes": {"startup": 1},
-    "random": {},
-}
+STARTUP = 5  # random trials of GP before a model of the objective is asked; TPE has its own settings
 
 _EXTRAS = {"gp": ("torch", "gp"), "cmaes": ("cmaes", "cmaes")}
 
@@ -41,47 +35,57 @@ def check_available(name: str) -> None:
         )
 
 
-def make_sampler(name: str, seed: int, finished: int) -> BaseSampler:
+def settings(name: str) -> dict[str, Any]:
+    """A sampler's settings. Part of a study's definition: another setting gives other trials."""
+    if name == "tpe":
+        from studies.tpe import Settings
+
+        return dataclasses.asdict(Settings())
+    return {"startup": STARTUP} if name == "gp" else {}
+
+
+def make_sampler(name: str, space: SearchSpace, seed: int, finished: int) -> BaseSampler:
     """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name."""
     if name not in _MAKERS:
         raise InputError(
             f"sampler: received {name}\n  rule: must be one of {', '.join(_MAKERS)}\n  remedy: tpe"
         )
-    number = int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])
     with warnings.catch_warnings():
         # Optuna calls samplers experimental, or announces changes of defaults, on every construction
         warnings.simplefilter("ignore")
-        return _MAKERS[name](number)
+        return _MAKERS[name](space, seed, finished)
 
 
-def _tpe(seed: int) -> BaseSampler:
-    from optuna.samplers import TPESampler
+def _tpe(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from studies.tpe import DirectionTPE
 
-    # constant_liar is for trials that run at the same time; here there is one at a time
-    return TPESampler(
-        seed=seed, n_startup_trials=STARTUP, n_ei_candidates=TPE_CANDIDATES, constant_liar=False
-    )
+    return DirectionTPE(space, seed, finished)
 
 
-def _gp(seed: int) -> BaseSampler:
+def _number(seed: int, finished: int) -> int:
+    """A seed of 32 bits for one trial of a study."""
+    return int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])
+
+
+def _gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
     from optuna.samplers import GPSampler
 
-    return GPSampler(seed=seed, n_startup_trials=STARTUP, deterministic_objective=True)
+    return GPSampler(seed=_number(seed, finished), n_startup_trials=STARTUP, deterministic_objective=True)
 
 
-def _cmaes(seed: int) -> BaseSampler:
+def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
     from optuna.samplers import CmaEsSampler
 
-    return CmaEsSampler(seed=seed, warn_independent_sampling=False)
+    return CmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
 
 
-def _random(seed: int) -> BaseSampler:
+def _random(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
     from optuna.samplers import RandomSampler
 
-    return RandomSampler(seed=seed)
+    return RandomSampler(seed=_number(seed, finished))
 
 
-_MAKERS: dict[str, Callable[[int], BaseSampler]] = {
+_MAKERS: dict[str, Callable[[SearchSpace, int, int], BaseSampler]] = {
     "tpe": _tpe,
     "gp": _gp,
     "cmaes": _cmaes,

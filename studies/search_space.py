@@ -6,9 +6,8 @@ Each magnetised segment has two angles that belong to the catheter rather than t
     along:  lift from the cross-section towards the tip, -90 to 90 deg
     d = (sin along, cos along cos around, cos along sin around)
 
-`along` = 90 deg is magnetised along the axis towards the tip, 0 across it. Measured on targets of different kinds,
-searches in these angles needed fewer trials than in angles about +z (docs/design.md has the table), because a
-rotation about the axis is what a bent catheter's mechanics hardly feels at the base and feels fully further out.
+`along` = 90 deg is magnetised along the axis towards the tip, 0 across it. A bent catheter's mechanics is about its axis, not
+about +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
 A varied field has its strength and the two angles of scene files: azimuth from +x towards +y, elevation to +z.
 """
 
@@ -75,6 +74,40 @@ class SearchSpace:
         digits = len(str(len(self.scene.body.catheter.segments)))
         return [f"segment_{i + 1:0{digits}d}" for i in self.segments]
 
+    @property
+    def count(self) -> int:
+        """Directions in a design: one a magnetised segment, and the field's."""
+        return len(self.segments) + (self.field_max is not None)
+
+    @property
+    def numbers(self) -> int:
+        """Plain numbers in a design: the field's strength."""
+        return int(self.field_max is not None)
+
+    def design(self, parameters: Mapping[str, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Parameters as directions (count, 3), segments base to tip and then the field, and numbers from 0 to 1."""
+        found = [
+            direction(parameters[f"{name}_around_deg"], parameters[f"{name}_along_deg"])
+            for name in self.segment_names()
+        ]
+        if self.field_max is None:
+            return np.array(found), np.zeros(0)
+        azimuth, elevation = (np.deg2rad(parameters[name]) for name in FIELD[1:])
+        found.append(_from_azimuth(azimuth, elevation))
+        return np.array(found), np.array([parameters[FIELD[0]] / (1e3 * self.field_max)])
+
+    def parameters(self, directions: NDArray[np.float64], numbers: NDArray[np.float64]) -> dict[str, float]:
+        """The inverse of `design`."""
+        found: dict[str, float] = {}
+        for name, vector in zip(self.segment_names(), directions, strict=False):
+            found[f"{name}_around_deg"], found[f"{name}_along_deg"] = angles(vector)
+        if self.field_max is not None:
+            x, y, z = directions[-1]
+            found[FIELD[0]] = float(numbers[0]) * 1e3 * self.field_max
+            found[FIELD[1]] = float(np.rad2deg(np.arctan2(y, x)))
+            found[FIELD[2]] = float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
+        return found
+
     def distributions(self) -> dict[str, BaseDistribution]:
         """The parameters as Optuna asks for them."""
         from optuna.distributions import FloatDistribution
@@ -95,8 +128,8 @@ class SearchSpace:
         if self.field_max is None:
             return np.array(self.scene.field.uniform, dtype=float)
         strength = 1e-3 * parameters[FIELD[0]]
-        a, e = (np.deg2rad(parameters[name]) for name in FIELD[1:])
-        return strength * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        azimuth, elevation = (np.deg2rad(parameters[name]) for name in FIELD[1:])
+        return strength * _from_azimuth(azimuth, elevation)
 
     def scene_of(self, parameters: Mapping[str, float]) -> Scene:
         """The scene of a trial."""
@@ -106,3 +139,10 @@ class SearchSpace:
         if self.field_max is not None:
             scene = scene.with_field(self.field(parameters))
         return scene
+
+
+def _from_azimuth(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Unit vector (3,) of a scene file's angles, in rad."""
+    return np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
