@@ -1,8 +1,8 @@
 """Validation problems: each a scene at any cell size, an independent answer, and its source.
 
-    for name, problem in finite_element_problems(Path("data/references/fem.json")).items():
-        result = run(problem.scene(cells_across=4))
-        print(name, largest_distance(result, problem.centreline) / problem.length)
+for name, problem in finite_element_problems(Path("data/references/fem.json")).items():
+    result = run(problem.scene(cells_across=4))
+    print(name, largest_distance(result, problem.centreline) / problem.length)
 """
 
 from __future__ import annotations
@@ -90,7 +90,9 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
         "effects": effects,
     }
     error = 1e-3 * case["centreline_error_mm"] / case["length"]
-    return Problem(name, content, read_centreline(folder / case["centreline"]), error, "data/references/make_fem.py")
+    return Problem(
+        name, content, read_centreline(folder / case["centreline"]), error, "data/references/make_fem.py"
+    )
 
 
 def elastica_problem(load: float, field_angle: float, slenderness: float, centreline: Array) -> Problem:

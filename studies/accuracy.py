@@ -80,7 +80,9 @@ def climb(
     """
     cells = sorted(set(cells))
     if len(cells) < 2:
-        raise InputError(f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6")
+        raise InputError(
+            f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
+        )
     scenes = [scene.with_cells(n) for n in cells]
     runs = []
     for k, rung in enumerate(scenes):
@@ -100,7 +102,9 @@ def climb(
                 iterations=result.iterations,
                 seconds=seconds,
                 error_finest=None if n == cells[-1] else measures.largest_distance(result, finest) / length,
-                error_reference=None if reference is None else measures.largest_distance(result, reference) / length,
+                error_reference=None
+                if reference is None
+                else measures.largest_distance(result, reference) / length,
             )
         )
     return Ladder(

@@ -108,7 +108,8 @@ def convergence(
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         figure.legend(loc="outside upper left", ncols=3, columnspacing=1.4, handletextpad=0.5)
         if title:
-            figure.suptitle(title, fontsize=10, weight="bold")
+            # Inside: an outside legend stands where a figure's title would.
+            axes.set_title(title, fontsize=10, weight="bold", loc="right")
         return _saved(figure, path)
 
 

@@ -30,7 +30,9 @@ LARGEST_SHIFT = 1e3
 MOST_LEFT = 8  # unstable equilibria a solve may leave
 LEAST_FRACTION = 1e-8  # of a step, before the line search gives up
 ROUNDING = 1e-13  # of the energy scale: below it two energies can't be told apart
-ROUNDING_AT_REST = 1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
+ROUNDING_AT_REST = (
+    1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
+)
 Progress = Callable[[int, float], None]
 
 

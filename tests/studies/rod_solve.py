@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from magmpm.basis import Array
 from magmpm.rod import solve_rod
 from magmpm.scene import Scene
@@ -48,7 +49,9 @@ class RodResult:
 def solve(scene: Scene) -> RodResult:
     """The scene's rod, as a result."""
     shape = solve_rod(scene, elements=20)
-    s = np.linspace(0.0, scene.body.catheter.length, 41)  # rows at cells' faces and middles, as measures want them
+    s = np.linspace(
+        0.0, scene.body.catheter.length, 41
+    )  # rows at cells' faces and middles, as measures want them
     return RodResult(scene.to_si(), np.column_stack([s, shape.at(s)]), iterations=shape.iterations)
 
 

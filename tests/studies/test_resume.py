@@ -14,9 +14,10 @@ from typing import Any
 import optuna
 import pytest
 from interruptible import draw
+from rod_solve import STUDY, RodResult, solve, write_study
+
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from rod_solve import STUDY, RodResult, solve, write_study
 from studies.definition import SAMPLERS, load_study
 from studies.engine import run_study
 from studies.samplers import check_available
@@ -84,9 +85,7 @@ def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: P
 
 @samplers
 @pytest.mark.parametrize("where", ["solve", "tell"])
-def test_killed_in_mid_trial_and_resumed_is_the_same_study(
-    sampler: str, where: str, tmp_path: Path
-) -> None:
+def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: str, tmp_path: Path) -> None:
     # 23 trials: CMA-ES (population 10) ends its second generation, TPE is past its random trials
     path = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 23"))
     whole, parts = tmp_path / "whole", tmp_path / "parts"
@@ -114,7 +113,9 @@ def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
     path = write_study(tmp_path)
     run_study(load_study(path), solve=solve, out=tmp_path / "whole", sampler="tpe")
     for trials in (1, 2, 6, 8):
-        report = run_study(load_study(path), solve=solve, out=tmp_path / "parts", sampler="tpe", trials=trials)
+        report = run_study(
+            load_study(path), solve=solve, out=tmp_path / "parts", sampler="tpe", trials=trials
+        )
         assert report.trials == trials
     same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
 
@@ -168,7 +169,9 @@ def test_missing_extra_is_said_before_any_trial(
     sampler: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     find = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a))
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a)
+    )
     with pytest.raises(InputError, match=rf"pip install 'magmpm\[{sampler}\]'"):
         check_available(sampler)
     study = load_study(write_study(tmp_path))
