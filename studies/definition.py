@@ -8,16 +8,17 @@ extended, but never quietly continued as another one.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from magmpm.errors import InputError, NotThereYet
 from magmpm.inputs import Part, Quantity, fault, validate
@@ -71,6 +72,14 @@ class Match(Part):
     )
 
 
+def _known_sampler(value: Any) -> Any:
+    if not isinstance(value, str) or value not in (*SAMPLERS, *LATER_SAMPLERS):
+        near = difflib.get_close_matches(str(value).lower(), SAMPLERS, n=1, cutoff=0.5)
+        remedy = f'did you mean "{near[0]}"?' if near else "write, say, `sampler: tpe`"
+        raise fault(f"must be {', '.join(SAMPLERS[:-1])} or {SAMPLERS[-1]}", remedy)
+    return value
+
+
 class Stop(Part):
     """When a study is done before its last trial."""
 
@@ -97,9 +106,9 @@ class StudyFile(Part):
         description="Trials in all; 35 unless given.",
         examples=[35],
     )
-    sampler: Literal["tpe", "gp", "cmaes", "random", "gauss-newton"] = Field(
-        default="tpe", description="How trials are chosen; tpe unless given.", examples=["tpe"]
-    )
+    sampler: Annotated[
+        str, BeforeValidator(_known_sampler), WithJsonSchema({"type": "string", "enum": list(SAMPLERS)})
+    ] = Field(default="tpe", description="How trials are chosen; tpe unless given.", examples=["tpe"])
     seed: int = Field(
         default=1,
         strict=True,
@@ -184,11 +193,11 @@ def load_study(path: Path | str) -> Study:
     try:
         scene = load_scene(folder / file.scene)
     except InputError as error:
-        raise type(error)(f"{error}\n  named in: {_place(document, 'scene')}") from None
+        raise _named_in(error, _place(document, "scene")) from None
     try:
         target = read_centreline(folder / file.match.centreline)
     except InputError as error:
-        raise type(error)(f"{error}\n  named in: {_place(document, 'match', 'centreline')}") from None
+        raise _named_in(error, _place(document, "match", "centreline")) from None
     _check_scene(scene, file, document)
     _check_target(target, scene.body.catheter.length, folder / file.match.centreline, document)
     return Study(
@@ -213,6 +222,12 @@ def check_sampler_name(name: str, place: str) -> None:
         raise NotThereYet(report(place, received=f'"{name}"', rule=rule, remedy="sampler: tpe"))
     if name not in SAMPLERS:
         raise InputError(report(place, received=f'"{name}"', rule=known, remedy="sampler: tpe"))
+
+
+def _named_in(error: InputError, place: str) -> InputError:
+    """An error in a file that the study names, with the place that names it."""
+    kind = NotThereYet if isinstance(error, NotThereYet) else InputError
+    return kind(f"{error}\n  named in: {place}")
 
 
 def _place(document: Document, *key: str) -> str:

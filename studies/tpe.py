@@ -115,7 +115,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         turn, _ = np.linalg.qr(np.random.default_rng([self._seed]).normal(size=(3, 3)))
         segments = len(self._space.segments)
         directions = np.tile(TETRAHEDRON[corner] @ turn, (segments, 1))
-        field = _uniform(self._rng, self._space.count - segments)
+        field = _unit(self._rng.normal(size=(self._space.count - segments, 3)))
         return np.vstack([directions, field]), self._rng.random(self._space.numbers)
 
     def _read(self, trials: Sequence[FrozenTrial]) -> Designs:
@@ -131,9 +131,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         numbers = around.numbers + settings.width / narrower * rng.normal(size=around.numbers.shape)
         numbers = 1 - np.abs(1 - np.abs(numbers) % 2)  # reflected into 0 to 1
         anywhere = rng.random(n) < settings.prior / (settings.prior + len(good))
-        count = int(anywhere.sum())
-        directions[anywhere] = _uniform(rng, count * directions.shape[1]).reshape(count, -1, 3)
-        numbers[anywhere] = rng.random((count, numbers.shape[1]))
+        directions[anywhere] = _unit(rng.normal(size=directions[anywhere].shape))
+        numbers[anywhere] = rng.random(numbers[anywhere].shape)
         return Designs(directions, numbers)
 
     def _density(self, at: Designs, of: Designs, narrower: float) -> Array:
@@ -150,11 +149,6 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         largest = log.max(axis=1)
         total = np.exp(np.maximum(log - largest[:, None], -700.0)).sum(axis=1)
         return np.asarray(largest + np.log(total) - math.log(len(of) + self._settings.prior))
-
-
-def _uniform(rng: np.random.Generator, n: int) -> Array:
-    """n directions, (n, 3), uniform on the sphere."""
-    return _unit(rng.normal(size=(n, 3)))
 
 
 def _near(rng: np.random.Generator, means: Array, K: float) -> Array:

@@ -14,7 +14,25 @@ from magmpm.rod import solve_rod
 from magmpm.scene import Scene
 from magmpm.tables import write_centreline
 
-SCENES = Path(__file__).parents[2] / "data" / "scenes"
+SCENE = """\
+name: five segments
+materials:
+  magnetic: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}
+body:
+  catheter:
+    length: 40 mm
+    diameter: 4 mm
+    material: magnetic
+    segments:
+      - magnetization: [1, 0, 0]
+      - magnetization: [0, 1, 0]
+      - magnetization: [0, 0, 1]
+      - magnetization: [-1, 0, 0.5]
+      - magnetization: [0, 0, -1]
+field: {uniform: [0 mT, 6 mT, 8 mT]}
+effects: {magnetic_torque: {}}
+resolution: {cells_across: 4}
+"""
 
 STUDY = """\
 scene: scene.yaml
@@ -58,7 +76,7 @@ def solve(scene: Scene) -> RodResult:
 def write_study(folder: Path, text: str = STUDY, scene: str | None = None) -> Path:
     """A study file with its scene and a target: a bend of 60 degrees with constant curvature. Returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scene.yaml").write_text(scene or (SCENES / "five_segments.yaml").read_text())
+    (folder / "scene.yaml").write_text(scene or SCENE)
     s = np.linspace(0.0, 0.04, 21)
     radius = 0.04 / np.deg2rad(60)
     bend = radius * (1 - np.cos(s / radius))

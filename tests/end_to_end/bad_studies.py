@@ -1,0 +1,120 @@
+"""Broken study files: a good study with its scene and target, and one edit each that breaks it, with what must be said.
+
+`CASES` is data, so that the same files go through `load_study` and through the command. `write(case, folder)` makes the
+files and returns the study's path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+# ruff: noqa: E501  (a case a line reads best)
+# fmt: off
+
+GOOD = """\
+scene: scene.yaml
+vary:
+  magnetization: {}
+  field: {max: 10 mT}
+match:
+  centreline: target.csv
+trials: 35
+sampler: tpe
+seed: 1
+stop: {rms: 2 mm}
+"""
+
+SCENE = """\
+name: probe
+materials:
+  magnetic: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}
+body:
+  catheter:
+    length: 40 mm
+    diameter: 4 mm
+    material: magnetic
+    segments: [{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}]
+field: {uniform: [0 mT, 6 mT, 8 mT]}
+effects: {magnetic_torque: {}}
+"""
+
+TARGET = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,19.5,0,4\n40,37,0,13\n"
+
+FILES = {"study.yaml": GOOD, "scene.yaml": SCENE, "target.csv": TARGET}
+
+
+@dataclass(frozen=True)
+class BadStudy:
+    """One way to get a study wrong.
+
+    edit: (old, new) in `file`, once; new None: the file is missing. says: phrases of the message; later: the error is
+    NotThereYet.
+    """
+
+    name: str
+    edit: tuple[str, str | None]
+    says: tuple[str, ...]
+    file: str = "study.yaml"
+    later: bool = False
+
+
+CASES = [
+    # keys and values
+    BadStudy("unknown key", ("trials: 35", "trails: 35"), ("study.yaml:7: trails", "unknown key", 'did you mean "trials"?')),
+    BadStudy("key of another part", ("trials: 35", "rms: 2 mm"), ("study.yaml:7: rms", "it belongs in stop")),
+    BadStudy("key twice", ("seed: 1", "seed: 1\nseed: 2"), ("study.yaml:10", "seed", "a second time")),
+    BadStudy("no scene", ("scene: scene.yaml\n", ""), ("scene: received nothing", "required", "write, say, `scene:")),
+    BadStudy("no match", ("match:\n  centreline: target.csv\n", ""), ("match: received nothing", "required")),
+    BadStudy("no trials", ("trials: 35", "trials: 0"), ("study.yaml:7: trials: received 0", "at least 1", "trials: 35")),
+    BadStudy("half a trial", ("trials: 35", "trials: 35.5"), ("trials: received 35.5", "whole number")),
+    BadStudy("trials in quotes", ("trials: 35", 'trials: "35"'), ('trials: received "35"', "whole number", "without quotes")),
+    BadStudy("negative seed", ("seed: 1", "seed: -1"), ("seed: received -1", "at least 0")),
+    BadStudy("unknown sampler", ("sampler: tpe", "sampler: tep"), ('sampler: received "tep"', "tpe, gp, cmaes or random", 'did you mean "tpe"?')),
+    BadStudy("sampler by another name", ("sampler: tpe", "sampler: annealing"), ('received "annealing"', "write, say, `sampler: tpe`")),
+    BadStudy("later sampler", ("sampler: tpe", "sampler: gauss-newton"), ("study.yaml:8: sampler", "gauss-newton", "not there yet"), later=True),
+    BadStudy("stop without a unit", ("rms: 2 mm", "rms: 2"), ("stop.rms: received 2", "unit", '"40 mm"')),
+    BadStudy("stop in another unit", ("rms: 2 mm", "rms: 2 mT"), ('stop.rms: received "2 mT"', "length")),
+    BadStudy("stop at nothing", ("rms: 2 mm", "rms: 0 mm"), ("stop.rms", "greater than 0 mm")),
+    BadStudy("stop is no mapping", ("stop: {rms: 2 mm}", "stop: 2 mm"), ("stop: received", "must be a mapping")),
+    BadStudy("stop left empty", ("stop: {rms: 2 mm}", "stop:"), ("stop: received nothing", "must have a value")),
+    # what is varied
+    BadStudy("vary nothing", ("vary:\n  magnetization: {}\n  field: {max: 10 mT}\n", "vary: {}\n"), ("study.yaml:2: vary", "must vary something", "`magnetization: {}`")),
+    BadStudy("vary what it can't", ("  magnetization: {}", "  remanence: {}"), ("vary.remanence", "unknown key", "magnetization, field")),
+    BadStudy("field without a limit", ("field: {max: 10 mT}", "field: {}"), ("vary.field.max: received nothing", "`max: 10 mT`")),
+    BadStudy("no field at most", ("max: 10 mT", "max: 0 mT"), ("vary.field.max", "greater than 0 mT")),
+    BadStudy("settings where there are none", ("magnetization: {}", "magnetization: {angles: 2}"), ("vary.magnetization.angles", "unknown key")),
+    # the scene it names
+    BadStudy("missing scene", ("", None), ("scene.yaml: no such file", "named in", "study.yaml:1: scene"), file="scene.yaml"),
+    BadStudy("scene is a folder", ("scene: scene.yaml", "scene: ."), ("this is a folder", "named in", "study.yaml:1: scene")),
+    BadStudy("broken scene", ("length: 40 mm", "length: 40"), ("scene.yaml:6: body.catheter.length", "unit", "study.yaml:1: scene"), file="scene.yaml"),
+    BadStudy("scene of a later version", ("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}, walls: {}}"), ("effects.walls", "not there yet", "study.yaml:1: scene"), file="scene.yaml", later=True),
+    BadStudy("scene without torque", ("effects: {magnetic_torque: {}}", "effects: {gravity: {}}"), ("study.yaml:1: scene", "magnetic_torque"), file="scene.yaml"),
+    BadStudy("scene without magnets", ("segments: [{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}]", "segments: [{}]"), ("segment with a magnetization",), file="scene.yaml"),
+    # the target it names
+    BadStudy("missing target", ("", None), ("target.csv: no such file", "study.yaml:6: match.centreline"), file="target.csv"),
+    BadStudy("target without a header", ("s_mm,x_mm,y_mm,z_mm\n", ""), ("target.csv:1", "s_mm,x_mm,y_mm,z_mm", "study.yaml:6: match.centreline"), file="target.csv"),
+    BadStudy("target of words", ("19.5", "far"), ("target.csv:3", "numbers", "study.yaml:6: match.centreline"), file="target.csv"),
+    BadStudy("target too long", ("40,37,0,13", "50,47,0,13"), ("target.csv", "received s_mm up to 50", "the catheter's length, 40 mm"), file="target.csv"),
+    BadStudy("target elsewhere", ("\n0,0,0,0", "\n0,0,0,5"), ("mm at s = 0", "must start at the catheter's base"), file="target.csv"),
+    BadStudy("target that stretches", ("40,37,0,13", "40,37,0,33"), ("33.87 mm apart at s_mm = 20 and 40", "further apart"), file="target.csv"),
+    BadStudy("target along another axis", ("20,19.5,0,4\n40,37,0,13", "20,-0.5,0,60\n40,0,0,120"), ("apart", "leaves the base along +x"), file="target.csv"),
+    BadStudy("target in metres", ("20,19.5,0,4\n40,37,0,13", "20,0.0195,0,0.004\n40,0.037,0,0.013"), ("along 40 mm of catheter", "in mm"), file="target.csv"),
+    BadStudy("path is a list", ("centreline: target.csv", "centreline: [target.csv]"), ("match.centreline", "must be text")),
+    BadStudy("no YAML", ("vary:", "vary: {"), ("study.yaml:2", "YAML")),
+    BadStudy("empty", (GOOD, ""), ("study.yaml: the file is empty",)),
+    BadStudy("no file", ("", None), ("study.yaml: no such file",)),
+]
+
+
+def write(case: BadStudy, folder: Path) -> Path:
+    """The files of a case, in a folder. Returns the study's path."""
+    for name, text in FILES.items():
+        old, new = case.edit
+        if name == case.file:
+            if new is None:
+                continue
+            assert text.count(old) == 1, f"{case.name}: the edit must apply exactly once"
+            text = text.replace(old, new)
+        (folder / name).write_text(text)
+    return folder / "study.yaml"

@@ -1,0 +1,111 @@
+"""Every broken study is refused with a message that names file, line, key, value, rule and remedy, before anything runs."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+from pathlib import Path
+
+import pytest
+from bad_studies import CASES, FILES, BadStudy, write
+
+from magmpm.cli import main
+from magmpm.errors import InputError, NotThereYet
+from studies.definition import load_study
+
+
+def write_good(folder: Path) -> Path:
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    return folder / "study.yaml"
+
+
+def test_the_good_study_is_good(tmp_path: Path) -> None:
+    study = load_study(write_good(tmp_path))
+    assert (study.name, study.trials, study.stop_rms, study.field_max) == ("study", 35, 2e-3, 10e-3)
+
+
+def test_there_are_enough_cases_and_each_is_its_own() -> None:
+    assert len(CASES) >= 12
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
+def test_load_study_says_what_is_wrong(case: BadStudy, tmp_path: Path) -> None:
+    path = write(case, tmp_path)
+    with pytest.raises(InputError) as caught:
+        load_study(path)
+    message = str(caught.value)
+    missing = [phrase for phrase in case.says if phrase not in message]
+    assert not missing, f"not said: {missing}\nin:\n{message}"
+    assert str(tmp_path) in message, "the file is named"
+    assert "\n  rule: " in message or "no such file" in message or "this is a folder" in message
+    assert "problems in" not in message, f"one mistake, one problem:\n{message}"
+    assert isinstance(caught.value, NotThereYet) == case.later
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
+def test_the_command_ends_with_status_2(
+    case: BadStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = write(case, tmp_path), tmp_path / "out"
+    assert main(["design", str(path), "--out", str(out), "--no-pictures"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert all(phrase in printed.err for phrase in case.says)
+    assert not out.exists(), "nothing is left behind"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, random")),
+        (["--sampler", "gauss-newton"], ("--sampler", "not there yet")),
+        (["--trials", "0"], ("--trials", "received 0", "at least 1")),
+        (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
+        (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, list) else None,
+)
+def test_bad_options_end_with_status_2(
+    arguments: list[str], says: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_good(tmp_path)
+    assert main(["design", str(path), "--out", str(tmp_path / "out"), "--no-pictures", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert all(phrase in printed.err for phrase in says), printed.err
+
+
+def test_damaged_files_never_crash(tmp_path: Path) -> None:
+    """Random damage to good files ends in a study or in an InputError, and in nothing else."""
+    rng = random.Random(5)
+    pieces = [
+        "",
+        " ",
+        "\t",
+        "\n",
+        ":",
+        "-",
+        "[",
+        "]",
+        "{",
+        "}",
+        "'",
+        '"',
+        "#",
+        "&a",
+        "*a",
+        "1e999",
+        ".nan",
+        "\0",
+        "é",
+    ]
+    for _ in range(300):
+        write_good(tmp_path)
+        path = tmp_path / rng.choice(list(FILES))
+        text = path.read_text()
+        at = rng.randrange(len(text))
+        path.write_text(text[:at] + rng.choice(pieces) + text[at + rng.choice([0, 1, 3]) :])
+        with contextlib.suppress(InputError):
+            load_study(tmp_path / "study.yaml")
