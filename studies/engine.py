@@ -91,7 +91,8 @@ class _Run:
         self.distributions = self.space.distributions()
         search = {"parameters": list(self.distributions), **settings(study.sampler)}
         self.storage = open_storage(url, timeout)
-        self.kept = open_study(self.storage, study, {**study.definition(), "search": search}, out, url)
+        definition = {**study.definition(), "search": search}
+        self.kept = open_study(self.storage, study, definition, out, url, timeout)
         self.gallery = records.Gallery(out, self.storage)
         finished = self.finished()
         best = report.best_trial(finished)

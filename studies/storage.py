@@ -144,7 +144,12 @@ def _commit_without_waiting(backend: optuna.storages.RDBStorage) -> None:
 
 
 def open_study(
-    storage: optuna.storages.BaseStorage, study: Study, definition: Mapping[str, Any], out: Path, url: str
+    storage: optuna.storages.BaseStorage,
+    study: Study,
+    definition: Mapping[str, Any],
+    out: Path,
+    url: str,
+    timeout: float = TIMEOUT,
 ) -> optuna.Study:
     """The study in its storage, new or resumed, with trials that an interruption left behind waiting to run again.
 
@@ -152,7 +157,7 @@ def open_study(
     """
     import optuna
 
-    with storage_faults(url):
+    with storage_faults(url, timeout):
         kept = optuna.create_study(
             storage=storage, study_name=study.name, direction="minimize", load_if_exists=True
         )

@@ -1,0 +1,90 @@
+"""optuna-dashboard shows every trial's numbers and picture."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from interruptible import draw
+from rod_solve import solve, write_study
+
+from studies.definition import load_study
+from studies.engine import run_study
+
+pytest.importorskip("optuna_dashboard", reason="an extra: pip install 'magmpm[dashboard]'")
+
+SERVE = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study of four trials, each with its picture."""
+    folder = tmp_path_factory.mktemp("study")
+    run_study(load_study(write_study(folder)), solve=solve, picture=draw, out=folder / "out", trials=4)
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def address(out: Path) -> Iterator[str]:
+    """`magmpm dashboard` on that folder, at a free port of this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-c", SERVE, "dashboard", str(out), "--port", str(port)]
+    child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        until = time.monotonic() + 60
+        while True:
+            assert child.poll() is None, "the server ended"
+            assert time.monotonic() < until, "the server never answered"
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/api/studies", timeout=5).close()
+                break
+            except OSError:
+                time.sleep(0.1)
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        child.kill()
+        child.wait()
+
+
+def get(url: str) -> bytes:
+    with urllib.request.urlopen(url, timeout=30) as answer:
+        return bytes(answer.read())
+
+
+def ask(url: str) -> Any:
+    return json.loads(get(url))
+
+
+def test_pictures_are_listed_and_can_be_downloaded(address: str, out: Path) -> None:
+    assert ask(f"{address}/api/meta")["artifact_is_available"] is True
+    (study,) = ask(f"{address}/api/studies")["study_summaries"]
+    assert study["study_name"] == "probe"
+    detail = ask(f"{address}/api/studies/{study['study_id']}?after=0")
+    assert len(detail["trials"]) == 4
+    for trial in detail["trials"]:
+        (artifact,) = trial["artifacts"]
+        assert artifact["filename"] == f"trial_{trial['number']:03d}.png"
+        assert artifact["mimetype"] == "image/png"
+        content = get(
+            f"{address}/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}"
+        )
+        assert content == (out / "pictures" / artifact["filename"]).read_bytes()
+
+
+def test_numbers_are_shown(address: str) -> None:
+    (study,) = ask(f"{address}/api/studies")["study_summaries"]
+    detail = ask(f"{address}/api/studies/{study['study_id']}?after=0")
+    assert detail["objective_names"] == ["rms_m"]
+    names = {attribute["key"] for attribute in detail["trials"][0]["user_attrs"]}
+    assert {"rms_m", "tip_error_m", "min_det_F", "max_det_F", "newton_steps", "feasible", "seconds"} <= names
+    assert len(detail["trials"][0]["params"]) == 10

@@ -1,0 +1,224 @@
+"""The database of trials: its settings, and what is said when it can't be used."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import optuna
+import pytest
+from rod_solve import STUDY, RodResult, solve, write_study
+from test_resume import trials_of
+
+from magmpm.errors import InputError
+from magmpm.scene import Scene
+from studies.definition import load_study
+from studies.engine import run_study
+from studies.report import StudyReport
+from studies.storage import STALE, StorageError, folder_lock, shown_url
+
+LOCKER = """\
+import sqlite3, sys
+connection = sqlite3.connect(sys.argv[1], isolation_level=None)
+connection.execute("BEGIN EXCLUSIVE")
+print("locked", flush=True)
+sys.stdin.read()
+"""
+
+
+def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> StudyReport:
+    return run_study(load_study(write_study(folder, text)), solve=how, **{"out": folder / "out", **options})
+
+
+@contextmanager
+def locked(database: Path) -> Iterator[None]:
+    """Another process holds the database for itself."""
+    command = [sys.executable, "-c", LOCKER, str(database)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "locked\n"
+        try:
+            yield
+        finally:
+            child.communicate("")
+
+
+def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) -> None:
+    def look(scene: Scene) -> RodResult:
+        # as the dashboard does while the study runs: it reads trials, and writes notes
+        other = sqlite3.connect(tmp_path / "out/study.db", timeout=5)
+        assert other.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        assert other.execute("SELECT COUNT(*) FROM trials").fetchone()[0] >= 1
+        other.execute("UPDATE studies SET study_name = study_name")
+        other.commit()
+        other.close()
+        return solve(scene)
+
+    assert run(tmp_path, look).failed == 0
+
+
+def test_a_locked_database_is_waited_for_then_said(tmp_path: Path) -> None:
+    run(tmp_path, trials=2)
+    with locked(tmp_path / "out/study.db"):
+        begun = time.monotonic()
+        with pytest.raises(StorageError) as caught:
+            run(tmp_path, storage_timeout=0.5)
+        assert time.monotonic() - begun > 0.5, "it waits"
+    message = str(caught.value)
+    assert "study.db" in message
+    assert "another process has kept it locked for 0.5 s" in message
+    assert "run this command again: it resumes" in message
+    assert caught.value.exit_status == 1
+    assert run(tmp_path).trials == 8, "and it does"
+
+
+def test_a_lock_that_goes_in_time_is_not_noticed(tmp_path: Path) -> None:
+    run(tmp_path, trials=2)
+    holder = sqlite3.connect(tmp_path / "out/study.db", isolation_level=None, check_same_thread=False)
+    holder.execute("BEGIN EXCLUSIVE")
+    threading.Timer(0.7, lambda: holder.execute("COMMIT")).start()
+    assert run(tmp_path, storage_timeout=20).trials == 8
+    holder.close()
+
+
+def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
+    holders = []
+
+    def then_locked(scene: Scene) -> RodResult:
+        if len(trials_of(tmp_path / "out")) == 4 and not holders:
+            holders.append(sqlite3.connect(tmp_path / "out/study.db", isolation_level=None))
+            holders[0].execute("BEGIN EXCLUSIVE")
+        return solve(scene)
+
+    with pytest.raises(StorageError, match=r"locked for 0\.3 s"):
+        run(tmp_path, then_locked, storage_timeout=0.3)
+    holders[0].execute("COMMIT")
+    holders[0].close()
+    states = [t.state for t in trials_of(tmp_path / "out")]
+    assert states == [optuna.trial.TrialState.COMPLETE] * 3 + [optuna.trial.TrialState.RUNNING]
+    run(tmp_path)
+    whole = tmp_path / "whole"
+    run(tmp_path, out=whole)
+    assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(whole)]
+
+
+@pytest.mark.parametrize(
+    ("url", "kind", "says"),
+    [
+        ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
+        ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
+        ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
+        ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
+    ],
+)
+def test_unusable_storage_is_said_before_any_trial(
+    url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path
+) -> None:
+    with pytest.raises(kind) as caught:
+        run(tmp_path, storage=url)
+    assert all(phrase in str(caught.value) for phrase in says), str(caught.value)
+
+
+def test_a_database_server_that_does_not_answer_is_said(tmp_path: Path) -> None:
+    """A driver that fails to connect, as a server's would: SQLite on a file that may not be made."""
+    (tmp_path / "folder.db").mkdir()
+    with pytest.raises(StorageError, match="unable to open database file") as caught:
+        run(tmp_path, storage=f"sqlite:///{tmp_path}/folder.db")
+    assert "can be reached" in str(caught.value)
+
+
+def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/study.db").write_text("minutes of the last meeting" * 100)
+    with pytest.raises(InputError, match="must be an SQLite database"):
+        run(tmp_path)
+    assert (tmp_path / "out/study.db").read_text().startswith("minutes")
+
+
+def test_passwords_are_not_shown() -> None:
+    assert shown_url("postgresql://me:secret@host/db") == "postgresql://me:***@host/db"
+    assert shown_url("sqlite:////a/study.db") == "sqlite:////a/study.db"
+
+
+def test_another_database_holds_the_trials_and_the_folder_the_rest(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/shared.db"
+    report = run(tmp_path, storage=url, trials=3)
+    assert report.storage == url
+    assert not (tmp_path / "out/study.db").exists()
+    elsewhere = run(tmp_path, storage=url, out=tmp_path / "elsewhere")
+    assert elsewhere.trials == 8, "another folder resumes the study of that database"
+    assert (tmp_path / "elsewhere/best/design.json").exists()
+
+
+def test_a_study_someone_else_made_is_left_alone(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/shared.db"
+    other = optuna.create_study(storage=url, study_name="probe")
+    other.optimize(lambda trial: trial.suggest_float("x", 0, 1), n_trials=1)
+    with pytest.raises(InputError, match="that magmpm did not make"):
+        run(tmp_path, storage=url)
+    assert len(optuna.load_study(study_name="probe", storage=url).trials) == 1
+
+
+# who runs a study
+
+
+def test_one_process_a_folder(tmp_path: Path) -> None:
+    with (
+        folder_lock(tmp_path / "out"),
+        pytest.raises(StorageError, match=f"running in this folder \\(process {os.getpid()}\\)"),
+    ):
+        run(tmp_path)
+    assert run(tmp_path).trials == 8, "the lock goes with its process"
+
+
+def test_a_folder_that_cant_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(InputError, match="must be writable"):
+        run(tmp_path)
+
+
+def left_running(folder: Path, **owner: Any) -> str:
+    """A shared database with three finished trials and one that `owner` left running. Returns its URL."""
+    url = f"sqlite:///{folder}/shared.db"
+    run(folder, storage=url, trials=3)
+    study = optuna.load_study(study_name="probe", storage=url)
+    study.ask()
+    study.set_user_attr("process", {**study.user_attrs["process"], **owner})
+    return url
+
+
+def test_a_trial_that_runs_elsewhere_is_not_taken(tmp_path: Path) -> None:
+    url = left_running(tmp_path, pid=os.getppid(), out="/elsewhere")  # on this machine, and alive
+    with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on "):
+        run(tmp_path, storage=url)
+    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, just begun
+    with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on another"):
+        run(tmp_path / "b", storage=url)
+
+
+def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    url = left_running(tmp_path, pid=ended.pid, out="/elsewhere")  # on this machine, and gone
+    assert run(tmp_path, storage=url).trials == 8
+    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another, long ago
+
+    class Later(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> Any:
+            return datetime.now(tz) + timedelta(seconds=STALE + 1)
+
+    monkeypatch.setattr("studies.storage.datetime", Later)
+    report = run(tmp_path / "b", storage=url)
+    assert report.trials == 8
+    assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8
