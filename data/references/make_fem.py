@@ -99,7 +99,7 @@ CASES = {
     "three_segments_3d": Case(THREE, 3e-3, field=(0.0, 5e-3, 7e-3)),
     "slender_3d": Case(FOUR, 3e-3, field=(1e-3, 3e-3, 3e-3), steps=8, ramp_order=3),
     "gravity_3d": Case(FIVE, 4e-3, field=(0.0, 6e-3, 8e-3), gravity=DOWN),
-    "hollow_mixed": Case(MIXED, 4e-3, field=(3e-3, 8e-3, 8e-3), inner_diameter=2e-3),
+    "hollow_mixed": Case(MIXED, 4e-3, (3e-3, 8e-3, 8e-3), inner_diameter=2e-3, ramp_order=3),
     "near_incompressible": Case(AXIAL, 4e-3, field=(0.0, 0.0, 5e-3), bulk_to_shear=500.0),
     "gravity_only": Case(equal_segments(40e-3, 0.0, NONE), 4e-3, field=NONE, gravity=DOWN),
 }
