@@ -14,7 +14,7 @@ from magmpm.bodies import Particles, rod_grid, rod_particles, section_errors
 from magmpm.scene import Scene
 from magmpm.statics.panels import split_plane
 
-LINEAR_STIFFNESS = 10.0  # of G: what the linear modes of the volume part carry at most, see volume_modes
+LINEAR_STIFFNESS = 5.0  # of G: what the linear modes of the volume part carry at most, see volume_modes
 Index = NDArray[np.int64]
 
 

@@ -247,6 +247,13 @@ class Scene(Part):
         if self.effects.magnetic_torque is None and self.effects.gravity is None:
             found.append("effects: none is named, so nothing moves")
         used = {s.material or self.body.catheter.material for s in self.body.catheter.segments}
+        catheter, across = self.body.catheter, self.resolution.cells_across
+        wall = (catheter.diameter - catheter.inner_diameter) / 2 * across / catheter.diameter
+        if wall < 1:
+            found.append(
+                f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
+                f"cells_across {int(np.ceil(across / wall - 1e-9))}"
+            )
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]
         return found
 

@@ -352,3 +352,14 @@ def test_centreline_tables(tmp_path: Path) -> None:
         read_centreline(tmp_path / "d.csv")
     with pytest.raises(InputError, match="readable text file"):
         read_centreline(tmp_path)
+
+
+def test_a_wall_thinner_than_a_cell_is_warned_of() -> None:
+    """With the number of cells that would do: (4 - 3) / 2 mm of wall at 1 mm cells is half a cell, so 8 cells make it one."""
+    data = load_scene(FIVE.with_name("hollow.yaml")).to_si()
+    catheter = data["body"]["catheter"]
+    catheter["inner_diameter"] = 0.75 * catheter["diameter"]
+    data["resolution"]["cells_across"] = 4
+    scene = Scene.from_si(data)
+    assert any("0.50 cells thick" in text and text.endswith("cells_across 8") for text in scene.warnings())
+    assert not any("cells thick" in text for text in scene.with_cells(8).warnings())
