@@ -35,8 +35,11 @@ LATER = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Returns the exit status."""
-    options = _parser().parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        if given and given[0] in LATER:  # before argparse, which does not know their options yet
+            return _later(given[0])
+        options = _parser().parse_args(given)
         status: int = options.command(options)
         return status
     except SolveError as error:
@@ -48,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone
         sys.stderr.close()
         return 1
+    except OSError as error:  # a disk that is full, a folder that went away
+        return _say(f"magmpm: {error.filename or 'the system'}: {error.strerror or error}", 1)
 
 
 def _say(message: str, status: int) -> int:
@@ -116,9 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     dashboard.set_defaults(command=_dashboard)
 
     for name, purpose in LATER.items():
-        later = commands.add_parser(name, help=f"{purpose} (not there yet)")
-        later.add_argument("anything", nargs=argparse.REMAINDER)
-        later.set_defaults(command=_later, name=name)
+        commands.add_parser(name, help=f"{purpose} (not there yet)")
     return parser
 
 
@@ -142,6 +145,18 @@ def results_folder(name: str) -> Path:
     return Path("runs") / name.replace(" ", "-")
 
 
+def writable(folder: Path) -> Path:
+    """The folder, made if missing, before the work whose results it takes. Raises InputError if it can't be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".magmpm-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"--out: received {folder}: results can't be written there ({error.strerror}); use another --out") from None
+    return folder
+
+
 def _print(options: argparse.Namespace, summary: dict[str, Any], text: str) -> None:
     """The one JSON object, or the text for people."""
     print(json.dumps(summary) if options.json else text)
@@ -152,17 +167,16 @@ def _run(options: argparse.Namespace) -> int:
     from magmpm.simulate import run
 
     scene = load_scene(options.scene)
-    folder = options.out or results_folder(scene.name)
+    folder = writable(options.out or results_folder(scene.name))
     with Progress(f"{scene.name}") as progress:
         try:
-            result = run(
-                scene,
-                on_progress=lambda step, gap: progress.note(f"Newton step {step}, energy gap {gap:.0e}"),
-            )
+            result = run(scene, on_progress=lambda step, gap: progress.note(f"Newton step {step}, energy gap {gap:.0e}"))
         except SolveError as error:
             if error.state is None:
                 raise
             saved = error.state.save(folder)
+            if options.json:
+                print(json.dumps({**error.state.summary(), "folder": str(folder), "reason": error.reason}))
             raise SolveError(f"{error.reason}; the last good state is in {saved}", error.state) from None
     result.save(folder)
     summary = {**result.summary(), "folder": str(folder)}
@@ -213,7 +227,7 @@ def _accuracy(options: argparse.Namespace) -> int:
     from viz.plots import accuracy
 
     scene = load_scene(options.scene)
-    folder = options.out or results_folder(scene.name)
+    folder = writable(options.out or results_folder(scene.name))
     with Progress(f"accuracy of {scene.name}") as progress:
         ladder = climb(scene, run, _cells(options.cells) or LADDER, progress.at)
     files = [
@@ -255,10 +269,8 @@ def _dashboard(options: argparse.Namespace) -> int:
     return dashboard(Path(options.folder), options.port)
 
 
-def _later(options: argparse.Namespace) -> int:
-    raise NotThereYet(
-        f"`magmpm {options.name}` ({LATER[options.name]}) is not there yet; `magmpm --help` lists what is"
-    )
+def _later(name: str) -> int:
+    raise NotThereYet(f"`magmpm {name}` ({LATER[name]}) is not there yet; `magmpm --help` lists what is")
 
 
 if __name__ == "__main__":

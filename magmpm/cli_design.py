@@ -45,7 +45,8 @@ def design(options: argparse.Namespace) -> int:
             sampler=options.sampler,
             storage=options.storage,
         )
-        files = [] if renderer is None else _draw_study(out, report.summary(), study.target, renderer)
+        done = report.ended != "interrupted"
+        files = _draw_study(out, report.summary(), study.target, renderer) if renderer is not None and done else []
         note = "" if renderer is None else renderer.note
     if note:
         print(note, file=sys.stderr)
@@ -103,12 +104,25 @@ def is_study(folder: Path) -> bool:
 
 def render_study(folder: Path, out: Path) -> tuple[list[Path], str]:
     """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note."""
-    from studies.report import REPORT
     from viz.worker import Renderer
 
-    report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+    report = _saved_report(folder)
     with Renderer() as renderer:
         return _draw_study(folder, report, _saved_target(folder), renderer, out), renderer.note
+
+
+def _saved_report(folder: Path) -> dict[str, Any]:
+    """What a study's folder says of it. Raises InputError."""
+    from studies.report import REPORT
+
+    try:
+        report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        _ = report["rms_m"], report["storage"], report["failed_trials"], report["stop_rms_m"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{folder / REPORT}: can't be read as a study's report ({error!r}); run `magmpm design` again, it writes it anew"
+        ) from None
+    return report
 
 
 def _saved_target(folder: Path) -> np.ndarray | None:
@@ -130,18 +144,21 @@ def _draw_study(
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.results import Result
     from magmpm.tables import write_centreline
-    from studies.records import BEST, IMPROVEMENTS
+    from studies.records import BEST, DESIGN, IMPROVEMENTS
     from viz import plots
     from viz.movie import best_shapes_movie
     from viz.picture import Picture
     from viz.style import FINAL_SIZE
 
     out = out or folder
-    if target is not None and not (folder / "target.csv").exists():
+    if target is not None:
         write_centreline(folder / "target.csv", target)
 
     def picture(of: Path) -> Picture:
-        known = json.loads((of / "design.json").read_text(encoding="utf-8"))
+        try:
+            known = json.loads((of / DESIGN).read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise InputError(f"{of / DESIGN}: can't be read ({error}); remove {of}, and run `magmpm design` again") from None
         return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"])
 
     files = []
@@ -159,7 +176,7 @@ def _draw_study(
                 penalised,
             )
         )
-    shapes = sorted((folder / IMPROVEMENTS).glob("[0-9]*")) if (folder / IMPROVEMENTS).exists() else []
+    shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
         files.append(
             best_shapes_movie(
@@ -180,6 +197,8 @@ def dashboard(folder: Path, port: int) -> int:
         raise InputError(
             f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
         )
+    if not 0 < port < 65536:
+        raise InputError(f"--port: received {port}; must be between 1 and 65535")
     if find_spec("optuna_dashboard") is None:
         raise InputError(
             "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
@@ -187,7 +206,7 @@ def dashboard(folder: Path, port: int) -> int:
     from optuna.artifacts import FileSystemArtifactStore
     from optuna_dashboard import run_server
 
-    storage = json.loads((folder / REPORT).read_text(encoding="utf-8"))["storage"]
+    storage = _saved_report(folder)["storage"]
     print(f"http://127.0.0.1:{port} shows {folder}; Ctrl-C ends it", file=sys.stderr)
     run_server(
         storage, host="127.0.0.1", port=port, artifact_store=FileSystemArtifactStore(str(folder / ARTIFACTS))

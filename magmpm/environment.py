@@ -9,6 +9,7 @@ import hashlib
 import os
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -25,13 +26,21 @@ def source_hash() -> str:
 
 
 def _cache_folder() -> Path:
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "magmpm"
-    folder = root / f"numba-{source_hash()}"
-    if not folder.exists():
-        old = sorted(root.glob("numba-*"), key=lambda p: p.stat().st_mtime, reverse=True)
-        for stale in old[KEPT_CACHES - 1 :]:
-            shutil.rmtree(stale, ignore_errors=True)
+    """Folder of compiled kernels for these sources; in the system's temporary folder where the user's cache can't be written."""
+    name = f"numba-{source_hash()}"
+    try:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "magmpm"
+        folder = root / name
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".writable").touch()
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
+        folder = Path(tempfile.gettempdir()) / f"magmpm-{os.getuid()}" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
+        return folder
+    old = sorted((path for path in root.glob("numba-*") if path != folder), key=lambda p: p.stat().st_mtime, reverse=True)
+    for stale in old[KEPT_CACHES - 1 :]:
+        shutil.rmtree(stale, ignore_errors=True)
     return folder
 
 

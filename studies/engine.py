@@ -21,6 +21,7 @@ from studies.samplers import check_available, make_sampler, settings
 from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
+    claim_folder,
     folder_lock,
     open_storage,
     open_study,
@@ -70,6 +71,7 @@ def run_study(
     folder = Path(out)
     url = storage_url(folder, storage)
     with folder_lock(folder):
+        claim_folder(folder, study.name)
         run = _Run(study, folder, url, storage_timeout)
         ended = run.to_the_end(solve, picture, on_trial)
         if ended != "interrupted":

@@ -13,6 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from magmpm.results import NUMBERS
+
 if TYPE_CHECKING:
     import optuna
     from optuna.trial import FrozenTrial
@@ -70,9 +72,10 @@ def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
 
 
 def holds(folder: Path, trial: FrozenTrial) -> bool:
-    """Whether a folder holds the whole result of this trial."""
+    """Whether a folder holds the whole result of this trial, readable."""
     try:
         design = json.loads((folder / DESIGN).read_text(encoding="utf-8"))
+        json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
     return bool(design.get("number") == trial.number and design.get("params") == trial.params)

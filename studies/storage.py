@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import optuna
 
 DATABASE = "study.db"
+OWNER = "study-name.txt"
 LOCK = ".lock"
 TIMEOUT = 60.0  # s to wait for a locked database
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind
@@ -243,6 +244,19 @@ def folder_lock(out: Path) -> Iterator[None]:
         stream.write(str(os.getpid()))
         stream.flush()
         yield
+
+
+def claim_folder(out: Path, name: str) -> None:
+    """Makes the results folder this study's, whatever database its trials are in: two studies in one would mix their pictures.
+
+    Raises InputError when it is another study's.
+    """
+    path = out / OWNER
+    holder = path.read_text(encoding="utf-8").strip() if path.exists() else name
+    if holder != name:
+        rule = f"the folder holds the results of another study, {holder}; a study has a folder of its own"
+        raise InputError(report(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"))
+    path.write_text(name + "\n", encoding="utf-8")
 
 
 def _try_lock(stream: IO[str], patience: float = 2.0) -> bool:

@@ -37,7 +37,7 @@ class Settings:
     deviation of plain numbers, of their range; prior: weight of the uniform density, a trial's being 1.
     """
 
-    good: float = 0.1
+    good: float = 0.05
     candidates: int = 512
     concentration: float = 10.0
     width: float = 0.15
