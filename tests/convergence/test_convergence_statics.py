@@ -48,12 +48,22 @@ def test_error_falls(problem: Problem) -> None:
 @pytest.mark.slow
 @every_problem
 def test_order(problem: Problem) -> None:
-    """From 4 to 8 cells at order 1.5 (bound of the task), to 0.03 % of L at 8."""
+    """From 4 to 8 cells at order 1.5 (bound of the task), to 0.03 % of L at 8. An order can be measured only where the error at
+    4 cells is at least twice what the finite elements state as their own.
+    """
     cells = [4, 5, 6, 8]
     found = errors(problem, cells)
-    assert found == sorted(found, reverse=True)
-    assert convergence_order(1 / np.array(cells), found) >= 1.5
     assert found[-1] < 0.03e-2 + problem.error
+    if found[0] > 2 * problem.error:
+        assert found == sorted(found, reverse=True)
+        assert convergence_order(1 / np.array(cells), found) >= 1.5
+    else:
+        assert max(found) < problem.error, "all within the reference's own error"
+
+
+def test_order_is_measured_somewhere() -> None:
+    """The references of the two given cases are good enough to measure an order: their errors are below 0.005 % of L."""
+    assert all(problem.error < 0.005e-2 for problem in GIVEN.values())
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Statics against 3D finite elements (data/references: NGSolve, orders 2 to 4, graded at the clamp), centreline by centreline.
 
-Bounds of the task: largest distance 0.3 % of L at 4 cells across, 0.12 % at 6, at most 8 Newton steps; to each is added what the
-finite elements state as their own error (0.001 to 0.004 %).
+The task asks for a largest distance of 0.3 % of L at 4 cells across, aims for 0.15 %, and asks for 0.12 % at 6 and at most 8 Newton
+steps. Held here: the aim, half the bound at 6, and what the finite elements state as their own error on top (0.001 to 0.04 %).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ every_problem = pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLE
 @every_problem
 @pytest.mark.parametrize(
     ("cells", "bound"),
-    [(4, 0.3e-2), (6, 0.12e-2), pytest.param(8, 0.12e-2, marks=pytest.mark.slow)],
+    [(4, 0.15e-2), (6, 0.06e-2), pytest.param(8, 0.03e-2, marks=pytest.mark.slow)],
 )
 def test_centreline(problem: Problem, cells: int, bound: float) -> None:
     result = run(problem.scene(cells))
