@@ -147,7 +147,7 @@ def solve_rod_model(rod: RodModel, loads: Array | None = None) -> RodShape:
                 f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps"
             )
     position, frames, curvature, strain = frames_of(
-        quaternions, rod.length, rod.compliance, rod.moment, rod.field, rod.weight
+        quaternions, rod.length, rod.compliance, rod.moment, loads[-1] * rod.field, loads[-1] * rod.weight
     )
     s = np.concatenate([[0.0], np.cumsum(rod.length)])
     return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import platform
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from magmpm.model import Model, build
 from magmpm.results import Result
 from magmpm.scene import Scene
 from magmpm.statics.equilibrium import Equilibrium, solve_static
+from magmpm.warmup import prepare_kernels
 
 Progress = Callable[[int, float], None]
 
@@ -29,7 +29,7 @@ def run(scene: Scene, *, start: Result | None = None, on_progress: Progress | No
     """
     begun = time.perf_counter()
     model = build(scene)
-    compiled = _compile(scene)
+    compiled = prepare_kernels(scene)
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
     try:
@@ -48,27 +48,6 @@ def _neighbour(model: Model, start: Result | None) -> Array | None:
     if start.grid_correction.shape != (model.layout.planes, model.layout.m):
         raise ValueError("start: the neighbouring result must be on the same grid")
     return start.grid_correction
-
-
-_compiled_for: set[tuple[str, ...]] = set()
-
-
-def _compile(scene: Scene) -> float:
-    """Seconds it takes to compile, or load from the disk cache, the kernels for this combination of effects; 0 once done."""
-    kinds = (scene.solver.static.anti_locking, *sorted(scene.effects.model_dump(exclude_none=True)))
-    if kinds in _compiled_for:
-        return 0.0
-    begun = time.perf_counter()
-    data = scene.to_si()
-    data["resolution"] = {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}
-    data["name"] = "compilation"
-    small = Scene.from_si({**data, "reference": None})
-    with contextlib.suppress(
-        SolveError
-    ):  # the coarse twin is only there to compile the kernels; its answer is not used
-        solve_static(build(small))
-    _compiled_for.add(kinds)
-    return time.perf_counter() - begun
 
 
 def _versions() -> dict[str, str]:

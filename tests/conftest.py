@@ -23,6 +23,14 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, databas
 settings.load_profile("repeatable")
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Kernels come from the disk cache in every test, as in a user's second run (magmpm.warmup says why it matters)."""
+    from magmpm.scene import load_scene
+    from magmpm.warmup import prepare_kernels
+
+    prepare_kernels(load_scene(Path(__file__).parents[1] / "data/scenes/hollow.yaml"))
+
+
 @pytest.fixture(autouse=True)
 def _floating_errors_raise() -> Iterator[None]:
     """Division by zero, overflow and invalid operations are errors; underflow to zero is fine."""

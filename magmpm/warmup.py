@@ -1,0 +1,72 @@
+"""Kernels ready before the clock starts: compiled once, in a process of their own, and then loaded from the disk cache.
+
+Why another process: code that was compiled in this one and the same code loaded from the cache can differ in the last bit, because
+functions that several kernels use are then linked from other places. A study that compiled its kernels and one that is resumed
+would not be the same bit for bit. So everyone loads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from magmpm.errors import SolveError
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.statics.equilibrium import solve_static
+
+_ready: set[str] = set()
+
+
+def prepare_kernels(scene: Scene) -> float:
+    """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process."""
+    small = _small(scene)
+    kinds = json.dumps([scene.solver.static.anti_locking, *sorted(scene.effects.model_dump(exclude_none=True)), *_zero(scene)])
+    if kinds in _ready:
+        return 0.0
+    begun = time.perf_counter()
+    marker = Path(os.environ["NUMBA_CACHE_DIR"]) / f"ready-{hashlib.sha256(kinds.encode()).hexdigest()[:16]}"
+    if not marker.exists() and _compiled_elsewhere(small):
+        with contextlib.suppress(OSError):  # a cache that can't be marked is only filled again
+            marker.touch()
+    solve_small(small)
+    _ready.add(kinds)
+    return time.perf_counter() - begun
+
+
+def _zero(scene: Scene) -> list[bool]:
+    """Effects of zero strength are left out of the kernels: another combination."""
+    gravity = scene.effects.gravity
+    return [any(scene.field.uniform), gravity is not None and any(gravity.acceleration)]
+
+
+def _small(scene: Scene) -> Scene:
+    """The scene on the coarsest grid."""
+    data = {**scene.to_si(), "name": "compilation", "reference": None}
+    return Scene.from_si({**data, "resolution": {"cells_across": 2, "particles_per_cell": 2}})
+
+
+def solve_small(small: Scene) -> None:
+    """Solve the coarse twin: it calls every kernel; its answer is not used, and may well not exist."""
+    with contextlib.suppress(SolveError):
+        solve_static(build(small))
+
+
+def _compiled_elsewhere(small: Scene) -> bool:
+    """Fill the disk cache from a process of its own; False where that can't be had (the kernels are then compiled here)."""
+    code = (
+        "import json, sys; from magmpm.scene import Scene; from magmpm.warmup import solve_small; "
+        "solve_small(Scene.from_si(json.load(sys.stdin)))"
+    )
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=json.dumps(small.to_si()), text=True, capture_output=True, env={**os.environ, "PYTHONPATH": path}, check=False,
+    )  # fmt: skip
+    return done.returncode == 0
