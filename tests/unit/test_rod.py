@@ -154,6 +154,16 @@ def test_axial_field_stretches() -> None:
     assert strain > 1e-3
 
 
+def test_part_of_the_load() -> None:
+    """The equilibrium at half the load is the one of half the field and weight, stretch included."""
+    half = spatial().with_field(0.5 * np.array(spatial().field.uniform))
+    half = half.with_effects(gravity={"acceleration": [0.5, -0.1, -0.25]})
+    one = solve_rod_model(rod_model(spatial()), np.linspace(0, 0.5, 6)[1:])
+    two = solve_rod(half)
+    np.testing.assert_allclose(one.position, two.position, rtol=0, atol=1e-9 * L)
+    np.testing.assert_allclose(one.strain, two.strain, rtol=0, atol=1e-9)
+
+
 def test_piecewise_stiffness_and_magnetisation() -> None:
     """Three unequal segments, one soft, the last unmagnetised: theta' = M(s)/(E I(s)), M(s) = m B (magnetised length beyond s)."""
     lengths, moduli, magnets = np.array([7e-3, 20e-3, 13e-3]), np.array([G, G / 5, 3 * G]), [1, 1, 0]
