@@ -19,7 +19,7 @@ from magmpm.model import Model
 from magmpm.rod import RodShape, solve_rod
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.newton import Minimum, minimise
-from magmpm.statics.start import from_rod, straight
+from magmpm.statics.start import from_rod, local_correction, straight, with_correction
 
 FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
 RAMP_STEPS = 8
@@ -31,8 +31,8 @@ _controller: ThreadpoolController | None = None
 class Equilibrium:
     """What a static solve found.
 
-    point: the state; steps: Newton steps in all; correction (planes, m) m: grid coefficients less those of the rod's shape, which a
-    neighbouring design may start from; warnings: what a user should know.
+    point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
+    shape, in the rod's frames, which a neighbouring design may start from; warnings: what a user should know.
     """
 
     point: Point
@@ -77,8 +77,9 @@ def _solve(
     except SolveError as error:
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
-    shape, steps = from_rod(model, rod), 0
-    for begin in ([] if correction is None else [shape + correction]) + [shape]:
+    steps = 0
+    starts = [] if correction is None else [with_correction(model, rod, correction)]
+    for begin in [*starts, from_rod(model, rod)]:
         try:
             found = newton(begin)
         except SolveError:
@@ -86,7 +87,7 @@ def _solve(
             continue
         steps += found.steps
         if _distance(model, found.point, rod) < FAR:
-            return Equilibrium(found.point, steps, True, found.point.grid - shape, warnings)
+            return Equilibrium(found.point, steps, True, local_correction(model, rod, found.point.grid), warnings)
     warnings.append(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
     )

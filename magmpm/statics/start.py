@@ -30,9 +30,7 @@ def from_rod(model: Model, rod: RodShape) -> Array:
     y = grid.node_coordinates(1)[layout.node_yz[:, 0]]
     z = grid.node_coordinates(2)[layout.node_yz[:, 1]]
 
-    inside = np.clip(x, 0.0, length)
-    frames = _interpolate(rod.s, rod.frames.reshape(-1, 9), inside).reshape(-1, 3, 3)
-    frames = _orthonormal(frames)
+    inside, frames = np.clip(x, 0.0, length), plane_frames(model, rod)
     strain, curvature = _interpolate(rod.s, rod.strain, inside), _interpolate(rod.s, rod.curvature, inside)
     overhang = (x - inside)[:, None] * np.einsum("pij,pj->pi", frames, strain)
     axis = _interpolate(rod.s, rod.position, inside) + overhang
@@ -53,6 +51,24 @@ def from_rod(model: Model, rod: RodShape) -> Array:
     after = np.concatenate([u[1:], 2 * u[-1:] - u[-2:-1]])
     u = u - (before - 2 * u + after) / 8
     return np.ascontiguousarray(u.reshape(layout.planes, layout.m))
+
+
+def plane_frames(model: Model, rod: RodShape) -> Array:
+    """The rod's frames at the planes of nodes, (planes, 3, 3)."""
+    inside = np.clip(model.grid.node_coordinates(0)[1:], 0.0, rod.s[-1])
+    return _orthonormal(_interpolate(rod.s, rod.frames.reshape(-1, 9), inside).reshape(-1, 3, 3))
+
+
+def local_correction(model: Model, rod: RodShape, grid: Array) -> Array:
+    """What coefficients `grid` (planes, m) add to the rod's shape, in its frames: nearly the same for a neighbouring design."""
+    extra = (grid - from_rod(model, rod)).reshape(model.layout.planes, -1, 3)
+    return np.einsum("pij,pni->pnj", plane_frames(model, rod), extra).reshape(grid.shape)
+
+
+def with_correction(model: Model, rod: RodShape, local: Array) -> Array:
+    """Coefficients (planes, m) of the rod's shape with a neighbour's `local_correction` in this rod's frames."""
+    extra = np.einsum("pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3))
+    return from_rod(model, rod) + extra.reshape(local.shape)
 
 
 def _interpolate(s: Array, values: Array, at: Array) -> Array:
