@@ -134,7 +134,9 @@ class _Run:
         try:
             scene = self.space.scene_of(asked.params)
             outcome = evaluate(solve, scene, self.study.target, self.out / FAILURES)
-            known = attributes(outcome, scene, self.space, asked.params, self.study.target)
+            known = attributes(
+                outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
+            )
             return self.keep(asked, outcome, known, picture, begun)
         except KeyboardInterrupt:
             self.put_back(asked)

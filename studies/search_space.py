@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from magmpm.scene import Scene
 from studies.definition import Study
-from studies.symmetry import Symmetry, symmetries
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -96,11 +95,6 @@ class SearchSpace:
         azimuth, elevation = (np.deg2rad(parameters[name]) for name in FIELD[1:])
         found.append(_from_azimuth(azimuth, elevation))
         return np.array(found), np.array([parameters[FIELD[0]] / (1e3 * self.field_max)])
-
-    def images(self, parameters: Mapping[str, float]) -> list[Symmetry]:
-        """The symmetries by which a design of this space tells of others of this space."""
-        # fixed magnets do not turn with the image
-        return symmetries(self.scene, self.field(parameters)) if self.segments else []
 
     def parameters(self, directions: NDArray[np.float64], numbers: NDArray[np.float64]) -> dict[str, float]:
         """The inverse of `design`."""

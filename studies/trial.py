@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from magmpm.errors import SolveError
 from magmpm.measures import rms_distance, tip_error
 from magmpm.scene import Scene
-from studies.search_space import SearchSpace
-from studies.symmetry import image_distances
 
 if TYPE_CHECKING:
     from magmpm.results import Result
@@ -93,19 +91,18 @@ def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path)
 
 
 def attributes(
-    outcome: Outcome,
-    scene: Scene,
-    space: SearchSpace,
-    parameters: Mapping[str, float],
-    target: NDArray[np.float64],
+    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], field: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """What is kept of a trial beside its parameters and value: user attributes, plain data in SI."""
+    """What is kept of a trial beside its parameters and value: user attributes, plain data in SI.
+
+    directions (k, 3): magnetisation of each segment; field (3,) T.
+    """
     result = outcome.result
     kept: dict[str, Any] = {
         "feasible": result is not None,
         "scene_hash": scene.hash(),
-        "magnetization": np.round(space.directions(parameters), 9).tolist(),
-        "field_T": np.round(space.field(parameters), 12).tolist(),
+        "magnetization": np.round(directions, 9).tolist(),
+        "field_T": np.round(field, 12).tolist(),
         "versions": dict(versions() if result is None else {**versions(), **result.versions}),
     }
     if result is None:
@@ -117,7 +114,6 @@ def attributes(
         "min_det_F": float(result.min_det_F),
         "max_det_F": float(result.max_det_F),
         "newton_steps": int(result.iterations),
-        "images_rms_m": image_distances(result, target, space.images(parameters)),
     }
 
 
