@@ -10,6 +10,7 @@ import pytest
 from reference.scenes import field_for_load, rod_scene
 from scipy.spatial import cKDTree
 
+from magmpm import measures
 from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.results import Result
@@ -90,6 +91,35 @@ def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
         assert np.abs(other.particle_position - spatial.particle_position).max() > 1e-2 * L
 
 
+def test_a_near_neighbour_saves_steps(spatial: Result) -> None:
+    """From its own result a run is done at once (a first step may be shifted); from one 1 % away it takes fewer steps than without."""
+    assert run(spatial_scene(), start=spatial).iterations <= 2
+    near = run(spatial_scene().with_field(1.01 * FIELD))
+    assert run(spatial_scene(), start=near).iterations < spatial.iterations
+
+
+def test_start_is_the_rod_dressed_as_a_body() -> None:
+    """The rod's shape on the grid: its axis is the rod's to second order in the cell; sections narrow as they should, so that volume
+    changes little but at the clamp; no load, no displacement at all.
+    """
+    model = build(spatial_scene(cells=4))
+    rod = solve_rod(model.scene)
+    begin = from_rod(model, rod)
+    axis = measures.centreline(model, begin)
+    inside = (
+        axis[:, 0] > model.grid.spacing[0]
+    )  # at the clamp the section may not turn, which the rod does not know
+    gap = axis[inside, 1:] - rod.at(axis[inside, 0])
+    assert np.abs(gap).max() < 2e-3 * L
+    point = Energy(model).at(begin)
+    away = model.particles.position[:, 0] > 4e-3  # a diameter from the clamp
+    det = np.linalg.det(point.F)
+    assert np.abs(det[away] - 1).max() < 0.06
+    assert 0.8 < point.min_det_F < point.max_det_F < 1.2
+    rest = build(rod_scene(length=L))
+    assert not from_rod(rest, solve_rod(rest.scene)).any()
+
+
 def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
     """Newton from the rod's shape plus noise that strains every cell by some percent finds the same minimum."""
     model = build(spatial_scene())
@@ -140,6 +170,20 @@ def test_buckles_towards_z_above_it(load: float) -> None:
     assert abs(result.tip[1]) < 1e-3 * 40e-3
     again = run(antiparallel(load))
     assert np.array_equal(result.particle_position, again.particle_position)
+
+
+def test_newton_leaves_an_unstable_equilibrium() -> None:
+    """From the straight body, where every force balances past the critical load, Newton's method goes down the direction of negative
+    curvature to the buckled shape that the rod's start finds. (Slowly: hence the rod.)
+    """
+    scene = antiparallel(5.0)
+    model = build(scene)
+    found = minimise(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
+    assert found.left_unstable >= 1
+    tip = measures.along_axis(model, found.point.grid, measures.end_face_weights(model), np.array([40e-3]))[0]
+    expected = run(scene).tip
+    assert tip[0] == pytest.approx(expected[0], abs=1e-5 * 40e-3)
+    assert np.hypot(tip[1], tip[2]) == pytest.approx(expected[2], abs=1e-5 * 40e-3)
 
 
 @pytest.mark.xfail(
