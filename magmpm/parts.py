@@ -293,8 +293,8 @@ class Resolution(Part):
     particles_per_cell: int = Field(
         default=2,
         strict=True,
-        ge=1,
+        ge=2,
         le=4,
-        description="Particles in a cell along each direction; 2 unless given.",
+        description="Particles in a cell along each direction; 2 unless given; one point can't carry a cell's second moments.",
         examples=[2],
     )

@@ -172,7 +172,7 @@ BOUNDS = [
     edit("cells in words", "cells_across: 4", "cells_across: four", "resolution.cells_across", '"four"', "a whole number"),
     edit("cells: yes", "cells_across: 4", "cells_across: yes", "resolution.cells_across", '"yes"', "`cells_across: 4`"),
     edit("cells: true", "cells_across: 4", "cells_across: true", "resolution.cells_across", "true", "must be a whole number"),
-    edit("no particles", "per_cell: 2", "per_cell: 0", "resolution.particles_per_cell", "0", "must be at least 1"),
+    edit("one particle", "per_cell: 2", "per_cell: 1", "resolution.particles_per_cell", "1", "must be at least 2"),
     edit("tolerance zero", "1e-9", "0", "solver.static.tolerance", "0", "must be at least 1e-14", "`tolerance: 1e-11`"),
     edit("no steps", "max_steps: 60", "max_steps: -1", "solver.static.max_steps", "-1", "must be at least 1"),
 ]
