@@ -16,6 +16,10 @@ import sys
 import time
 from pathlib import Path
 
+import llvmlite.binding
+import numba
+
+from magmpm.environment import PACKAGE
 from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -31,13 +35,24 @@ def prepare_kernels(scene: Scene) -> float:
     if kinds in _ready:
         return 0.0
     begun = time.perf_counter()
-    marker = Path(os.environ["NUMBA_CACHE_DIR"]) / f"ready-{hashlib.sha256(kinds.encode()).hexdigest()[:16]}"
+    marker = Path(os.environ["NUMBA_CACHE_DIR"]) / f"ready-{_stamp(kinds)}"
     if not marker.exists() and _compiled_elsewhere(small):
         with contextlib.suppress(OSError):  # a cache that can't be marked is only filled again
             marker.touch()
     solve_small(small)
     _ready.add(kinds)
     return time.perf_counter() - begun
+
+
+def _stamp(kinds: str) -> str:
+    """Names a set of kernels as Numba's disk cache tells them apart: two of these are the same only if none needs compiling again.
+
+    Place and times of the sources are among them: another clone of the same sources has to compile them again.
+    """
+    host = [llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features())]
+    times = [str(path.stat().st_mtime_ns) for path in sorted(PACKAGE.rglob("*.py"))]
+    known = [kinds, str(PACKAGE), sys.version, numba.__version__, llvmlite.__version__, *host, *times]
+    return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
 
 
 def _zero(scene: Scene) -> list[bool]:
