@@ -1,0 +1,203 @@
+"""One explicit step in both formulations in plain NumPy, as the formulas stand: what the compiled kernels are compared with.
+
+Everything is dense over the nodes of one box, and particle loops are written out: for small models only. Nothing is shared with the
+kernels but the model (particles, materials, splines at the start) and the effects' hooks.
+
+Total (grid in the undeformed body; c (nodes, 3) m displacement and v (nodes, 3) m/s velocity of each node):
+
+    F = I + sum c_a (x) grad N_a, x = X + sum c_a N_a, M_a = sum m_p N_a
+    f_a = sum_p [ -V P grad N_a + (V f + contact) N_a ]
+    v_a += dt f_a / M_a, then the node hooks, then c_a += dt v_a
+
+Updated (grid in space, knots at origin + k h; x, v, F, C per particle), MLS-MPM with APIC:
+
+    p_a = sum_p N_a [ m (v + C d) - dt V P F^T (4/h^2) d + dt (V f + contact) ], d = x_a - x, m_a = sum m N_a
+    v_a = p_a / m_a, then the node hooks
+    v = sum N_a v_a, C = sum N_a v_a (x) (4/h^2) d, x += dt v, F <- (I + dt C) F
+
+P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Sources: Hu et al., ACM
+Trans. Graph. 37 (2018) 150 (MLS-MPM); Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (total).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+
+from magmpm.basis import spline_weights
+from magmpm.effects import hooks
+from magmpm.model import Model
+
+
+def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
+    """One hook of every effect that has it, in the model's order: function(effect, data, *arguments)."""
+    for record, data in zip(model.effects[::2], model.effects[1::2], strict=True):
+        function = hooks._registry[hook].get(record.dtype.names)
+        if function is not None:
+            function(record[min(step, len(record) - 1)], data, *arguments)
+
+
+def held(model: Model) -> np.ndarray:
+    """(n,) whether a particle belongs to a part that is held at rest."""
+    return np.asarray(getattr(model, "held", np.zeros(len(model.density), bool)))
+
+
+def clamped(model: Model) -> bool:
+    """Whether the grid's lower x face is held: node 0 along x is then minus node 1."""
+    return model.layout.planes < model.grid.nodes[0]
+
+
+def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
+    """P (n, 3, 3) Pa: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T, where p = K (J - 1), J projected on the modes of each cell."""
+    J = np.linalg.det(F)
+    H = np.linalg.inv(F).transpose(0, 2, 1)
+    I1 = np.einsum("nij,nij->n", F, F)
+    change = J - 1
+    if model.modes.shape[1]:
+        change = np.zeros(len(J))
+        first = model.layout.cell_first
+        for cell in (slice(a, b) for a, b in pairwise(first)):
+            modes = model.modes[cell]
+            change[cell] = modes @ (modes.T @ (model.particles.volume[cell] * (J[cell] - 1)))
+    shape = (model.shear * J ** (-2 / 3))[:, None, None] * (F - I1[:, None, None] / 3 * H)
+    return shape + (model.bulk * change * J)[:, None, None] * H
+
+
+def particle_forces(
+    model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stress P (n, 3, 3) Pa and force (n, 3) N on every particle, with all effects. dF (n, 3, 3) 1/s: rate of F."""
+    P, force = elastic_stress(model, F), np.zeros_like(x)
+    for p, volume in enumerate(model.particles.volume):
+        rho, f, contact = model.density[p], np.zeros(3), np.zeros(3)
+        call(model, "stress", model.magnet[p], rho, x[p], F[p], P[p], step=step)
+        call(model, "rate_stress", rho, F[p], dF[p], P[p], step=step)
+        call(model, "force", model.magnet[p], rho, x[p], F[p], f, step=step)
+        call(model, "contact", x[p], v[p], rho * volume, dt, contact, step=step)
+        force[p] = volume * f + contact
+    return P, force
+
+
+@dataclass
+class Total:
+    """The total formulation on a dense box of nodes, cells + 2 along each axis, x slowest.
+
+    N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool.
+    """
+
+    model: Model
+    N: np.ndarray
+    dN: np.ndarray
+    X: np.ndarray
+    mass: np.ndarray
+    fixed: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model) -> Total:
+        shape = model.grid.nodes
+        first = model.particles.cell.copy()
+        if clamped(model):  # node 0 is eliminated, and the first cell's stencil moved up by one
+            first[:, 0] = np.maximum(first[:, 0], 1)
+        n = len(first)
+        N, dN = np.zeros((n, np.prod(shape))), np.zeros((3, n, np.prod(shape)))
+        w, s, rows = model.weights, model.slopes, np.arange(n)
+        for a, b, c in product(range(3), repeat=3):
+            node = np.ravel_multi_index((first + np.array([a, b, c])).T, shape)
+            N[rows, node] = w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
+            dN[0, rows, node] = s[:, 0, a] * w[:, 1, b] * w[:, 2, c]
+            dN[1, rows, node] = w[:, 0, a] * s[:, 1, b] * w[:, 2, c]
+            dN[2, rows, node] = w[:, 0, a] * w[:, 1, b] * s[:, 2, c]
+        axes = [model.grid.node_coordinates(axis) for axis in range(3)]
+        X = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        fixed = (N[held(model)] > 0).any(axis=0)
+        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed)
+
+    def gradient(self, c: np.ndarray) -> np.ndarray:
+        """sum c_a (x) grad N_a (n, 3, 3)."""
+        return np.einsum("ak,jna->nkj", c, self.dN)
+
+    def force(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
+        """Force on every node, (nodes, 3) N."""
+        V, x = self.model.particles.volume, self.model.particles.position + self.N @ c
+        P, force = particle_forces(
+            self.model, x, self.N @ v, np.eye(3) + self.gradient(c), self.gradient(v), dt, step
+        )
+        return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN)
+
+    def step(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and velocity of the nodes a time dt later. Nodes without mass stay at rest."""
+        on = self.mass > 0
+        after = np.zeros_like(v)
+        after[on] = v[on] + dt * self.force(c, v, dt, step)[on] / self.mass[on, None]
+        for node in np.flatnonzero(on):
+            call(self.model, "node", self.X[node], c[node], after[node], dt, step=step)
+        after[self.fixed] = 0.0
+        return c + dt * after, after
+
+
+@dataclass
+class Updated:
+    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s of every particle."""
+
+    model: Model
+    x: np.ndarray
+    v: np.ndarray
+    F: np.ndarray
+    C: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model) -> Updated:
+        n = len(model.density)
+        eye = np.tile(np.eye(3), (n, 1, 1))
+        return cls(model, model.particles.position.copy(), np.zeros((n, 3)), eye, np.zeros((n, 3, 3)))
+
+    def step(self, dt: float, step: int = 0) -> None:
+        """Moves the particles on by a time dt, in place."""
+        model, h = self.model, self.model.grid.spacing
+        mass = model.density * model.particles.volume
+        P, force = particle_forces(model, self.x, self.v, self.F, self.C @ self.F, dt, step)
+        stress = model.particles.volume[:, None, None] * P @ self.F.transpose(0, 2, 1)  # V P F^T, N m
+
+        # The box: the cells of the particles, and from node 0's mirror inwards two more than needed.
+        cell = np.floor((self.x - model.grid.origin) / h).astype(int)
+        low = np.minimum(cell.min(axis=0), 0) - 2
+        shape = tuple(np.maximum(cell.max(axis=0), 2) + 3 - low + 2)
+        weights = spline_weights((self.x - model.grid.origin) / h - cell)
+        m, momentum, fixed = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, bool)
+        stencil = []
+        for a, b, c in product(range(3), repeat=3):
+            node = cell + np.array([a, b, c])  # node i is centred on origin + (i - 1/2) h
+            d = model.grid.origin + (node - 0.5) * h - self.x
+            N = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
+            at = tuple((node - low).T)
+            stencil.append((at, N, d * 4 / h**2))
+            inertia = mass[:, None] * (self.v + np.einsum("nij,nj->ni", self.C, d))
+            push = force - np.einsum("nij,nj->ni", stress, d * 4 / h**2)
+            np.add.at(m, at, N * mass)
+            np.add.at(momentum, at, N[:, None] * (inertia + dt * push))
+            np.logical_or.at(fixed, at, (N > 0) & held(model))
+
+        zero = -low[0]  # index of node 0 along x
+        if clamped(model):
+            momentum[zero + 1] -= momentum[zero]
+            m[zero + 1] += m[zero]
+        v = np.zeros_like(momentum)
+        v[m > 0] = momentum[m > 0] / m[m > 0][:, None]
+        for at in zip(*np.nonzero(m), strict=True):
+            X = model.grid.origin + (np.array(at) + low - 0.5) * h
+            call(model, "node", X, np.zeros(3), v[at], dt, step=step)
+        if clamped(model):
+            for i in range(zero + 1):  # node 1 - i is the mirror of node i
+                mirror = 2 * zero + 1 - i
+                v[i] = -v[mirror] if mirror < shape[0] else 0.0
+        v[fixed] = 0.0
+
+        self.v, self.C = np.zeros_like(self.v), np.zeros_like(self.C)
+        for at, N, slope in stencil:
+            self.v += N[:, None] * v[at]
+            self.C += np.einsum("n,ni,nj->nij", N, v[at], slope)
+        self.x = self.x + dt * self.v
+        self.F = self.F + dt * self.C @ self.F
