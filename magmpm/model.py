@@ -65,7 +65,7 @@ class Model:
     bulk: Array  # (n,) Pa
     magnet: Array  # (n, 3) T, remanence in the undeformed body
     density: Array  # (n,) kg/m^3
-    effects: tuple[NDArray[np.void], ...]
+    effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
     modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
     section: dict[str, float]  # relative errors of area and second moment
 

@@ -62,7 +62,7 @@ def _versions() -> dict[str, str]:
 
 def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Result:
     scene, point, particles = model.scene, found.point, model.particles
-    position = particles.position + point.displacement
+    position = point.position
     segments = len(scene.body.catheter.segments)
     share = np.zeros((segments, len(position)))
     share[particles.segment, np.arange(len(position))] = particles.volume

@@ -1,17 +1,24 @@
 """How kernels call effects: a tuple of parameter records, and hooks found by the record's dtype while compiling.
 
-An effect's parameters are a one-element structured array with a dtype of its own. A kernel takes a tuple of them and calls the
-functions of this file once per particle; each walks the tuple at compile time and calls the hook that the effect registered,
+An effect's parameters are an array of records with a dtype of its own (one record, or one for every time step to come), followed by its
+`data`: a table of floats, empty (NO_DATA) for most. A kernel takes one flat tuple (records, data, records, data, ...) and calls the
+functions of this file once per particle or node; each walks the tuple at compile time and calls the hook that the effect registered,
 or nothing. So an empty tuple compiles to the bare loop, a hook an effect lacks costs nothing, a new combination of effects compiles
 once and then loads from the disk cache, and new values never recompile.
 
-Hooks, all per unit of undeformed volume; magnet (3,) is the particle's remanence Br in the undeformed body (T), rho its density (kg/m^3),
-u its displacement (m), F its deformation gradient:
+Hooks, per unit of undeformed volume unless said. `effect` is the record of the step, `data` (k,) the table; magnet (3,) is the particle's
+remanence Br in the undeformed body (T), rho its density (kg/m^3), x (3,) its deformed position (m), F (3, 3) its deformation gradient:
 
-``energy(effect, magnet, rho, u, F) -> float``        potential energy, J/m^3
-``stress(effect, magnet, rho, u, F, P)``              adds dW/dF to P (3, 3), Pa
-``tangent(effect, magnet, rho, u, F, A)``             adds d^2W/dF^2 to A (9, 9), Pa
-``force(effect, magnet, rho, u, F, f)``               adds -dW/du to f (3,), N/m^3
+``energy(effect, data, magnet, rho, x, F) -> float``            potential energy W, J/m^3
+``stress(effect, data, magnet, rho, x, F, P)``                  adds dW/dF to P (3, 3), Pa
+``force(effect, data, magnet, rho, x, F, f)``                   adds -dW/dx to f (3,), N/m^3
+``tangent(effect, data, magnet, rho, x, F, A)``                 adds d^2W/dF^2 to A (9, 9), Pa; row 3 i + J
+``softening(effect, data, magnet, rho, x, F, H, M)``            adds d^2W/dx^2 to H (3, 3) and d^2W/dx dF to M (3, 9), for effects with a
+                                                                force that varies with place or with F
+In motion only:
+``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
+``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f (3,) N
+``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
 """
 
 from __future__ import annotations
@@ -24,7 +31,8 @@ from numba.extending import overload
 
 from magmpm.jit import FASTMATH
 
-HOOKS = ("energy", "stress", "tangent", "force")
+HOOKS = ("energy", "stress", "force", "tangent", "softening", "rate_stress", "contact", "node")
+NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
 
 
@@ -42,57 +50,87 @@ def register(dtype: np.dtype[Any], **hooks: Callable[..., Any]) -> None:
         _registry[name][dtype.names] = function
 
 
+def has_hook(hook: str, named: tuple[Any, ...]) -> bool:
+    """Whether any effect of a tuple (records, data, ...) has this hook."""
+    return any(records.dtype.names in _registry[hook] for records in named[::2])
+
+
 def _find(hook: str, effects: Any) -> Callable[..., Any] | None:
     return _registry[hook].get(tuple(effects[0].dtype.fields))
 
 
-def add_energy(effects, magnet, rho, u, F):  # type: ignore[no-untyped-def]
-    """Sum of the effects' potential energies, J/m^3. Only within compiled code."""
+def add_energy(effects, step, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+    """Sum of the effects' potential energies, J/m^3. Only within compiled code; step: which of an effect's records counts."""
 
 
-def add_stress(effects, magnet, rho, u, F, P):  # type: ignore[no-untyped-def]
+def add_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
     """Adds every effect's stress to P. Only within compiled code."""
 
 
-def add_tangent(effects, magnet, rho, u, F, A):  # type: ignore[no-untyped-def]
-    """Adds every effect's tangent to A. Only within compiled code."""
-
-
-def add_force(effects, magnet, rho, u, F, f):  # type: ignore[no-untyped-def]
+def add_force(effects, step, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
     """Adds every effect's force per volume to f. Only within compiled code."""
 
 
+def add_tangent(effects, step, magnet, rho, x, F, A):  # type: ignore[no-untyped-def]
+    """Adds every effect's tangent to A. Only within compiled code."""
+
+
+def add_softening(effects, step, magnet, rho, x, F, H, M):  # type: ignore[no-untyped-def]
+    """Adds every effect's derivatives with respect to place to H and M. Only within compiled code."""
+
+
+def add_rate_stress(effects, step, rho, F, dF, P):  # type: ignore[no-untyped-def]
+    """Adds every effect's stress of the rate dF to P. Only within compiled code."""
+
+
+def add_contact(effects, step, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
+    """Adds every effect's contact force on a particle to f. Only within compiled code."""
+
+
+def change_node(effects, step, X, u, v, dt):  # type: ignore[no-untyped-def]
+    """Lets every effect change a node's velocity v. Only within compiled code."""
+
+
 @overload(add_energy, jit_options={"fastmath": FASTMATH}, strict=False)
-def _add_energy(effects, magnet, rho, u, F):  # type: ignore[no-untyped-def]
+def _add_energy(effects, step, magnet, rho, x, F):  # type: ignore[no-untyped-def]
     if len(effects) == 0:
-        return lambda effects, magnet, rho, u, F: 0.0
+        return lambda effects, step, magnet, rho, x, F: 0.0
     hook = _find("energy", effects)
     if hook is None:
-        return lambda effects, magnet, rho, u, F: add_energy(effects[1:], magnet, rho, u, F)
-    return lambda effects, magnet, rho, u, F: (
-        hook(effects[0][0], magnet, rho, u, F) + add_energy(effects[1:], magnet, rho, u, F)
+        return lambda effects, step, magnet, rho, x, F: add_energy(effects[2:], step, magnet, rho, x, F)
+    return lambda effects, step, magnet, rho, x, F: (
+        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], magnet, rho, x, F)
+        + add_energy(effects[2:], step, magnet, rho, x, F)
     )
 
 
-def _adding(stub: Callable[..., Any], name: str) -> None:
-    """Overload a stub whose hook adds to its last argument."""
-
-    def build(effects, magnet, rho, u, F, out):  # type: ignore[no-untyped-def]
-        if len(effects) == 0:
-            return lambda effects, magnet, rho, u, F, out: None
-        hook = _find(name, effects)
-        if hook is None:
-            return lambda effects, magnet, rho, u, F, out: stub(effects[1:], magnet, rho, u, F, out)
-
-        def both(effects, magnet, rho, u, F, out):  # type: ignore[no-untyped-def]
-            hook(effects[0][0], magnet, rho, u, F, out)
-            stub(effects[1:], magnet, rho, u, F, out)
-
-        return both
-
-    overload(stub, jit_options={"fastmath": FASTMATH}, strict=False)(build)
+# Each stub below is overloaded by the same three cases: nothing left, an effect without the hook, an effect with it. Numba wants the
+# arguments spelled out, so the cases are made from a text, once for each stub.
+_CASES = """
+def build(effects, step, {arguments}):
+    if len(effects) == 0:
+        return lambda effects, step, {arguments}: None
+    hook = find(name, effects)
+    if hook is None:
+        return lambda effects, step, {arguments}: stub(effects[2:], step, {arguments})
+    def both(effects, step, {arguments}):
+        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], {arguments})
+        stub(effects[2:], step, {arguments})
+    return both
+"""
 
 
-_adding(add_stress, "stress")
-_adding(add_tangent, "tangent")
-_adding(add_force, "force")
+def _walk(stub: Callable[..., Any], name: str, arguments: str) -> None:
+    """Overload a stub whose hook writes into its arguments."""
+    space: dict[str, Any] = {"find": _find, "name": name, "stub": stub}
+    exec(_CASES.format(arguments=arguments), space)
+    overload(stub, jit_options={"fastmath": FASTMATH}, strict=False)(space["build"])
+
+
+_walk(add_stress, "stress", "magnet, rho, x, F, P")
+_walk(add_force, "force", "magnet, rho, x, F, f")
+_walk(add_tangent, "tangent", "magnet, rho, x, F, A")
+_walk(add_softening, "softening", "magnet, rho, x, F, H, M")
+_walk(add_rate_stress, "rate_stress", "rho, F, dF, P")
+_walk(add_contact, "contact", "x, v, mass, dt, f")
+_walk(change_node, "node", "X, u, v, dt")

@@ -10,22 +10,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.effects.hooks import register
+from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 
 MU0 = 4e-7 * np.pi  # T m/A
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
 
 
-def parameters(field: NDArray[np.float64]) -> NDArray[np.void]:
-    """The record kernels take. field (3,) T."""
+def parameters(field: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+    """What kernels take. field (3,) T."""
     record = np.zeros(1, DTYPE)
     record["field_over_mu0"] = np.asarray(field) / MU0
-    return record
+    return record, NO_DATA
 
 
 @compiled
-def energy(effect, magnet, rho, u, F):  # type: ignore[no-untyped-def]
+def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
     """-(1/mu0) B . (F Br), J/m^3."""
     h = effect.field_over_mu0
     total = 0.0
@@ -35,7 +35,7 @@ def energy(effect, magnet, rho, u, F):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def stress(effect, magnet, rho, u, F, P):  # type: ignore[no-untyped-def]
+def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
     """P -= (1/mu0) B (x) Br, Pa."""
     h = effect.field_over_mu0
     for i in range(3):

@@ -19,10 +19,11 @@ from magmpm.transfer.p2g import cell_energy, scatter_residual, scatter_tangent
 
 @dataclass
 class Point:
-    """The energy at one state: grid coefficients (planes, m) m; displacement (n, 3) m and F (n, 3, 3) of the particles."""
+    """The energy at one state: grid coefficients (planes, m) m; displacement and position (n, 3) m and F (n, 3, 3) of the particles."""
 
     grid: Array
     displacement: Array
+    position: Array
     F: Array
     energy: float  # J; inf where some det F <= 0
     min_det_F: float
@@ -49,9 +50,10 @@ class Energy:
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
         gather(layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, u, F)
+        x = model.particles.position + u
         energy, low, high = self._per_cell
-        cell_energy(layout.cell_first, model.particles.volume, *self._materials, u, F, energy, low, high)
-        return Point(grid, u, F, float(energy.sum()), float(low.min()), float(high.max()))
+        cell_energy(layout.cell_first, model.particles.volume, *self._materials, x, F, energy, low, high)
+        return Point(grid, u, x, F, float(energy.sum()), float(low.min()), float(high.max()))
 
     def rest_energy(self) -> float:
         """Energy of the undeformed body, J: what the energy of a load is counted from."""
@@ -69,7 +71,7 @@ class Energy:
         out = np.zeros(self.shape)
         scatter_residual(
             layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes,
-            model.particles.volume, *self._materials, point.displacement, point.F, out,
+            model.particles.volume, *self._materials, point.position, point.F, out,
         )  # fmt: skip
         return out
 
@@ -80,6 +82,6 @@ class Energy:
         self.panels[:] = 0.0
         scatter_tangent(
             layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.split, layout.most, model.weights,
-            model.slopes, model.particles.volume, *self._materials, point.displacement, point.F, self._fortran, out, self.panels,
+            model.slopes, model.particles.volume, *self._materials, point.position, point.F, self._fortran, out, self.panels,
         )  # fmt: skip
         return out, self.panels

@@ -46,7 +46,7 @@ def _volume_change(J, p, modes, c):
 
 
 @kernel
-def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density, u, F, energy, low, high):
+def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density, x, F, energy, low, high):
     """Potential energy of each cell into energy (cells,) J; smallest and largest det F of its particles into low, high (cells,).
 
     modes (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see model.volume_modes.
@@ -63,7 +63,7 @@ def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density
             W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
             if len(c) == 0:
                 W += volume_energy(J, bulk[p])
-            total += volume[p] * (W + add_energy(effects, magnet[p], density[p], u[p], F[p]))
+            total += volume[p] * (W + add_energy(effects, 0, magnet[p], density[p], x[p], F[p]))
         for k in range(len(c)):  # K/2 (J - 1)^2 of the projection: the modes are orthogonal
             total += 0.5 * bulk[first] * c[k] ** 2
         energy[cell], low[cell], high[cell] = total, lowest, highest
@@ -114,7 +114,7 @@ def _scatter_vector(plane, rows, r, residual):
 
 @kernel
 def scatter_residual(
-    slab_first, cell_first, cell_plane, cell_row, weights, slopes, volume, shear, bulk, modes, effects, magnet, density, u, F,
+    slab_first, cell_first, cell_plane, cell_row, weights, slopes, volume, shear, bulk, modes, effects, magnet, density, x, F,
     residual,
 ):  # fmt: skip
     """Gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
@@ -134,8 +134,8 @@ def scatter_residual(
                     cofactor(F[p], cof)
                     stress(F[p], cof, J, shear[p], pressure, P)
                     f[:] = 0.0
-                    add_stress(effects, magnet[p], density[p], u[p], F[p], P)
-                    add_force(effects, magnet[p], density[p], u[p], F[p], f)
+                    add_stress(effects, 0, magnet[p], density[p], x[p], F[p], P)
+                    add_force(effects, 0, magnet[p], density[p], x[p], F[p], f)
                     _particle_gradients(weights[p], slopes[p], G)
                     _add_residual(weights[p], G, P, f, volume[p], r)
                 _scatter_vector(cell_plane[cell], cell_row[cell], r, residual)
@@ -169,7 +169,7 @@ def _cell_tangent(
     effects,
     magnet,
     density,
-    u,
+    x,
     F,
     fortran,
     work,
@@ -192,9 +192,9 @@ def _cell_tangent(
         stress(F[p], cof, J, shear[p], pressure, P)
         tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
         f[:] = 0.0
-        add_stress(effects, magnet[p], density[p], u[p], F[p], P)
-        add_tangent(effects, magnet[p], density[p], u[p], F[p], A)
-        add_force(effects, magnet[p], density[p], u[p], F[p], f)
+        add_stress(effects, 0, magnet[p], density[p], x[p], F[p], P)
+        add_tangent(effects, 0, magnet[p], density[p], x[p], F[p], A)
+        add_force(effects, 0, magnet[p], density[p], x[p], F[p], f)
         _particle_gradients(weights[p], slopes[p], G[q : q + 3])
         _add_residual(weights[p], G[q : q + 3], P, f, volume[p], r)
         _particle_products(q, volume[p], A, G, T)
@@ -271,7 +271,7 @@ def _scatter_matrix(plane, rows, split, K, panels):
 @kernel
 def scatter_tangent(
     slab_first, cell_first, cell_plane, cell_row, split, most, weights, slopes, volume, shear, bulk, modes, effects, magnet,
-    density, u, F, fortran, residual, panels,
+    density, x, F, fortran, residual, panels,
 ):  # fmt: skip
     """Residual (as scatter_residual) and tangent: second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
 
@@ -290,7 +290,7 @@ def scatter_tangent(
             for cell in range(slab_first[slab], slab_first[slab + 1]):
                 _cell_tangent(
                     cell_first[cell], cell_first[cell + 1], weights, slopes, volume, shear, bulk, modes, effects, magnet,
-                    density, u, F, fortran, work, K, r,
+                    density, x, F, fortran, work, K, r,
                 )  # fmt: skip
                 _scatter_vector(cell_plane[cell], cell_row[cell], r, residual)
                 _scatter_matrix(cell_plane[cell], cell_row[cell], split, K, panels)

@@ -101,7 +101,7 @@ class Reference:
         J = np.linalg.det(F)
         W = model.shear / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3)
         B, g = loads(model)
-        W -= np.einsum("i,nij,nj->n", B / MU0, F, model.magnet) + model.density * (u @ g)
+        W -= np.einsum("i,nij,nj->n", B / MU0, F, model.magnet) + model.density * ((model.particles.position + u) @ g)
         return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
     def residual(self, c: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """A new effect, written as a user would write it: one dtype, four hooks, one call of `register`.
 
-W = k/4 (F:F - 3)^2 - rho a . u: nonlinear in F, with stress k (F:F - 3) F, tangent k (2 F (x) F + (F:F - 3) 1) and force rho a.
+W = k/4 (F:F - 3)^2 - rho a . x: nonlinear in F, with stress k (F:F - 3) F, tangent k (2 F (x) F + (F:F - 3) 1) and force rho a.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from reference.scenes import G, rod_scene
 from reference.taylor import slopes
 
 from magmpm.effects import gravity
-from magmpm.effects.hooks import register
+from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.model import Model, build
 from magmpm.statics.energy import Energy
@@ -27,10 +27,10 @@ _STAMP = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
 DTYPE = np.dtype([("stiffness", np.float64), ("pull", np.float64, (3,)), (f"test_{_STAMP}", np.int8)])
 
 
-def parameters(stiffness: float, pull: tuple[float, float, float]) -> np.ndarray:
+def parameters(stiffness: float, pull: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
     record = np.zeros(1, DTYPE)
     record["stiffness"], record["pull"] = stiffness, pull
-    return record
+    return record, NO_DATA
 
 
 @compiled
@@ -43,13 +43,13 @@ def squares(F):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def energy(effect, magnet, rho, u, F):  # type: ignore[no-untyped-def]
+def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
     a = effect.pull
-    return 0.25 * effect.stiffness * (squares(F) - 3.0) ** 2 - rho * (a[0] * u[0] + a[1] * u[1] + a[2] * u[2])
+    return 0.25 * effect.stiffness * (squares(F) - 3.0) ** 2 - rho * (a[0] * x[0] + a[1] * x[1] + a[2] * x[2])
 
 
 @compiled
-def stress(effect, magnet, rho, u, F, P):  # type: ignore[no-untyped-def]
+def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
     s = effect.stiffness * (squares(F) - 3.0)
     for i in range(3):
         for j in range(3):
@@ -57,7 +57,7 @@ def stress(effect, magnet, rho, u, F, P):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def tangent(effect, magnet, rho, u, F, A):  # type: ignore[no-untyped-def]
+def tangent(effect, data, magnet, rho, x, F, A):  # type: ignore[no-untyped-def]
     s = effect.stiffness * (squares(F) - 3.0)
     for i in range(9):
         for j in range(9):
@@ -66,7 +66,7 @@ def tangent(effect, magnet, rho, u, F, A):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def force(effect, magnet, rho, u, F, f):  # type: ignore[no-untyped-def]
+def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
     for i in range(3):
         f[i] += rho * effect.pull[i]
 
@@ -83,7 +83,7 @@ def test_gradient_and_tangent_belong_to_its_energy(model: Model, rng: np.random.
     """Taylor on the whole model, with only the new effect beside the material, as stiff as it: orders 2 and
     3.
     """
-    named = Energy(replace(model, effects=(parameters(G, (3.0, 2.0, -9.81)),)))
+    named = Energy(replace(model, effects=parameters(G, (3.0, 2.0, -9.81))))
     c, d = 2e-5 * rng.standard_normal((2, *named.shape))
     point = named.at(c)
     gradient, panels = named.tangent(point)
@@ -105,8 +105,8 @@ def test_its_pull_is_gravity(model: Model, rng: np.random.Generator) -> None:
     """Without stiffness it is the weight of gravity.py: the same residual, bit for bit, through other hooks."""
     a = (3.0, 2.0, -9.81)
     ours, theirs = (
-        Energy(replace(model, effects=(record,)))
-        for record in (parameters(0.0, a), gravity.parameters(np.array(a)))
+        Energy(replace(model, effects=named))
+        for named in (parameters(0.0, a), gravity.parameters(np.array(a)))
     )
     c = 1e-5 * rng.standard_normal(ours.shape)
     assert np.array_equal(ours.residual(ours.at(c)), theirs.residual(theirs.at(c)))
@@ -117,7 +117,7 @@ def test_its_strength_is_a_value_not_a_program(model: Model, rng: np.random.Gene
     """Other parameters act at once, without compiling again: the stress doubles with the stiffness."""
     c = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
     bare, one, two = (
-        Energy(replace(model, effects=(parameters(k, (0.0, 0.0, 0.0)),))) for k in (0.0, G, 2 * G)
+        Energy(replace(model, effects=parameters(k, (0.0, 0.0, 0.0)))) for k in (0.0, G, 2 * G)
     )
     r0, r1, r2 = (e.residual(e.at(c)) for e in (bare, one, two))
     np.testing.assert_allclose(r2 - r0, 2 * (r1 - r0), rtol=0, atol=1e-12 * np.abs(r2).max())
