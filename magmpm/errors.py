@@ -33,3 +33,7 @@ class SolveError(MagmpmError):
         super().__init__(reason)
         self.reason = reason
         self.state = state
+
+
+class BudgetError(SolveError):
+    """A run that would outgrow the disk or memory it was told to keep to; everything up to then is saved and readable."""

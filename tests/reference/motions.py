@@ -1,0 +1,98 @@
+"""Motions known in closed form, written as a run would: for tests of what a motion leaves behind and how it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.motion import MotionWriter
+
+LENGTH, DIAMETER, SHEAR, DENSITY = 0.04, 0.004, 120e3, 1882.0
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a solver hands to MotionWriter.frame. SI units."""
+
+    time: float
+    x: Array
+    v: Array
+    F: Array
+    P: Array
+    energies: dict[str, float]
+    contacts: dict[str, Any]
+    field: Array
+
+
+def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
+    """A model-like catheter of LENGTH and DIAMETER along +x: particles of that spacing (m), magnetised along x, y, x, ..."""
+    along = (np.arange(round(LENGTH / spacing)) + 0.5) * spacing
+    across = (np.arange(round(DIAMETER / spacing)) + 0.5) * spacing - DIAMETER / 2
+    X = np.stack([grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij")], axis=1)
+    X = X[np.hypot(X[:, 1], X[:, 2]) < DIAMETER / 2]
+    segment = (X[:, 0] * segments / LENGTH).astype(np.int32)
+    particles = SimpleNamespace(position=X, volume=np.full(len(X), spacing**3), segment=segment)
+    return SimpleNamespace(particles=particles, magnet=0.138 * np.eye(3)[segment % 2], scene=None)
+
+
+def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4) -> Iterator[Moment]:
+    """Circular bending in the x-z plane, curvature most sin(2 pi t / period) (1/m): sections stay plane and of their shape."""
+    X = model.particles.position
+    V = model.particles.volume
+    for time in times:
+        phase = 2 * np.pi * time / period
+        k = most * np.sin(phase)
+        rate = most * 2 * np.pi / period * np.cos(phase)
+        x, F = bent(X, k)
+        ahead, behind = bent(X, k + 1e-4)[0], bent(X, k - 1e-4)[0]
+        v = (ahead - behind) / 2e-4 * rate
+        P = SHEAR * (F - np.linalg.inv(F).transpose(0, 2, 1))
+        field = 8e-3 * np.array([np.cos(phase), 0.0, np.sin(phase)])
+        elastic = 0.5 * SHEAR * np.sum(V * (np.einsum("nij,nij->n", F, F) - 3 - 2 * np.log(np.linalg.det(F))))
+        down = max(float(-(x[:, 2] + 0.006).min()), 0.0)
+        yield Moment(
+            time=float(time),
+            x=x,
+            v=v,
+            F=F,
+            P=P,
+            energies={
+                "kinetic": 0.5 * DENSITY * float(V @ (v**2).sum(axis=1)),
+                "elastic": float(elastic),
+                "magnetic_torque": -1e-6 * float(np.sin(phase)),
+            },
+            contacts={"ground": {"force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down}},
+            field=field,
+        )
+
+
+def bent(X: Array, curvature: float) -> tuple[Array, Array]:
+    """Positions (n, 3) m and deformation gradients (n, 3, 3) of a rod along +x bent to a circle in the x-z plane."""
+    k = curvature if abs(curvature) > 1e-9 else 1e-9
+    s, z = X[:, 0], X[:, 2]
+    sin, cos = np.sin(k * s), np.cos(k * s)
+    x = np.stack([sin / k - z * sin, X[:, 1], (1 - cos) / k + z * cos], axis=1)
+    F = np.zeros((len(X), 3, 3))
+    F[:, 0, 0], F[:, 0, 2] = (1 - k * z) * cos, -sin
+    F[:, 2, 0], F[:, 2, 2] = (1 - k * z) * sin, cos
+    F[:, 1, 1] = 1.0
+    return x, F
+
+
+def write(writer: MotionWriter, moments: Iterator[Moment]) -> None:
+    """Hand moments to a writer."""
+    for m in moments:
+        writer.frame(m.time, m.x, m.v, m.F, m.P, m.energies, m.contacts, m.field)
+
+
+def written(folder: Path, frames: int = 9, spacing: float = 1e-3) -> Path:
+    """A whole motion in a folder: one period of bending."""
+    model = body(spacing)
+    write(MotionWriter(folder, model), bending(model, np.linspace(0.0, 0.4, frames)))
+    return folder

@@ -1,0 +1,235 @@
+"""A motion on disk: what was written is read back, by us and by VTK; kills, resuming and budgets leave whole frames."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from reference import motions
+
+from magmpm import motion
+from magmpm.errors import BudgetError, InputError, SolveError
+from magmpm.motion import Motion, MotionWriter, von_mises
+
+ROOT = Path(__file__).parents[2]
+TIMES = np.linspace(0.0, 0.4, 9)
+SINGLE = 1.2e-7  # relative rounding of single precision, 2^-23
+
+
+def contents(folder: Path) -> dict[str, Any]:
+    """Everything a motion's files hold."""
+    found: dict[str, Any] = {}
+    with h5py.File(folder / motion.MOTION, "r") as file:
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+        found["NSteps"] = file["VTKHDF/Steps"].attrs["NSteps"]
+    for name in (motion.ENERGIES, motion.CONTACTS):
+        found[name] = (folder / name).read_bytes()
+    return found
+
+
+def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+
+
+def test_what_was_written_is_read_back(tmp_path: Path) -> None:
+    model = motions.body()
+    motions.write(MotionWriter(tmp_path, model), motions.bending(model, TIMES))
+    read = Motion.load(tmp_path)
+    np.testing.assert_array_equal(read.times, TIMES)
+    np.testing.assert_array_equal(read.part, model.particles.segment)
+    for k, moment in enumerate(motions.bending(model, TIMES)):
+        frame = read[k]
+        J = np.linalg.det(moment.F)
+        cauchy = moment.P @ moment.F.transpose(0, 2, 1) / J[:, None, None]
+        wanted = {
+            "displacement": moment.x - model.particles.position,
+            "velocity": moment.v,
+            "cauchy_stress": cauchy.reshape(-1, 9),
+            "von_mises": von_mises(cauchy),
+            "magnetisation": np.einsum("nij,nj->ni", moment.F, model.magnet),
+            "det_F": J,
+        }
+        assert frame.quantities.keys() == wanted.keys()
+        np.testing.assert_allclose(frame.position, moment.x, rtol=SINGLE, atol=1e-12)
+        for name, array in wanted.items():
+            # Rounded once to single precision; absolute where an entry is a difference of large ones.
+            np.testing.assert_allclose(
+                frame.quantities[name], array, rtol=SINGLE, atol=1e-13 * (1 + np.abs(array).max()), err_msg=name
+            )
+        np.testing.assert_array_equal(frame.field, moment.field)
+        assert read.energies["kinetic"][k] == moment.energies["kinetic"]
+        assert read.energies["total"][k] == sum(moment.energies.values())
+        assert read.contacts["ground"]["Fz"][k] == moment.contacts["ground"]["force"][2]
+    assert read[-1].number == len(read) - 1
+    with pytest.raises(IndexError):
+        read[len(read)]
+
+
+def test_von_mises_of_known_stresses() -> None:
+    """Pull: its stress; pure shear: sqrt(3) of it; pressure and torque (a skew stress): nothing."""
+    pull, shear, pressure, torque = np.zeros((3, 3)), np.zeros((3, 3)), np.eye(3), np.zeros((3, 3))
+    pull[0, 0] = 7.0
+    shear[0, 1] = shear[1, 0] = 2.0
+    torque[0, 1], torque[1, 0] = 5.0, -5.0
+    np.testing.assert_allclose(von_mises(np.stack([pull, shear, pressure, torque])), [7, 2 * np.sqrt(3), 0, 0], atol=1e-14)
+
+
+def test_vtk_reads_every_step_as_paraview_does(tmp_path: Path) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    motions.written(tmp_path)
+    ours = Motion.load(tmp_path)
+    reader = pyvista.get_reader(tmp_path / motion.MOTION).reader
+    reader.UpdateInformation()
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+
+    steps = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    np.testing.assert_array_equal(steps, ours.times)
+    for k in (0, 5, len(ours) - 1):
+        reader.UpdateTimeStep(ours.times[k])
+        read = pyvista.wrap(reader.GetOutput())
+        frame = ours[k]
+        assert read.n_cells == read.n_points == len(ours.part)
+        np.testing.assert_array_equal(read.points, frame.position)
+        for name, array in {**frame.quantities, "part": ours.part, "volume": ours.volume}.items():
+            np.testing.assert_array_equal(read.point_data[name], array, err_msg=name)
+        np.testing.assert_array_equal(np.ravel(read.field_data["field"]), frame.field)
+
+
+def test_resumed_files_equal_unbroken_ones(tmp_path: Path) -> None:
+    """Frames after the checkpoint are dropped, also half a row of a table; what follows is the same bit for bit."""
+    model = motions.body()
+    motions.written(tmp_path / "unbroken")
+    motions.write(MotionWriter(tmp_path / "resumed", model), motions.bending(model, TIMES[:7]))
+    with (tmp_path / "resumed" / motion.ENERGIES).open("a") as stream:
+        stream.write("0.3499")
+    writer = MotionWriter(tmp_path / "resumed", model, resume_at=TIMES[4] + 0.01)
+    assert writer.frames == 5
+    assert len(Motion.load(tmp_path / "resumed")) == 5
+    assert len(Motion.load(tmp_path / "resumed").energies["t"]) == 5
+    motions.write(writer, motions.bending(model, TIMES[5:]))
+    assert same(contents(tmp_path / "resumed"), contents(tmp_path / "unbroken"))
+
+
+def test_resuming_before_the_first_frame_or_with_another_body(tmp_path: Path) -> None:
+    model = motions.body()
+    motions.written(tmp_path / "unbroken")
+    motions.written(tmp_path / "again")
+    writer = MotionWriter(tmp_path / "again", model, resume_at=-1.0)
+    assert writer.frames == len(Motion.load(tmp_path / "again")) == 0
+    motions.write(writer, motions.bending(model, TIMES))
+    assert same(contents(tmp_path / "again"), contents(tmp_path / "unbroken"))
+    with pytest.raises(InputError, match="holds another motion"):
+        MotionWriter(tmp_path / "again", motions.body(0.5e-3), resume_at=0.1)
+    with pytest.raises(InputError, match="holds another motion"):
+        MotionWriter(tmp_path / "again", model, ["det_F"], resume_at=0.1)
+
+
+def test_a_new_motion_takes_the_place_of_an_old_one(tmp_path: Path) -> None:
+    motions.written(tmp_path, frames=9)
+    motions.written(tmp_path, frames=3)
+    read = Motion.load(tmp_path)
+    assert len(read) == len(read.energies["t"]) == len(read.contacts["ground"]["t"]) == 3
+
+
+def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
+    """Never a byte over max_disk; stops where one more frame would go over, and says with what to change."""
+    model = motions.body(0.25e-3)
+    free = MotionWriter(tmp_path / "free", model)
+    motions.write(free, motions.bending(model, TIMES))
+    budget = 0.6 * free.size
+    writer = MotionWriter(tmp_path / "kept", model, max_disk=budget)
+    with pytest.raises(BudgetError) as caught:
+        motions.write(writer, motions.bending(model, TIMES))
+    for phrase in ("solver.dynamic.max_disk", "MB", f"after {writer.frames} frames", "output_every", "raise max_disk"):
+        assert phrase in str(caught.value)
+    assert isinstance(caught.value, SolveError)
+    assert caught.value.exit_status == 3
+    assert writer.size <= budget < writer.size + writer.frame_size
+    assert len(Motion.load(tmp_path / "kept")) == writer.frames > 2
+    # and the estimate that guards it is never less than what a frame took
+    assert free.size - writer.size <= (free.frames - writer.frames) * writer.frame_size
+
+
+def test_a_full_disk_is_found_before_the_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = motions.body()
+    writer = MotionWriter(tmp_path, model)
+    motions.write(writer, motions.bending(model, TIMES[:2]))
+    usage = motion.shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(motion.shutil, "disk_usage", lambda _: usage._replace(free=16_000_100))
+    with pytest.raises(BudgetError, match="the disk is full"):
+        motions.write(writer, motions.bending(model, TIMES[2:]))
+    assert len(Motion.load(tmp_path)) == 2
+
+
+def test_only_the_quantities_asked_for_are_stored(tmp_path: Path) -> None:
+    model = motions.body()
+    writer = MotionWriter(tmp_path, model, ["displacement", "det_F"])
+    motions.write(writer, motions.bending(model, TIMES[:2]))
+    assert set(Motion.load(tmp_path)[1].quantities) == {"displacement", "det_F"}
+    with pytest.raises(InputError, match="'presure'"):
+        MotionWriter(tmp_path, model, ["presure"])
+
+
+def test_frames_go_forward_in_time(tmp_path: Path) -> None:
+    model = motions.body()
+    writer = MotionWriter(tmp_path, model)
+    motions.write(writer, motions.bending(model, TIMES[:2]))
+    with pytest.raises(ValueError, match="the last one is at"):
+        motions.write(writer, motions.bending(model, TIMES[1:2]))
+
+
+def test_folders_without_a_motion_are_said_to_be(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no motion"):
+        Motion.load(tmp_path)
+    motions.written(tmp_path)
+    (tmp_path / motion.MOTION).write_bytes(b"not HDF5")
+    with pytest.raises(InputError, match="can't be read"):
+        Motion.load(tmp_path)
+
+
+WRITE_FOR_EVER = """
+import sys, numpy as np
+sys.path[:0] = [{root!r}, {tests!r}]
+from reference import motions
+from magmpm.motion import MotionWriter
+model = motions.body(0.5e-3)
+writer = MotionWriter({folder!r}, model)
+moment = next(motions.bending(model, [0.1]))
+for k in range(100000):
+    writer.frame(0.001 * k, moment.x, moment.v, moment.F, moment.P, moment.energies, moment.contacts)
+"""
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0137, 0.0291, 0.0403])
+def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
+    """Killed while it does nothing but write, at whatever moment: all frames counted are whole, and it can be resumed."""
+    code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
+    process = subprocess.Popen([sys.executable, "-c", code])
+    give_up = time.monotonic() + 60
+    while not (tmp_path / motion.ENERGIES).exists() or (tmp_path / motion.ENERGIES).stat().st_size < 300:
+        assert process.poll() is None
+        assert time.monotonic() < give_up
+        time.sleep(0.005)
+    time.sleep(delay)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    read = Motion.load(tmp_path)
+    model = motions.body(0.5e-3)
+    moment = next(motions.bending(model, np.array([0.1])))
+    assert len(read) > 2
+    for k in (0, len(read) - 1):
+        np.testing.assert_array_equal(read[k].position, moment.x.astype(np.float32))
+        assert all(np.isfinite(array).all() for array in read[k].quantities.values())
+    # The row of a frame follows the frame: at most the last one's is missing.
+    assert len(read) - len(read.energies["t"]) in (0, 1)
+    with h5py.File(tmp_path / motion.MOTION, "r"):
+        pass  # opens without special flags, as ParaView does
+    assert MotionWriter(tmp_path, model, resume_at=read.times[1]).frames == 2
