@@ -1,32 +1,46 @@
 """Effects: one file each. What a scene does not name is not simulated and costs nothing.
 
-To add an effect: one file with its dtype, its `parameters` and its hooks (effects.hooks says which there are), one key in the scene's
-schema, and one line in `collect`.
+To add an effect: one file with its dtype, its hooks (effects.hooks says which there are), its `PHASE` and its `of_scene`; and one line,
+its key in `parts.Effects`, by which it is found. CONTRIBUTING.md has a worked example.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.effects import gravity, magnetic_torque
+from magmpm.parts import Effects
 from magmpm.scene import Scene
 
+PHASES = ("force", "damping", "contact", "constraint")  # the order in which hooks of a kind are called
 
-def collect(scene: Scene, strength: float = 1.0) -> tuple[NDArray[Any], ...]:
+
+def module_of(name: str) -> ModuleType:
+    """The file of the effect with this key."""
+    return import_module(f"{__name__}.{name}")
+
+
+def every() -> dict[str, ModuleType]:
+    """All effects there are, by key, in the order of their phases; within a phase in the order of their keys in `parts.Effects`."""
+    modules = {name: module_of(name) for name in Effects.model_fields}
+    return dict(sorted(modules.items(), key=lambda item: PHASES.index(item[1].PHASE)))
+
+
+def collect(
+    scene: Scene, strength: float = 1.0, times: NDArray[np.float64] | None = None
+) -> tuple[NDArray[Any], ...]:
     """Parameter records and data, in turn, of the effects the scene names, by phase, never by their order in the file.
 
-    strength scales every load, 0 to 1: a solve that ramps the load from zero asks for the steps between. An effect at zero strength
-    is left out: the kernels without it give the same numbers bit for bit, those that add its zeros need not (sums are reassociated).
+    strength scales every load, 0 to 1: a solve that ramps the load from zero asks for the steps between. times (k,) s: of the steps to
+    come, where fields change in time; None for statics. An effect at zero strength is left out: the kernels without it give the same
+    numbers bit for bit, those that add its zeros need not (sums are reassociated).
     """
     named: list[NDArray[Any]] = []
-    field = strength * np.array(scene.field.uniform)
-    if scene.effects.magnetic_torque is not None and field.any():
-        named += magnetic_torque.parameters(field)
-    if scene.effects.gravity is not None:
-        acceleration = strength * np.array(scene.effects.gravity.acceleration)
-        if acceleration.any():
-            named += gravity.parameters(acceleration)
+    for key, module in every().items():
+        if getattr(scene.effects, key) is not None:
+            named += module.of_scene(scene, strength, times)
     return tuple(named)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
+from magmpm.scene import Scene
 
+PHASE = "force"
 DTYPE = np.dtype([("gravity", np.float64, (3,))])
 
 
@@ -16,6 +20,13 @@ def parameters(acceleration: NDArray[np.float64]) -> tuple[NDArray[np.void], NDA
     record = np.zeros(1, DTYPE)
     record["gravity"] = np.asarray(acceleration)
     return record, NO_DATA
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take, or () where there is no weight."""
+    settings = scene.effects.gravity
+    acceleration = strength * np.array(settings.acceleration if settings else (0.0, 0.0, 0.0))
+    return parameters(acceleration) if acceleration.any() else ()
 
 
 @compiled

@@ -7,11 +7,16 @@ Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
+from magmpm.scene import Scene
+
+PHASE = "force"
 
 MU0 = 4e-7 * np.pi  # T m/A
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
@@ -22,6 +27,12 @@ def parameters(field: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np
     record = np.zeros(1, DTYPE)
     record["field_over_mu0"] = np.asarray(field) / MU0
     return record, NO_DATA
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take, or () where there is no field."""
+    field = strength * np.array(scene.field.uniform)
+    return parameters(field) if field.any() else ()
 
 
 @compiled
