@@ -41,6 +41,16 @@ def clamp_first_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
     return moved[0], moved[1]
 
 
+def clamp_last_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
+    """Splines of the last cell of an axis when the displacement is zero on that cell's upper face.
+
+    The mirror image of ``clamp_first_node``: the last node's coefficient is minus its neighbour's, and takes no part. The stencil stays.
+    """
+    zero = np.zeros_like(weights[..., 0])
+    moved = [np.stack([v[..., 0], v[..., 1] - v[..., 2], zero], axis=-1) for v in (weights, slopes)]
+    return moved[0], moved[1]
+
+
 @dataclass(frozen=True)
 class Grid:
     """A box of cells. origin (3,) m: lower corner; spacing (3,) m: cell sizes; cells: number of cells along x, y, z."""

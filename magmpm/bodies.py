@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from magmpm.basis import Array, Grid
 
 EMPTY = 1e-9  # share of a cell below which a piece is rounding, not material: its moments are differences of far larger ones
+WIDEST = 2.0  # a strip's cells may be this much longer across its width than through its thickness
 DEEPEST = 6  # halvings of a cell's side, after which a piece's points are pulled into the cell
 
 
@@ -146,18 +147,35 @@ def rod_particles(
     low = grid.origin[1:] + index * grid.spacing[1:]
     points, areas, rectangle = section_points(low, low + grid.spacing[1:], outer, inner, particles_per_cell)
 
+    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+
+
+def _extrude(
+    grid: Grid,
+    index: NDArray[np.int64],
+    points: Array,
+    areas: Array,
+    rectangle: NDArray[np.int64],
+    segment_ends: Array,
+    count: int,
+) -> Particles:
+    """Particles of a body with the same section all along +x: section points times Gauss points of each piece of the length.
+
+    index (r, 2): cell of each rectangle of the section; points (k, 2) m, areas (k,) m^2, rectangle (k,): the section's rule;
+    segment_ends (s,) m: x of each segment's end; count: points along x and cell.
+    """
     h = grid.spacing[0]
     faces = grid.origin[0] + h * np.arange(grid.cells[0] + 1)
     near = np.abs(faces[:, None] - segment_ends[None, :]) < 1e-9 * h  # a segment end on a face is that face
     ends = np.where(near.any(0), faces[near.argmax(0)], segment_ends)
     cuts = np.unique(np.concatenate([faces, ends]))
-    unit, weight = gauss(particles_per_cell)
+    unit, weight = gauss(count)
     width = np.diff(cuts)
     middle = (cuts[1:] + cuts[:-1]) / 2
     x = (middle[:, None] + width[:, None] * unit / np.sqrt(12.0)).ravel()
     dx = (width[:, None] * weight).ravel()
-    cell_x = np.repeat(np.searchsorted(faces, middle) - 1, particles_per_cell)
-    segment = np.repeat(np.searchsorted(ends, middle), particles_per_cell)
+    cell_x = np.repeat(np.searchsorted(faces, middle) - 1, count)
+    segment = np.repeat(np.searchsorted(ends, middle), count)
 
     # One row for each (section rectangle, axial point, section point), in that order within an axial cell.
     ix, iq = (i.ravel() for i in np.indices((len(x), len(points))))
@@ -166,6 +184,46 @@ def rod_particles(
     position = np.column_stack([x[ix], points[iq]])
     cell = np.column_stack([cell_x[ix], index[rectangle[iq]]])
     return Particles(position, dx[ix] * areas[iq], segment[ix].astype(np.int32), cell.astype(np.int64))
+
+
+def strip_grid(base: Array, size: Array, cells_across: int, *, one_wide: bool = False) -> Grid:
+    """Grid of a strip: knots on all its faces. base (3,) m: centre of the base face; size (3,) m: length, width, thickness.
+
+    Cells are cubes within rounding of the length, but up to WIDEST times as long along a width that is many cells: what bends
+    varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).
+    """
+    h = size[2] / cells_across
+    along = max(3, round(size[0] / h))
+    wide = 1 if one_wide else max(round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2)
+    cells = (along, wide, cells_across)
+    return Grid(base - np.array([0.0, size[1] / 2, size[2] / 2]), size / np.array(cells), cells)
+
+
+def strip_particles(grid: Grid, *, segment_ends: Array, particles_per_cell: int, one_wide: bool = False) -> Particles:
+    """Particles of the strip that fills a grid: Gauss points of every cell, one across the width where nothing varies along it.
+
+    segment_ends (k,) m: x of each segment's end. A cell that two segments share is cut between them.
+    """
+    _, ny, nz = grid.cells
+    index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
+    middle = grid.origin[1:] + (index + 0.5) * grid.spacing[1:]
+    rules = [(np.zeros(1), np.ones(1)) if one_wide else gauss(particles_per_cell), gauss(particles_per_cell)]
+    unit = np.stack(np.meshgrid(rules[0][0], rules[1][0], indexing="ij"), -1).reshape(-1, 2) / np.sqrt(12.0)
+    share = np.outer(rules[0][1], rules[1][1]).ravel()
+    points = (middle[:, None, :] + unit * grid.spacing[1:]).reshape(-1, 2)
+    areas = np.tile(share * np.prod(grid.spacing[1:]), len(index))
+    rectangle = np.repeat(np.arange(len(index)), len(share))
+    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+
+
+def strip_errors(particles: Particles, size: Array) -> dict[str, float]:
+    """Relative errors of a strip's section: area, and second moment about y, against b t and b t^3/12. size (3,) m."""
+    area, z, v = size[1] * size[2], particles.position[:, 2], particles.volume / size[0]
+    z = z - (v * z).sum() / v.sum()
+    return {
+        "area_error": float(abs(v.sum() / area - 1)),
+        "second_moment_error": float(abs((v * z * z).sum() / (area * size[2] ** 2 / 12) - 1)),
+    }
 
 
 def section_errors(particles: Particles, *, outer: float, inner: float, length: float) -> dict[str, float]:

@@ -7,16 +7,21 @@ import numpy as np
 from magmpm.basis import Array, spline_weights
 from magmpm.model import Model
 from magmpm.results import Result
+from magmpm.shapes import Line
 
 
 def section_weights(model: Model) -> Array:
     """Weights (nodes_per_plane,) that give the axis from a plane's coefficients: at y = z = 0, or a tube's mean over its section."""
     catheter = model.scene.body.catheter
-    if catheter.inner_diameter == 0.0:
-        points, share = np.zeros((1, 2)), np.ones(1)
-    else:
+    if catheter is not None and catheter.inner_diameter > 0.0:
         return end_face_weights(model)
-    return _plane_weights(model, points, share)
+    return _plane_weights(model, np.array([_line(model).base[1:]]), np.ones(1))
+
+
+def _line(model: Model) -> Line:
+    if model.line is None:
+        raise ValueError("only a straight body (catheter, strip) has an axis to measure")
+    return model.line
 
 
 def end_face_weights(model: Model) -> Array:
@@ -33,6 +38,8 @@ def _plane_weights(model: Model, points: Array, share: Array) -> Array:
     scaled = (points - grid.origin[1:]) / grid.spacing[1:]
     cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(grid.cells[1:]) - 1)
     weights = spline_weights(scaled - cell)
+    if model.plane_strain:  # the middle row of nodes stands for all three
+        weights[:, 0] = np.array([0.0, 1.0, 0.0])
     dense = np.zeros(grid.nodes[1:])
     for a in range(3):
         for b in range(3):
@@ -46,19 +53,71 @@ def along_axis(model: Model, grid: Array, weights: Array, s: Array) -> Array:
     grid (planes, m): coefficients of the displacement.
     """
     planes = grid.reshape(model.layout.planes, -1, 3).transpose(0, 2, 1) @ weights
-    planes = np.concatenate([-planes[:1], planes])  # node 0, which the clamp eliminates
+    if model.clamped_face:
+        planes = np.concatenate([-planes[:1], planes])  # node 0, which the clamp eliminates
+    if model.scene.body.shape.clamp == "both":
+        planes[-1] = -planes[-2]  # as at the lower face
     h = model.grid.spacing[0]
     cell = np.clip(np.floor(s / h + 1e-12).astype(int), 0, model.grid.cells[0] - 1)
     N = spline_weights(s / h - cell)
     u = sum(N[:, a, None] * planes[cell + a] for a in range(3))
-    return u + np.outer(s, [1.0, 0.0, 0.0])
+    return u + np.outer(s, [1.0, 0.0, 0.0]) + np.array(_line(model).base)
 
 
 def centreline(model: Model, grid: Array) -> Array:
-    """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at the cells' faces and middles."""
+    """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at the cells' faces and middles; none for a body without an axis."""
+    if model.line is None:
+        return np.zeros((0, 4))
     cells = model.grid.cells[0]
     s = np.linspace(0.0, model.grid.spacing[0] * cells, 2 * cells + 1)
     return np.column_stack([s, along_axis(model, grid, section_weights(model), s)])
+
+
+def tip(model: Model, grid: Array, position: Array) -> Array:
+    """Where the far end is, (3,) m: the mean of a straight body's end face, or the centroid of the last part.
+
+    grid (planes, m): coefficients of the displacement; position (n, 3) m: deformed particles.
+    """
+    if model.line is not None:
+        return along_axis(model, grid, end_face_weights(model), np.array([model.line.length]))[0]
+    return piece_means(model, position)[-1]
+
+
+def piece_means(model: Model, values: Array) -> Array:
+    """Mean over each piece's volume, (k, m), of values (n, m) at the particles."""
+    particles = model.particles
+    count = len(model.scene.pieces())
+    share = np.zeros((count, len(values)))
+    share[particles.segment, np.arange(len(values))] = particles.volume
+    share /= share.sum(axis=1, keepdims=True)
+    return share @ values
+
+
+def axis_of_particles(model: Model, position: Array) -> Array:
+    """Rows [s, x, y, z] (2 cells + 1, 4) m of a straight body's axis from its particles alone; none for a body without an axis.
+
+    position (n, 3) m: deformed. The means of the sections are fitted by the splines along the axis, by least squares: for a
+    displacement that these splines hold this is the mean of the section exactly, whatever moved the particles.
+    """
+    if model.line is None:
+        return np.zeros((0, 4))
+    x, of = np.unique(model.particles.position[:, 0], return_inverse=True)
+    volume = np.bincount(of, model.particles.volume)
+    mean = np.stack([np.bincount(of, model.particles.volume * p) / volume for p in position.T], axis=1)
+    cells, base = model.grid.cells[0], model.line.base[0]
+
+    def splines(s: Array) -> Array:
+        scaled = s / model.grid.spacing[0]
+        cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, cells - 1)
+        dense = np.zeros((len(s), cells + 2))
+        for a, values in enumerate(spline_weights(scaled - cell).T):
+            dense[np.arange(len(s)), cell + a] += values
+        return dense
+
+    root = np.sqrt(volume)[:, None]
+    coefficients = np.linalg.lstsq(root * splines(x - base), root * mean, rcond=None)[0]
+    s = np.linspace(0.0, model.line.length, 2 * cells + 1)
+    return np.column_stack([s, splines(s) @ coefficients])
 
 
 def centreline_at(result: Result, s: Array) -> Array:

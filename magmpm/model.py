@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm import effects
-from magmpm.basis import Array, Grid, clamp_first_node, spline_slopes, spline_weights
-from magmpm.bodies import Particles, rod_grid, rod_particles, section_errors
+from magmpm.basis import (
+    Array,
+    Grid,
+    clamp_first_node,
+    clamp_last_node,
+    spline_slopes,
+    spline_weights,
+)
+from magmpm.bodies import (
+    Particles,
+    rod_grid,
+    rod_particles,
+    section_errors,
+    strip_errors,
+    strip_grid,
+    strip_particles,
+)
 from magmpm.scene import Scene
+from magmpm.shapes import Line, Strip
 from magmpm.statics.panels import split_plane
 
 LINEAR_STIFFNESS = 5.0  # of G: what the linear modes of the volume part carry at most, see volume_modes
@@ -34,6 +51,7 @@ class Layout:
     cell_row: Index  # (cells, 3)
     slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
+    fixed: NDArray[np.bool_]  # (planes, m) unknowns that stay zero: of nodes without material, of held parts, along y in plane strain
 
     @property
     def m(self) -> int:
@@ -68,31 +86,47 @@ class Model:
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
     modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
     section: dict[str, float]  # relative errors of area and second moment
+    held: NDArray[np.bool_]  # (n,) particles of parts that can't move
+    clamped_face: bool  # the grid's lower x face is at rest: node 0 along x is eliminated (basis.clamp_first_node)
+    plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
+    line: Line | None  # the undeformed axis of a straight body
 
     @property
     def dof(self) -> int:
         """Number of unknowns."""
-        return self.layout.planes * self.layout.m
+        return self.layout.planes * self.layout.m - int(self.layout.fixed.sum())
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing holds the body."""
+        return not (self.clamped_face or self.held.any())
+
+    def plane_coordinates(self) -> Array:
+        """x (planes,) m of the planes of unknowns, counted from the body's base."""
+        x = self.grid.node_coordinates(0)[int(self.clamped_face) :]
+        return x - self.grid.origin[0]
 
 
 def build(scene: Scene) -> Model:
     """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds."""
-    catheter = scene.body.catheter
-    outer, inner = catheter.diameter / 2, catheter.inner_diameter / 2
-    grid = rod_grid(catheter.length, catheter.diameter, scene.resolution.cells_across)
-    particles = rod_particles(
-        grid,
-        outer=outer,
-        inner=inner,
-        segment_ends=np.cumsum(catheter.segment_lengths()),
-        particles_per_cell=scene.resolution.particles_per_cell,
-    )
+    grid, particles, section = _BODIES[scene.body.kind](scene)
+    shape = scene.body.shape
+    clamped_face = shape.clamp != "none"
+    plane_strain = isinstance(shape, Strip) and shape.plane_strain
     xi = grid.locate(particles.position, particles.cell)
     weights, slopes = spline_weights(xi), spline_slopes(xi) / grid.spacing[None, :, None]
-    first = particles.cell[:, 0] == 0
-    weights[first, 0], slopes[first, 0] = clamp_first_node(weights[first, 0], slopes[first, 0])
-    layout = _layout(grid, particles)
-    materials = [scene.segment_material(k) for k in range(len(catheter.segments))]
+    if clamped_face:
+        first = particles.cell[:, 0] == 0
+        weights[first, 0], slopes[first, 0] = clamp_first_node(weights[first, 0], slopes[first, 0])
+    if shape.clamp == "both":
+        last = particles.cell[:, 0] == grid.cells[0] - 1
+        weights[last, 0], slopes[last, 0] = clamp_last_node(weights[last, 0], slopes[last, 0])
+    if plane_strain:  # the middle node of the one cell across stands for all: nothing varies along y
+        weights[:, 1], slopes[:, 1] = np.array([0.0, 1.0, 0.0]), 0.0
+    pieces = scene.pieces()
+    held = np.array([piece.held for piece in pieces])
+    layout = _layout(grid, particles, weights, clamped_face=clamped_face, plane_strain=plane_strain)
+    materials = [scene.segment_material(k) for k in range(len(pieces))]
     of = particles.segment
     ratio = np.array([material.bulk_to_shear for material in materials])
     averaged = scene.solver.static.anti_locking == "f-bar"
@@ -106,16 +140,75 @@ def build(scene: Scene) -> Model:
         slopes=slopes,
         shear=shear[of],
         bulk=(shear * ratio)[of],
-        magnet=scene.segment_remanence()[of],
+        magnet=_remanence(scene, particles),
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=effects.collect(scene),
         modes=volume_modes(particles, layout.cell_first, ratio[of]) if averaged else np.zeros((len(of), 0)),
-        section=section_errors(particles, outer=outer, inner=inner, length=catheter.length),
+        section=section,
+        held=held[of],
+        clamped_face=clamped_face,
+        plane_strain=plane_strain,
+        line=shape.line,
     )
 
 
-def _layout(grid: Grid, particles: Particles) -> Layout:
-    """Numbering for a body clamped on the grid's lower x face (node 0 along x is eliminated: basis.clamp_first_node)."""
+def _catheter(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:
+    """Grid, particles and the section's errors of a catheter."""
+    catheter = scene.body.catheter
+    assert catheter is not None  # asked for by kind
+    outer, inner = catheter.diameter / 2, catheter.inner_diameter / 2
+    grid = rod_grid(catheter.length, catheter.diameter, scene.resolution.cells_across)
+    particles = rod_particles(
+        grid,
+        outer=outer,
+        inner=inner,
+        segment_ends=np.cumsum(catheter.segment_lengths()),
+        particles_per_cell=scene.resolution.particles_per_cell,
+    )
+    return grid, particles, section_errors(particles, outer=outer, inner=inner, length=catheter.length)
+
+
+def _strip(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:
+    """Grid, particles and the section's errors of a strip."""
+    strip = scene.body.strip
+    assert strip is not None  # asked for by kind
+    base, size = np.array(strip.position), np.array([strip.length, strip.width, strip.thickness])
+    grid = strip_grid(base, size, scene.resolution.cells_across, one_wide=strip.plane_strain)
+    ends = np.cumsum(strip.segment_lengths())
+    particles = strip_particles(
+        grid,
+        segment_ends=base[0] + (ends if strip.segments is not None else np.array([strip.length])),
+        particles_per_cell=scene.resolution.particles_per_cell,
+        one_wide=strip.plane_strain,
+    )
+    if strip.segments is None:  # pieces of a profile are for show: they cut no cells
+        middle = (particles.cell[:, 0] + 0.5) * grid.spacing[0]
+        particles = replace(particles, segment=np.searchsorted(ends, middle).astype(np.int32))
+    return grid, particles, strip_errors(particles, size)
+
+
+_BODIES: dict[str, Callable[[Scene], tuple[Grid, Particles, dict[str, float]]]] = {
+    "catheter": _catheter,
+    "strip": _strip,
+}
+
+
+def _remanence(scene: Scene, particles: Particles) -> Array:
+    """Remanence of each particle in the undeformed body, (n, 3) T."""
+    strip = scene.body.strip
+    if strip is None or strip.magnetization_profile is None:
+        return scene.segment_remanence()[particles.segment]
+    profile = strip.magnetization_profile
+    x, of = np.unique(particles.position[:, 0], return_inverse=True)
+    share = (x - strip.position[0]) / strip.length
+    directions = np.array([profile.direction(s, strip.length) for s in share.tolist()])
+    return scene.materials[strip.material].remanence * directions[of]
+
+
+def _layout(
+    grid: Grid, particles: Particles, weights: Array, *, clamped_face: bool, plane_strain: bool
+) -> Layout:
+    """Numbering of the unknowns. clamped_face: node 0 along x is eliminated (basis.clamp_first_node) and has none."""
     cell, segment = particles.cell, particles.segment
     new = np.any(np.diff(cell, axis=0) != 0, axis=1) | (np.diff(segment) != 0)
     cell_first = np.concatenate([[0], np.flatnonzero(new) + 1, [len(cell)]])
@@ -124,26 +217,45 @@ def _layout(grid: Grid, particles: Particles) -> Layout:
     # Each row of nodes keeps one unbroken run, so a cell's three nodes along z are neighbours in the numbering.
     _, rows, columns = grid.nodes
     low, high = np.full(rows, columns), np.full(rows, -1)
-    for shift in range(3):
+    in_row = [1, 1, 1] if plane_strain else [0, 1, 2]  # in plane strain one row stands for all three
+    for shift in in_row:
         np.minimum.at(low, iy + shift, iz)
         np.maximum.at(high, iy + shift, iz + 2)
     counts = np.maximum(high - low + 1, 0)
     start = np.concatenate([[0], np.cumsum(counts)])
-    cell_row = np.stack([start[iy + shift] + iz - low[iy + shift] for shift in range(3)], axis=1)
+    cell_row = np.stack([start[iy + shift] + iz - low[iy + shift] for shift in in_row], axis=1)
     node_yz = np.array([(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
 
-    cell_plane = np.maximum(ix - 1, 0)
+    cell_plane = np.maximum(ix - 1, 0) if clamped_face else ix
     slab = cell_plane // 2
     slab_first = np.searchsorted(slab, np.arange(slab.max() + 2))
+    planes, nodes = grid.nodes[0] - int(clamped_face), int(start[-1])
+    idle = _idle(cell_first, cell_plane, cell_row, weights, (planes, nodes))
+    fixed = np.repeat(idle, 3, axis=1)
+    if plane_strain:
+        fixed[:, 1::3] = True
     return Layout(
-        planes=grid.nodes[0] - 1,
-        nodes_per_plane=int(start[-1]),
+        planes=planes,
+        nodes_per_plane=nodes,
         cell_first=cell_first.astype(np.int64),
         cell_plane=cell_plane.astype(np.int64),
         cell_row=cell_row.astype(np.int64),
         slab_first=slab_first.astype(np.int64),
         node_yz=node_yz.astype(np.int64),
+        fixed=fixed,
     )
+
+
+def _idle(
+    cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Nodes (planes, nodes_per_plane) that no particle touches: their unknowns would be free to be anything."""
+    heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
+    touched = np.zeros(shape, bool)
+    for a, b, c in np.ndindex(3, 3, 3):
+        on = heaviest[:, 0, a] & heaviest[:, 1, b] & heaviest[:, 2, c]
+        touched[cell_plane[on] + a, cell_row[on, b] + c] = True
+    return ~touched
 
 
 def volume_modes(particles: Particles, cell_first: Index, ratio: Array) -> Array:

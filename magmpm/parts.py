@@ -1,25 +1,20 @@
-"""The parts of a scene: materials, catheter, field, effects, solver; each with its rules and documentation.
+"""The parts of a scene (bodies are in shapes.py): materials, field, effects, solver; each with its rules and documentation.
 
 The descriptions and examples are what editors show (scene.schema.json) and what error messages quote.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import (
     Field,
-    ValidationInfo,
     field_validator,
 )
 
 from magmpm.inputs import Part, Quantity, fault
-from magmpm.vectors import Direction, three
-
-MAX_SEGMENTS = 1000
-MAX_SLENDERNESS = 500.0  # length over diameter
+from magmpm.vectors import three
 
 
 class Material(Part):
@@ -57,124 +52,6 @@ class Material(Part):
                 "write, say, `bulk_to_shear: 20`",
             )
         return ratio
-
-
-class Segment(Part):
-    """A piece of the catheter with one magnetisation and one material."""
-
-    magnetization: Direction = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed body: [x, y, z], normalised, or "
-        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
-        examples=[[1, 0, 0]],
-    )
-    material: str | None = Field(
-        default=None,
-        description="A name from `materials`; the catheter's unless given.",
-        examples=["plain silicone"],
-    )
-    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] | None = Field(
-        default=None,
-        description="Length of this segment; segments without one share the rest of the catheter equally.",
-        examples=["8 mm"],
-    )
-
-    @property
-    def magnetised(self) -> bool:
-        """Whether it has a direction of magnetisation (its material may still have no remanence)."""
-        return any(self.magnetization)
-
-
-class Catheter(Part):
-    """A straight rod, base at the origin, axis +x, clamped at its base face."""
-
-    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Length of the undeformed catheter.", examples=["40 mm"]
-    )
-    diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
-        description="Outer diameter.", examples=["4 mm"]
-    )
-    inner_diameter: Annotated[float, Quantity("length", at_least="0 mm", at_most="1 m")] = Field(
-        default=0.0, description="Diameter of the bore; 0 mm, a solid rod, unless given.", examples=["2 mm"]
-    )
-    material: str = Field(
-        description="A name from `materials`; segments may name others.", examples=["silicone"]
-    )
-    clamp: Literal["base"] = Field(
-        default="base", description="The face that is held: base.", examples=["base"]
-    )
-    segments: tuple[Segment, ...] = Field(
-        min_length=1,
-        max_length=MAX_SEGMENTS,
-        description="From base to tip.",
-        examples=[[{"magnetization": [1, 0, 0]}]],
-    )
-
-    @field_validator("diameter")
-    @classmethod
-    def _slender(cls, diameter: float, info: ValidationInfo) -> float:
-        length = info.data.get("length")
-        if length is not None and not diameter <= length <= MAX_SLENDERNESS * diameter:
-            raise fault(
-                f"the length must be 1 to {MAX_SLENDERNESS:g} times the diameter",
-                f"check the units of both: length {1e3 * length:g} mm, diameter {1e3 * diameter:g} mm",
-            )
-        return diameter
-
-    @field_validator("inner_diameter")
-    @classmethod
-    def _hollow(cls, inner: float, info: ValidationInfo) -> float:
-        outer = info.data.get("diameter")
-        if outer is not None and not inner < outer:
-            raise fault(
-                "the inner diameter must be less than the diameter",
-                f"give less than {1e3 * outer:g} mm, or remove it",
-            )
-        return inner
-
-    @field_validator("segments")
-    @classmethod
-    def _fill_the_length(cls, segments: tuple[Segment, ...], info: ValidationInfo) -> tuple[Segment, ...]:
-        length = info.data.get("length")
-        if length is None:
-            return segments
-        given = [s.length for s in segments if s.length is not None]
-        total, free = math.fsum(given), len(segments) - len(given)
-        text = f"{1e3 * total:g} mm, the catheter {1e3 * length:g} mm"
-        if free == 0 and not math.isclose(total, length, rel_tol=1e-9):
-            raise fault(
-                "segment lengths must sum to the catheter's length", f"they sum to {text}: change either"
-            )
-        if free and total >= length * (1 - 1e-9):
-            raise fault(
-                "segment lengths must leave some of the catheter's length to the segments without one",
-                f"those given sum to {text}: shorten them",
-            )
-        return segments
-
-    def segment_lengths(self) -> list[float]:
-        """Length of each segment in m, base to tip; they sum to `length`."""
-        given = [s.length for s in self.segments if s.length is not None]
-        free = len(self.segments) - len(given)
-        share = math.fsum([self.length, *(-length for length in given)]) / free if free else 0.0
-        return [share if s.length is None else s.length for s in self.segments]
-
-
-CATHETER = {
-    "length": "40 mm",
-    "diameter": "4 mm",
-    "material": "silicone",
-    "segments": [{"magnetization": [1, 0, 0]}],
-}
-
-
-class Body(Part):
-    """What moves."""
-
-    catheter: Catheter = Field(
-        description="A straight rod, base at the origin, axis +x.",
-        examples=[CATHETER],
-    )
 
 
 _Component = Annotated[float, Quantity("flux density", at_least="-20 T", at_most="20 T")]

@@ -1,4 +1,4 @@
-"""Cosserat rod: an independent low-order model of a catheter that solves in milliseconds.
+"""Cosserat rod: an independent low-order model of a catheter or strip that solves in milliseconds.
 
 It gives the 3D solver its start and the branch to be on, checks it on slender scenes, and advises.
 
@@ -27,9 +27,9 @@ import numpy as np
 from magmpm.basis import Array
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
-from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod_kernels import frames_of, relax
 from magmpm.scene import Scene
+from magmpm.sections import section_of
 
 ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
 
@@ -75,22 +75,15 @@ class RodModel:
 
 def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodModel:
     """The rod of a scene. Elements end where segments do. extensible False leaves out stretch and shear (the pure elastica)."""
-    catheter = scene.body.catheter
-    lengths = np.array(catheter.segment_lengths())
+    body = scene.body.shape
+    lengths = np.array(body.segment_lengths())
     counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
     of = np.repeat(np.arange(len(lengths)), counts)
-    r1, r0 = catheter.diameter / 2, catheter.inner_diameter / 2
-    area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
     materials = [scene.segment_material(k) for k in range(len(lengths))]
     G = np.array([material.shear_modulus for material in materials])
-    K = G * [material.bulk_to_shear for material in materials]
-    E, nu = young_modulus(G, K), poisson_ratio(G, K)
-    shear_factor = _shear_factor(nu, r0 / r1)
+    section = section_of(body, G, G * [material.bulk_to_shear for material in materials])
+    area = section.area
     density = np.array([material.density or 0.0 for material in materials])
-    twist_bend = np.stack([2 * G * inertia, E * inertia, E * inertia], axis=1)
-    compliance = np.stack(
-        [1 / (E * area), 1 / (shear_factor * G * area), 1 / (shear_factor * G * area)], axis=1
-    )
     torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
     magnetised = scene.segment_remanence() * (0.0 if torque is None else area / MU0)
     length = (lengths / counts)[of]
@@ -99,18 +92,12 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     beyond = np.concatenate([np.cumsum(mass[::-1])[::-1], [0.0]])
     return RodModel(
         length=length,
-        twist_bend=twist_bend[of],
-        compliance=compliance[of] if extensible else np.zeros((len(of), 3)),
+        twist_bend=section.twist_bend[of],
+        compliance=section.compliance[of] if extensible else np.zeros((len(of), 3)),
         moment=magnetised[of],
         weight=beyond[:, None] * acceleration,
         field=np.array(scene.field.uniform),
     )
-
-
-def _shear_factor(nu: Array, ratio: float) -> Array:
-    """Shear coefficient of a round tube, ratio = inner over outer radius. Source: Cowper, J. Appl. Mech. 33 (1966) 335-340."""
-    m = ratio
-    return 6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
 
 
 def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodShape:

@@ -29,19 +29,16 @@ from pydantic import (
 from magmpm.errors import InputError
 from magmpm.inputs import Key, Part, fault, folder_of, from_file, read_yaml, validate
 from magmpm.parts import (
-    CATHETER,
-    Body,
-    Catheter,
     Effects,
     FieldSource,
     Gravity,
     MagneticTorque,
     Material,
     Resolution,
-    Segment,
     Solver,
     StaticOptions,
 )
+from magmpm.shapes import CATHETER, PIECES_A_PERIOD, Body, Catheter, Piece, Segment, Strip
 from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Angles
 
@@ -54,12 +51,14 @@ __all__ = [
     "Gravity",
     "MagneticTorque",
     "Material",
+    "Piece",
     "Reference",
     "Resolution",
     "Scene",
     "Segment",
     "Solver",
     "StaticOptions",
+    "Strip",
     "load_scene",
 ]
 
@@ -134,7 +133,7 @@ class Scene(Part):
         description="Materials by name.",
         examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}],
     )
-    body: Body = Field(description="What moves: a catheter.", examples=[{"catheter": CATHETER}])
+    body: Body = Field(description="What moves: a catheter or a strip.", examples=[{"catheter": CATHETER}])
     field: FieldSource = Field(
         default=FieldSource(),
         description="The outside magnetic field; none unless given.",
@@ -169,33 +168,42 @@ class Scene(Part):
     @model_validator(mode="after")
     def _agree(self, info: ValidationInfo) -> Scene:
         """Rules that join parts of the scene."""
-        catheter = self.body.catheter
-        base: Key = ("body", "catheter")
-        named: list[tuple[Key, str]] = [((*base, "material"), catheter.material)]
-        for i, segment in enumerate(catheter.segments):
-            if segment.material is not None:
-                named.append(((*base, "segments", i, "material"), segment.material))
-        for at, name in named:
+        for at, name in self._materials_named():
             if name not in self.materials:
                 near = difflib.get_close_matches(name, self.materials, n=1)
                 remedy = f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
                 raise fault(f"must be a name from `materials`: {', '.join(self.materials)}", remedy, at)
         if self.effects.gravity is not None:
-            for name in dict.fromkeys(s.material or catheter.material for s in catheter.segments):
+            for name in dict.fromkeys(piece.material_name for piece in self.pieces()):
                 if self.materials[name].density is None:
                     at = ("materials", name, "density")
                     raise fault(
                         "gravity needs the density of each material", "add, say, `density: 1100 kg/m^3`", at
                     )
-        if self.reference is not None and self.reference.centreline[-1][0] > catheter.length * (1 + 1e-6):
+        if self.reference is not None and self.reference.centreline[-1][0] > self.length * (1 + 1e-6):
+            kind = self.body.kind
             raise fault(
-                f"s_mm of the reference must not exceed the catheter's length, {1e3 * catheter.length:g} mm",
-                "check that the table belongs to this catheter",
+                f"s_mm of the reference must not exceed the {kind}'s length, {1e3 * self.length:g} mm",
+                f"check that the table belongs to this {kind}",
                 ("reference", "centreline"),
             )
+        self._profile_is_resolved()
         if from_file(info) and self.effects.magnetic_torque is not None:
             self._magnetic_torque_acts()
         return self
+
+    def _profile_is_resolved(self) -> None:
+        """A profile that turns within a cell or two would be averaged away."""
+        strip = self.body.strip
+        if strip is not None and strip.magnetization_profile is not None:
+            across, turns = self.resolution.cells_across, strip.magnetization_profile.harmonic.turns(strip.length)
+            a_turn = max(3, round(strip.length / strip.thickness * across)) / turns
+            if a_turn < PIECES_A_PERIOD:
+                raise fault(
+                    f"a turn of the magnetisation must be at least {PIECES_A_PERIOD} cells long, and is {a_turn:.3g}",
+                    f"raise cells_across to {int(np.ceil(across * PIECES_A_PERIOD / a_turn))}, or turn less often",
+                    ("resolution", "cells_across"),
+                )
 
     def _magnetic_torque_acts(self) -> None:
         """A file that asks for magnetic torque must have something to turn and something to turn it.
@@ -217,18 +225,39 @@ class Scene(Part):
 
     # what the scene says, put together
 
+    def _materials_named(self) -> list[tuple[Key, str]]:
+        """Where the body names materials, and which."""
+        named: list[tuple[Key, str]] = []
+        if (material := getattr(self.body.shape, "material", None)) is not None:
+            named.append((("body", self.body.kind, "material"), material))
+        for piece in self.pieces():
+            if piece.material_name != material:
+                named.append((("body", *piece.at, "material"), piece.material_name))
+        return named
+
+    def pieces(self) -> tuple[Piece, ...]:
+        """What the body is made of, each with one material: segments from base to tip, or parts."""
+        return self.body.shape.pieces()
+
+    @property
+    def length(self) -> float:
+        """Length of the undeformed body, m: what errors and distances are measured by."""
+        return self.body.shape.length
+
+    @property
+    def thickness(self) -> float:
+        """What `cells_across` counts cells through, m: a catheter's diameter, a strip's thickness."""
+        shape = self.body.shape
+        return shape.diameter if isinstance(shape, Catheter) else shape.thickness
+
     def segment_material(self, index: int) -> Material:
-        """The material of a segment."""
-        return self.materials[self.body.catheter.segments[index].material or self.body.catheter.material]
+        """The material of a piece (a segment or part)."""
+        return self.materials[self.pieces()[index].material_name]
 
     def segment_remanence(self) -> NDArray[np.float64]:
-        """Remanent flux density of each segment in the undeformed body, (k, 3) T."""
-        segments = self.body.catheter.segments
+        """Remanent flux density of each piece in the undeformed body, (k, 3) T."""
         return np.array(
-            [
-                [self.segment_material(i).remanence * x for x in s.magnetization]
-                for i, s in enumerate(segments)
-            ]
+            [[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.pieces()]
         )
 
     def magnetised_segments(self) -> list[int]:
@@ -246,14 +275,18 @@ class Scene(Part):
             found.append("effects: magnetic_torque is not named, so the field does nothing")
         if self.effects.magnetic_torque is None and self.effects.gravity is None:
             found.append("effects: none is named, so nothing moves")
-        used = {s.material or self.body.catheter.material for s in self.body.catheter.segments}
+        used = {piece.material_name for piece in self.pieces()}
         catheter, across = self.body.catheter, self.resolution.cells_across
-        wall = (catheter.diameter - catheter.inner_diameter) / 2 * across / catheter.diameter
-        if wall < 1:
-            found.append(
-                f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
-                f"cells_across {int(np.ceil(across / wall - 1e-9))}"
-            )
+        if catheter is not None:
+            wall = (catheter.diameter - catheter.inner_diameter) / 2 * across / catheter.diameter
+            if wall < 1:
+                found.append(
+                    f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
+                    f"cells_across {int(np.ceil(across / wall - 1e-9))}"
+                )
+        strip = self.body.strip
+        if strip is not None and strip.plane_strain and self.field.uniform[1] and self.effects.magnetic_torque is not None:
+            found.append("field: its y component does nothing to a strip in plane strain")
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]
         return found
 
@@ -279,15 +312,20 @@ class Scene(Part):
     def with_magnetizations(self, directions: ArrayLike) -> Scene:
         """The scene with these directions, (k, 3) for its k segments, normalised; zeros unmagnetise.
 
-        Raises InputError when the shape is another or a number is not finite.
+        Raises InputError when the shape is another, a number is not finite, or the body has a profile in place of segments.
         """
         given = np.asarray(directions, dtype=float)
-        catheter = self.body.catheter
-        if given.shape != (len(catheter.segments), 3):
-            raise InputError(f"directions have shape {given.shape}; must be {(len(catheter.segments), 3)}")
+        pieces = self.pieces()
+        if given.shape != (len(pieces), 3):
+            raise InputError(f"directions have shape {given.shape}; must be {(len(pieces), 3)}")
         data = self.to_si()
-        for segment, direction in zip(data["body"]["catheter"]["segments"], given.tolist(), strict=True):
-            segment["magnetization"] = direction
+        for piece, direction in zip(pieces, given.tolist(), strict=True):
+            found = data["body"]
+            for key in piece.at:
+                found = found[key]
+            if "harmonic" in found:
+                raise InputError("body: a magnetization_profile has no segments to change; give the strip `segments`")
+            found["magnetization"] = direction
         return Scene.from_si(data)
 
     def with_field(self, uniform: ArrayLike) -> Scene:

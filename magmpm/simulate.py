@@ -63,11 +63,6 @@ def _versions() -> dict[str, str]:
 def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Result:
     scene, point, particles = model.scene, found.point, model.particles
     position = point.position
-    segments = len(scene.body.catheter.segments)
-    share = np.zeros((segments, len(position)))
-    share[particles.segment, np.arange(len(position))] = particles.volume
-    share /= share.sum(axis=1, keepdims=True)
-    length = scene.body.catheter.length
     rest = np.array(scene.field.uniform) if scene.effects.magnetic_torque is not None else np.zeros(3)
     return Result(
         name=scene.name,
@@ -78,11 +73,11 @@ def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Resu
         particle_volume=particles.volume,
         particle_segment=particles.segment,
         particle_det_F=np.linalg.det(point.F),
-        segment_center=share @ position,
-        segment_remanence=share @ np.einsum("nij,nj->ni", point.F, model.magnet),
+        segment_center=measures.piece_means(model, position),
+        segment_remanence=measures.piece_means(model, np.einsum("nij,nj->ni", point.F, model.magnet)),
         grid_correction=found.correction,
         centreline=measures.centreline(model, point.grid),
-        tip=measures.along_axis(model, point.grid, measures.end_face_weights(model), np.array([length]))[0],
+        tip=measures.tip(model, point.grid, position),
         field=rest,
         converged=found.converged,
         iterations=found.steps,

@@ -90,13 +90,13 @@ def climb(
             on_progress(k, len(scenes), f"{cells[k]} cells across")
         runs.append(_timed(rung, solve))
     finest = runs[-1][0].centreline
-    reference, length = scene.reference_centreline(), scene.body.catheter.length
+    reference, length = scene.reference_centreline(), scene.length
     rungs = []
     for n, (result, seconds) in zip(cells, runs, strict=True):
         rungs.append(
             Rung(
                 cells_across=n,
-                cell_size=scene.body.catheter.diameter / n,
+                cell_size=scene.thickness / n,
                 particles=result.particles,
                 dof=result.dof,
                 iterations=result.iterations,

@@ -162,7 +162,7 @@ class Study:
         """
         scene = self.scene
         if self.vary_magnetization:
-            magnetised = np.isin(np.arange(len(scene.body.catheter.segments)), scene.magnetised_segments())
+            magnetised = np.isin(np.arange(len(scene.pieces())), scene.magnetised_segments())
             scene = scene.with_magnetizations(np.outer(magnetised, [1.0, 0.0, 0.0]))
         content = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
         if self.field_max is not None:
@@ -199,7 +199,7 @@ def load_study(path: Path | str) -> Study:
     except InputError as error:
         raise _named_in(error, _place(document, "match", "centreline")) from None
     _check_scene(scene, file, document)
-    _check_target(target, scene.body.catheter.length, folder / file.match.centreline, document)
+    _check_target(target, scene.length, folder / file.match.centreline, document)
     return Study(
         path=document.path,
         name=document.path.stem,

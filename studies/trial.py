@@ -59,7 +59,7 @@ def penalty(scene: Scene) -> float:
 
     Finite, so that samplers learn from it, and further off than designs are: a straight catheter is nearer to most targets.
     """
-    return scene.body.catheter.length
+    return scene.length
 
 
 def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path) -> Outcome:

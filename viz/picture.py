@@ -124,8 +124,9 @@ class Picture:
         volume = np.asarray(result.particle_volume)
         size = float(volume.max() ** (1 / 3))
         keep = np.flatnonzero(finite & (volume > SLIVER * size**3))
-        keep = keep[_skin(np.asarray(result.particle_reference)[keep], SKIN * size, max_particles)]
-        catheter = result.scene["body"]["catheter"]
+        kind = next(key for key, shape in result.scene["body"].items() if shape is not None)
+        keep = keep[_skin(np.asarray(result.particle_reference)[keep], SKIN * size, max_particles, kind)]
+        length, diameter = _size(result.scene["body"], np.asarray(result.particle_reference))
         effects = result.scene.get("effects") or {}
         return cls(
             particles=position[keep].astype(np.float32),
@@ -133,8 +134,8 @@ class Picture:
             particle_size=size,
             segment_center=np.asarray(result.segment_center, dtype=float),
             segment_remanence=np.asarray(result.segment_remanence, dtype=float),
-            length=float(catheter["length"]),
-            diameter=float(catheter["diameter"]),
+            length=length,
+            diameter=diameter,
             centreline=np.asarray(result.centreline, dtype=float)[:, 1:4],
             target=None if target is None else np.asarray(target, dtype=float)[:, -3:],
             target_name=target_name,
@@ -146,6 +147,15 @@ class Picture:
         )
 
 
+def _size(body: dict[str, Any], reference: np.ndarray) -> tuple[float, float]:
+    """Length and thickness, m, of a scene's body (its JSON) whose particles lay at `reference` (n, 3) m."""
+    shape = next(shape for shape in body.values() if shape is not None)
+    if "length" in shape:
+        return float(shape["length"]), float(shape.get("diameter") or shape["thickness"])
+    sides = np.sort(np.ptp(reference, axis=0))
+    return float(sides[2]), float(sides[0])
+
+
 def _gravity(effect: dict[str, Any] | None) -> np.ndarray | None:
     """Acceleration (3,) m/s^2 of a scene's gravity effect (its JSON), or None if it is not simulated."""
     if effect is None:
@@ -153,14 +163,20 @@ def _gravity(effect: dict[str, Any] | None) -> np.ndarray | None:
     return np.asarray(effect.get("acceleration", (0.0, 0.0, -9.81)), dtype=float)
 
 
-def _skin(reference: np.ndarray, thickness: float, most: int) -> np.ndarray:
-    """Indices of the particles less than `thickness` (m) below the surface of a straight rod along x.
+def _skin(reference: np.ndarray, thickness: float, most: int, kind: str) -> np.ndarray:
+    """Indices of the particles less than `thickness` (m) below the surface of a straight body along x.
 
-    reference: (n, 3) m. A particle is as deep as its distance to the mantle or to the nearer end face. The
-    outermost `most` are taken, where a plain stride would show holes.
+    reference: (n, 3) m. A catheter's particle is as deep as its distance to the mantle or to the nearer end face, a strip's to
+    the nearest face. The outermost `most` are taken, where a plain stride would show holes. Other bodies are not told inside from
+    outside: all of their particles are taken, or an even choice of them.
     """
-    radius = np.hypot(reference[:, 1], reference[:, 2])
-    x = reference[:, 0]
-    depth = np.minimum(radius.max() - radius, np.minimum(x - x.min(), x.max() - x))
+    if kind == "parts":
+        return np.unique(np.linspace(0, len(reference) - 1, min(most, len(reference))).astype(int))
+    faces = np.minimum(reference - reference.min(0), reference.max(0) - reference)
+    if kind == "catheter":
+        radius = np.hypot(reference[:, 1], reference[:, 2])
+        depth = np.minimum(radius.max() - radius, faces[:, 0])
+    else:
+        depth = faces.min(axis=1)
     outermost = np.argsort(depth, kind="stable")[:most]
     return np.sort(outermost[depth[outermost] < thickness])

@@ -12,7 +12,7 @@ import numpy as np
 from magmpm.basis import Array
 from magmpm.fortran import addresses
 from magmpm.model import Model, kernel_arguments
-from magmpm.statics.panels import new_panels
+from magmpm.statics.panels import fix, new_panels
 from magmpm.transfer.g2p import gather
 from magmpm.transfer.p2g import cell_energy, scatter_residual, scatter_tangent
 
@@ -43,6 +43,7 @@ class Energy:
         cells = len(layout.cell_plane)
         self._rest: float | None = None
         self._per_cell = np.empty((3, cells))
+        self._fixed = layout.fixed if layout.fixed.any() else None
 
     def at(self, grid: Array) -> Point:
         """The state that grid coefficients (planes, m) stand for, and its energy."""
@@ -73,7 +74,13 @@ class Energy:
             layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes,
             model.particles.volume, *self._materials, point.position, point.F, out,
         )  # fmt: skip
-        return out
+        return self.free(out)
+
+    def free(self, vector: Array) -> Array:
+        """The vector (planes, m), in place, with zeros for unknowns that stay zero."""
+        if self._fixed is not None:
+            vector[self._fixed] = 0.0
+        return vector
 
     def tangent(self, point: Point) -> tuple[Array, Array]:
         """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, overwritten by the next call."""
@@ -84,4 +91,6 @@ class Energy:
             layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.split, layout.most, model.weights,
             model.slopes, model.particles.volume, *self._materials, point.position, point.F, self._fortran, out, self.panels,
         )  # fmt: skip
-        return out, self.panels
+        if self._fixed is not None:
+            fix(self.panels, layout.split, self._fixed)
+        return self.free(out), self.panels

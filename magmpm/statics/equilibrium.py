@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from magmpm import effects
 from magmpm.basis import Array
-from magmpm.errors import SolveError
+from magmpm.errors import InputError, SolveError
 from magmpm.model import Model
 from magmpm.rod import RodShape, solve_rod
 from magmpm.statics.energy import Energy, Point
@@ -50,8 +50,13 @@ def solve_static(
 ) -> Equilibrium:
     """Equilibrium of a model. correction (planes, m): of a neighbouring design, to begin from.
 
-    Raises SolveError, with the last good Equilibrium (converged False) as its state.
+    Raises SolveError, with the last good Equilibrium (converged False) as its state; InputError where nothing holds the body.
     """
+    if model.free:
+        raise InputError(
+            f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is held somewhere; "
+            "name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
+        )
     global _controller
     _controller = _controller or ThreadpoolController()
     with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorisation are the threads
@@ -70,8 +75,8 @@ def _solve(
             energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
         )
 
-    if options.field_steps is not None:
-        return _ramp(model, options.field_steps, on_step, warnings)
+    if options.field_steps is not None or model.scene.body.shape.clamp != "base":
+        return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
         rod = solve_rod(model.scene)
     except SolveError as error:
@@ -96,10 +101,11 @@ def _solve(
 
 def _distance(model: Model, point: Point, rod: RodShape) -> float:
     """Largest distance between particles near the axis and the rod, over the length."""
-    position = model.particles.position
+    assert model.line is not None  # only straight bodies are rods
+    position = model.particles.position - np.array(model.line.base)
     radius = np.hypot(position[:, 1], position[:, 2])
     near = radius <= radius.min() * 1.5
-    moved = position[near] + point.displacement[near]
+    moved = position[near] + point.displacement[near]  # as seen from the base
     return float(np.linalg.norm(moved - rod.at(position[near, 0]), axis=1).max() / rod.s[-1])
 
 

@@ -135,11 +135,12 @@ def _chord_steps(
 def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
     """Direction of least curvature, from the shifted factors the energy's panels hold: inverse iteration from a fixed vector."""
     layout, model = energy.model.layout, energy.model
-    x = model.grid.node_coordinates(0)[1:]
+    x = model.plane_coordinates()
     d = np.zeros((layout.planes, layout.m))
     # A straight rod buckles towards +z, unless something tells it otherwise. Each attempt starts from another mix of bending.
     d[:, 2::3] = (x**2)[:, None]
     d[:, 1::3] = 1e-3 * attempt * (x**2)[:, None]
+    energy.free(d)
     for _ in range(40):
         d = solve(energy.panels, layout.split, d)
         d /= np.abs(d).max()

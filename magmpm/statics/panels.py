@@ -35,6 +35,23 @@ def new_panels(planes: int, m: int) -> Array:
     return np.zeros((planes + 2, m, 3 * m))
 
 
+def fix(panels: Array, split: int, fixed: NDArray[np.bool_]) -> None:
+    """Make unfactored panels hold these unknowns (planes, m) at zero: their rows and columns become those of a multiple of one.
+
+    The multiple is the largest diagonal entry, so that it changes neither scale nor definiteness.
+    """
+    planes, m = fixed.shape
+    largest = np.einsum("jaa->ja", panels[:planes, :, :m]).max()
+    at = [np.flatnonzero(row) for row in fixed]
+    for j in range(planes):
+        step = 1 if j < split + 2 else -1
+        panels[j, at[j]] = 0.0
+        for k in range(3):
+            if 0 <= j + step * k < planes and len(at[j + step * k]):
+                panels[j][:, k * m + at[j + step * k]] = 0.0
+        panels[j, at[j], at[j]] = largest
+
+
 @compiled
 def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; -1: none). Returns LAPACK's info."""
