@@ -126,7 +126,7 @@ class Quantity:
         return {
             "type": "string",
             "title": f"{kind.name} {bounds}".strip(),
-            "pattern": r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*[^\s\d.,+-].*$",
+            "pattern": r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*(1/)?[^\s\d.,+-].*$",
             "examples": [kind.example],
         }
 

@@ -111,7 +111,7 @@ def build(scene: Scene) -> Model:
     """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds."""
     grid, particles, section = _BODIES[scene.body.kind](scene)
     shape = scene.body.shape
-    clamped_face = shape.clamp != "none"
+    clamped_face = shape.clamp != "none" and scene.effects.feed is None  # what is fed, its guide holds
     plane_strain = isinstance(shape, Strip) and shape.plane_strain
     xi = grid.locate(particles.position, particles.cell)
     weights, slopes = spline_weights(xi), spline_slopes(xi) / grid.spacing[None, :, None]

@@ -14,6 +14,7 @@ from pydantic import (
 )
 
 from magmpm.inputs import Part, Quantity, fault
+from magmpm.surroundings import Damping, Feed, Ground, SelfContact, Viscosity, Walls
 from magmpm.vectors import three
 
 
@@ -93,18 +94,40 @@ class Effects(Part):
     not_there_yet: ClassVar[Mapping[str, str]] = {
         "magnetic_force": "the pull of a field gradient",
         "magnetic_interaction": "segments acting on each other",
-        "damping": "resistance of the surroundings",
-        "viscosity": "losses in the material",
-        "ground": "contact with a plane",
-        "walls": "contact with a lumen",
-        "self_contact": "the body touching itself",
-        "feed": "pushing the base forward",
     }
     magnetic_torque: MagneticTorque | None = Field(
         default=None, description="The outside field turns the magnetised segments: {}.", examples=[{}]
     )
     gravity: Gravity | None = Field(
         default=None, description="Weight: {} for 9.81 m/s^2 along -z.", examples=[{}]
+    )
+    viscosity: Viscosity | None = Field(
+        default=None,
+        description="In motion: losses in the material (Kelvin-Voigt).",
+        examples=[{"viscosity": "5 Pa s"}],
+    )
+    damping: Damping | None = Field(
+        default=None,
+        description="In motion: resistance of the surroundings, in proportion to mass.",
+        examples=[{"rate": "60 1/s"}],
+    )
+    ground: Ground | None = Field(
+        default=None,
+        description="In motion: contact with a plane.",
+        examples=[{"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}],
+    )
+    walls: Walls | None = Field(
+        default=None,
+        description="In motion: contact with the wall of a lumen.",
+        examples=[{"tube": {"radius": "5 mm", "path": "vessel.csv"}}],
+    )
+    self_contact: SelfContact | None = Field(
+        default=None, description="In motion: the body touches itself and separates again: {}.", examples=[{}]
+    )
+    feed: Feed | None = Field(
+        default=None,
+        description="In motion: the base is pushed through a guide.",
+        examples=[{"speed": "20 mm/s", "exit": "10 mm"}],
     )
 
 

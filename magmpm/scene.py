@@ -39,6 +39,7 @@ from magmpm.parts import (
     StaticOptions,
 )
 from magmpm.shapes import CATHETER, PIECES_A_PERIOD, Body, Catheter, Piece, Segment, Strip
+from magmpm.surroundings import IN_MOTION
 from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Angles
 
@@ -188,6 +189,8 @@ class Scene(Part):
                 ("reference", "centreline"),
             )
         self._profile_is_resolved()
+        self._motion_has_its_solver()
+        self._feed_can_push()
         if from_file(info) and self.effects.magnetic_torque is not None:
             self._magnetic_torque_acts()
         return self
@@ -204,6 +207,46 @@ class Scene(Part):
                     f"raise cells_across to {int(np.ceil(across * PIECES_A_PERIOD / a_turn))}, or turn less often",
                     ("resolution", "cells_across"),
                 )
+
+    def _motion_has_its_solver(self) -> None:
+        """Effects that act on a moving body only need the dynamic solver."""
+        if getattr(self.solver, "dynamic", None) is not None:
+            return
+        for name in IN_MOTION:
+            if getattr(self.effects, name) is not None:
+                raise fault(
+                    f"{name} acts in motion only, and this scene is solved for its equilibrium",
+                    f"write `solver: {{dynamic: {{duration: 0.5 s}}}}`, or do not name {name}",
+                    ("effects", name),
+                )
+
+    def _feed_can_push(self) -> None:
+        """The guide must hold some of a catheter, and go on holding it."""
+        feed, catheter = self.effects.feed, self.body.catheter
+        if feed is None:
+            return
+        if catheter is None:
+            raise fault(
+                f"feed pushes a catheter, and this body is a {self.body.kind}",
+                "do not name feed",
+                ("effects", "feed"),
+            )
+        least = catheter.diameter
+        if not feed.exit >= least:
+            raise fault(
+                f"the guide must hold one diameter of the catheter at least, {1e3 * least:g} mm from the base at x = 0",
+                f"write an exit of {1e3 * least:g} mm or more",
+                ("effects", "feed", "exit"),
+            )
+        duration = getattr(getattr(self.solver, "dynamic", None), "duration", 0.0)
+        left = feed.exit - feed.speed * duration
+        if not left >= least:
+            raise fault(
+                f"the base must stay in the guide by one diameter, {1e3 * least:g} mm; {1e3 * left:g} mm are left after "
+                f"{duration:g} s",
+                "push more slowly, for a shorter time, or from a guide whose exit is farther",
+                ("effects", "feed", "speed"),
+            )
 
     def _magnetic_torque_acts(self) -> None:
         """A file that asks for magnetic torque must have something to turn and something to turn it.

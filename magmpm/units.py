@@ -76,6 +76,9 @@ KINDS = {
             {"m/s^2": Fraction(1), "m/s**2": Fraction(1), "m/s²": Fraction(1), "mm/s^2": Fraction(1, 1000)},
         ),
         Kind("time", "s", "5 ms", _powers("s", none=0, m=-3, u=-6, µ=-6)),
+        Kind("rate", "1/s", "60 1/s", {"1/s": Fraction(1), "s^-1": Fraction(1)}),
+        Kind("speed", "m/s", "5 mm/s", {"m/s": Fraction(1), "cm/s": Fraction(1, 100), "mm/s": Fraction(1, 1000)}),
+        Kind("viscosity", "Pa s", "5 Pa s", {"Pa s": Fraction(1), "Pa*s": Fraction(1), "mPa s": Fraction(1, 1000)}),
     )
 }
 
@@ -111,7 +114,9 @@ def parse_quantity(text: str, kind: Kind) -> float:
         raise BadQuantity(
             f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()} {kind.example.split()[1]}"'
         )
-    if unit[0] == "," or unit[0].isdigit():
+    if unit.startswith("/"):
+        unit = f"1{unit}"
+    if unit[0] == "," or (unit[0].isdigit() and not unit.startswith("1/")):
         raise BadQuantity("a number has a decimal point and no separators", write)
     magnitude = float(number.group())
     is_zero = not re.search("[1-9]", number.group().lower().split("e")[0])

@@ -40,16 +40,6 @@ def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
             function(record[min(step, len(record) - 1)], data, *arguments)
 
 
-def held(model: Model) -> np.ndarray:
-    """(n,) whether a particle belongs to a part that is held at rest."""
-    return np.asarray(getattr(model, "held", np.zeros(len(model.density), bool)))
-
-
-def clamped(model: Model) -> bool:
-    """Whether the grid's lower x face is held: node 0 along x is then minus node 1."""
-    return model.layout.planes < model.grid.nodes[0]
-
-
 def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     """P (n, 3, 3) Pa: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T, where p = K (J - 1), J projected on the modes of each cell."""
     J = np.linalg.det(F)
@@ -99,7 +89,7 @@ class Total:
     def of(cls, model: Model) -> Total:
         shape = model.grid.nodes
         first = model.particles.cell.copy()
-        if clamped(model):  # node 0 is eliminated, and the first cell's stencil moved up by one
+        if model.clamped_face:  # node 0 is eliminated, and the first cell's stencil moved up by one
             first[:, 0] = np.maximum(first[:, 0], 1)
         n = len(first)
         N, dN = np.zeros((n, np.prod(shape))), np.zeros((3, n, np.prod(shape)))
@@ -112,7 +102,7 @@ class Total:
             dN[2, rows, node] = w[:, 0, a] * w[:, 1, b] * s[:, 2, c]
         axes = [model.grid.node_coordinates(axis) for axis in range(3)]
         X = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        fixed = (N[held(model)] > 0).any(axis=0)
+        fixed = (N[model.held] > 0).any(axis=0)
         return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed)
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
@@ -178,10 +168,10 @@ class Updated:
             push = force - np.einsum("nij,nj->ni", stress, d * 4 / h**2)
             np.add.at(m, at, N * mass)
             np.add.at(momentum, at, N[:, None] * (inertia + dt * push))
-            np.logical_or.at(fixed, at, (N > 0) & held(model))
+            np.logical_or.at(fixed, at, (N > 0) & model.held)
 
         zero = -low[0]  # index of node 0 along x
-        if clamped(model):
+        if model.clamped_face:
             momentum[zero + 1] -= momentum[zero]
             m[zero + 1] += m[zero]
         v = np.zeros_like(momentum)
@@ -189,7 +179,7 @@ class Updated:
         for at in zip(*np.nonzero(m), strict=True):
             X = model.grid.origin + (np.array(at) + low - 0.5) * h
             call(model, "node", X, np.zeros(3), v[at], dt, step=step)
-        if clamped(model):
+        if model.clamped_face:
             for i in range(zero + 1):  # node 1 - i is the mirror of node i
                 mirror = 2 * zero + 1 - i
                 v[i] = -v[mirror] if mirror < shape[0] else 0.0

@@ -1,0 +1,46 @@
+"""feed: the base is pushed along +x at a speed through a straight guide; what has left the guide is free.
+
+Every node whose place is inside the guide moves with the speed along +x and does not turn; the guide is the cylinder around the x axis,
+one diameter of the body wide to each side, up to its exit. A tip that bends back beside the guide stays free. The catheter is not
+clamped then: the guide holds it. The push begins at once: at speeds far below a wave's (m/s) that is no shock to speak of.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.effects.hooks import NO_DATA, register
+from magmpm.jit import compiled
+from magmpm.scene import Scene
+
+PHASE = "constraint"
+DTYPE = np.dtype([("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_radius", np.float64)])
+
+
+def parameters(*, speed: float, exit: float, radius: float) -> tuple[NDArray[Any], ...]:
+    """What kernels take. speed m/s along +x; exit: the guide's end on the x axis, m; radius of the guide, m."""
+    record = np.zeros(1, DTYPE)
+    record["feed_speed"], record["feed_exit"], record["feed_radius"] = speed, exit, radius
+    return record, NO_DATA
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take."""
+    settings = scene.effects.feed
+    if settings is None:
+        return ()
+    return parameters(speed=settings.speed, exit=settings.exit, radius=scene.thickness)
+
+
+@compiled
+def node(effect, data, X, u, v, dt):  # type: ignore[no-untyped-def]
+    """v = (speed, 0, 0) inside the guide."""
+    y, z = X[1] + u[1], X[2] + u[2]
+    if X[0] + u[0] < effect.feed_exit and y * y + z * z < effect.feed_radius**2:
+        v[0], v[1], v[2] = effect.feed_speed, 0.0, 0.0
+
+
+register(DTYPE, node=node)

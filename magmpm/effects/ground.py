@@ -1,0 +1,104 @@
+"""ground: contact with a plane that the body may press on, stick to and slide over, with Coulomb friction.
+
+Force, friction, stiffness and what a body sinks in: see magmpm.contact. The body touches when an outermost particle is as near to the
+plane as it is to the body's own surface (`ground_reach`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from magmpm import contact as law
+from magmpm.contact import Contact, push
+from magmpm.effects.hooks import NO_DATA, register
+from magmpm.jit import compiled
+from magmpm.scene import Scene
+
+PHASE = "contact"
+DTYPE = np.dtype(
+    [
+        ("ground_point", np.float64, (3,)),
+        ("ground_normal", np.float64, (3,)),
+        ("ground_friction", np.float64),
+        ("ground_stiffness", np.float64),
+        ("ground_reach", np.float64),
+    ]
+)
+
+
+def parameters(
+    *, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, reach: float = 0.0
+) -> tuple[NDArray[Any], ...]:
+    """What kernels take. point (3,) m on the plane; normal (3,) into the free side, any length; stiffness w^2 1/s^2; reach m."""
+    record = np.zeros(1, DTYPE)
+    n = np.asarray(normal, dtype=float)
+    record["ground_point"], record["ground_normal"] = point, n / np.linalg.norm(n)
+    record["ground_friction"], record["ground_stiffness"] = friction, stiffness
+    record["ground_reach"] = reach
+    return record, NO_DATA
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take."""
+    settings = scene.effects.ground
+    if settings is None:
+        return ()
+    return parameters(
+        point=settings.point,
+        normal=settings.normal,
+        friction=settings.friction,
+        stiffness=law.penalty(scene, settings.stiffness),
+        reach=law.reach(scene),
+    )
+
+
+def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
+    """Largest stable step, s."""
+    return law.stable_step(float(record["ground_stiffness"].max()))
+
+
+@compiled
+def depth(effect, x):  # type: ignore[no-untyped-def]
+    """How far (m) the body's surface at a particle at x is below the plane; negative above it."""
+    p, n = effect.ground_point, effect.ground_normal
+    return effect.ground_reach - ((x[0] - p[0]) * n[0] + (x[1] - p[1]) * n[1] + (x[2] - p[2]) * n[2])
+
+
+@compiled
+def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
+    """f += the plane's push and friction, N."""
+    below = depth(effect, x)
+    if below > 0.0:
+        n = effect.ground_normal
+        push(below, n[0], n[1], n[2], v, mass, dt, effect.ground_stiffness, effect.ground_friction, f)
+
+
+@compiled
+def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
+    count, deepest = 0, 0.0
+    for p in range(len(mass)):
+        below = depth(effect, x[p])
+        if below > 0.0:
+            contact(effect, data, x[p], v[p], mass[p], dt, force)
+            count, deepest = count + 1, max(deepest, below)
+    return count, deepest
+
+
+def report(
+    record: NDArray[Any],
+    data: NDArray[np.float64],
+    x: NDArray[np.float64],
+    v: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    dt: float,
+) -> Contact:
+    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
+    force = np.zeros(3)
+    count, deepest = _touching(record[0], data, x, v, mass, dt, force)
+    return Contact(force, count, deepest)
+
+
+register(DTYPE, contact=contact)

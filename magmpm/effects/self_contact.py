@@ -1,0 +1,45 @@
+"""self_contact: the body's parts and folds touch each other and separate again.
+
+The updated formulation has it of itself: parts that share grid nodes share velocities, so they cannot pass through each other, and parts
+that move apart share none. Naming self_contact switches to that formulation; it has no hooks and no settings, and costs nothing beyond.
+What is touching sticks (no slip), and bodies feel each other when they come nearer than about a cell: `gap` measures it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from magmpm.scene import Scene
+
+PHASE = "contact"
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """Nothing for the kernels: the formulation does it."""
+    return ()
+
+
+def gap(
+    position: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    size: float,
+    apart: float,
+    within: float,
+) -> float:
+    """Smallest gap (m) between surfaces of parts of the body that are not neighbours in it; negative: they overlap; inf: none is near.
+
+    position, reference (n, 3) m: particles now and in the undeformed body; size m: a particle's, which is as far from its neighbour as two
+    surfaces in touch have their outermost particles; apart m: particles nearer than that in the undeformed body are neighbours (a few cells
+    more than the body's thickness); within m: how far to look, at most `apart`.
+    """
+    pairs = cKDTree(position).query_pairs(within, output_type="ndarray")
+    rest = np.linalg.norm(reference[pairs[:, 0]] - reference[pairs[:, 1]], axis=1)
+    pairs = pairs[rest > apart]
+    if not len(pairs):
+        return float("inf")
+    now = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
+    return float(now.min()) - size

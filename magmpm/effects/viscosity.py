@@ -1,0 +1,68 @@
+"""viscosity: losses in the material (Kelvin-Voigt): a viscous stress beside the elastic one.
+
+Cauchy stress 2 eta D, with D = (L + L^T)/2 and L = dF F^-1 the velocity gradient; per undeformed area P = 2 eta J D F^-T. It is
+objective (a rigid turn makes none), exerts no torque, and turns 2 eta J D:D >= 0 per undeformed volume and second into heat. A small
+vibration of frequency w is damped with ratio eta w / (2 G) in shear, and by about 3 eta / (2 E) w in bending.
+Source: Holzapfel, Nonlinear Solid Mechanics, section 5.7; Antman, Nonlinear Problems of Elasticity, chapter 12.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.effects.hooks import NO_DATA, register
+from magmpm.jit import compiled
+from magmpm.materials import cofactor, determinant
+from magmpm.scene import Scene
+
+PHASE = "force"
+DTYPE = np.dtype([("viscosity", np.float64)])
+STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, times h^2
+
+
+def parameters(viscosity: float) -> tuple[NDArray[Any], ...]:
+    """What kernels take. viscosity eta Pa s."""
+    record = np.zeros(1, DTYPE)
+    record["viscosity"] = viscosity
+    return record, NO_DATA
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take, or () where the viscosity is zero."""
+    settings = scene.effects.viscosity
+    return parameters(settings.viscosity) if settings is not None and settings.viscosity > 0 else ()
+
+
+def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
+    """Largest stable step, s, of viscous and elastic stress together.
+
+    With lumped mass, no motion strains faster than sum_axes 6 / h^2 = s^2 allows (Cauchy-Schwarz over a particle's splines): elastic
+    stress has frequencies up to w^2 = (K + 4/3 G) s^2 / rho, viscous stress rates up to r = 2 eta s^2 / rho. With velocities a step old
+    in the viscous stress, the step is stable while (w dt)^2 / 4 + r dt / 2 <= 1.
+    """
+    steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
+    wave = float(np.max((model.bulk + 4 / 3 * model.shear) / model.density)) * steep
+    rate = 2.0 * float(record["viscosity"].max()) / float(model.density.min()) * steep
+    return 2.0 / (rate / 2.0 + float(np.sqrt(rate * rate / 4.0 + wave)))
+
+
+@compiled
+def rate_stress(effect, data, rho, F, dF, P):  # type: ignore[no-untyped-def]
+    """P += 2 eta J D F^-T, Pa."""
+    J = determinant(F)
+    cof, L = np.empty((3, 3)), np.zeros((3, 3))
+    cofactor(F, cof)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                L[i, j] += dF[i, k] * cof[j, k] / J
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                P[i, j] += effect.viscosity * (L[i, k] + L[k, i]) * cof[k, j]
+
+
+register(DTYPE, rate_stress=rate_stress)

@@ -1,0 +1,132 @@
+"""walls: the body lies in a lumen, a tube around a path or the inside of a closed surface, and touches its wall, with friction.
+
+The distance from the wall comes from a table (magmpm.distance), so a particle costs the same whatever the wall's shape; force, friction,
+stiffness and what a body sinks in: see magmpm.contact. What lies beyond the table, as past the open ends of a tube, touches nothing.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm import contact as law
+from magmpm import distance
+from magmpm.contact import Contact, push
+from magmpm.curves import curve
+from magmpm.distance import Table, value
+from magmpm.effects.hooks import register
+from magmpm.jit import compiled
+from magmpm.scene import Scene
+from magmpm.surroundings import Tube
+
+PHASE = "contact"
+POINTS = 6  # of the table in a tube's radius
+DTYPE = np.dtype(
+    [
+        ("walls_origin", np.float64, (3,)),
+        ("walls_spacing", np.float64),
+        ("walls_shape", np.int64, (3,)),
+        ("walls_friction", np.float64),
+        ("walls_stiffness", np.float64),
+        ("walls_reach", np.float64),
+    ]
+)
+
+
+def parameters(
+    table: Table, *, friction: float, stiffness: float, reach: float = 0.0
+) -> tuple[NDArray[Any], ...]:
+    """What kernels take. stiffness w^2 1/s^2; reach m."""
+    record = np.zeros(1, DTYPE)
+    record["walls_origin"], record["walls_spacing"] = table.origin, table.spacing
+    record["walls_shape"] = table.coefficients.shape
+    record["walls_friction"], record["walls_stiffness"] = friction, stiffness
+    record["walls_reach"] = reach
+    return record, np.ascontiguousarray(table.coefficients).ravel()
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take."""
+    settings = scene.effects.walls
+    if settings is None:
+        return ()
+    return parameters(
+        _table(settings.tube),
+        friction=settings.friction,
+        stiffness=law.penalty(scene, settings.stiffness),
+        reach=law.reach(scene),
+    )
+
+
+@lru_cache(maxsize=4)
+def _table(tube: Tube) -> Table:
+    """Distances from a tube's wall, true to 0.0006 of its radius."""
+    spacing = tube.radius / POINTS
+    return distance.tube(curve(np.array(tube.path), spacing / 4), tube.radius, spacing)
+
+
+def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
+    """Largest stable step, s."""
+    return law.stable_step(float(record["walls_stiffness"].max()))
+
+
+@compiled
+def depth(effect, data, x, slope):  # type: ignore[no-untyped-def]
+    """How far (m) the body's surface at a particle at x is beyond the wall, negative inside; slope (3,): of the distance, inwards."""
+    n = effect.walls_shape
+    s, o = effect.walls_spacing, effect.walls_origin
+    # The nearest point's coefficient is within 2 s of the distance: most particles are done with it.
+    i = int(np.floor((x[0] - o[0]) / s + 0.5))
+    j = int(np.floor((x[1] - o[1]) / s + 0.5))
+    k = int(np.floor((x[2] - o[2]) / s + 0.5))
+    if not (0 <= i < n[0] and 0 <= j < n[1] and 0 <= k < n[2]):
+        return -np.inf
+    near = data[(i * n[1] + j) * n[2] + k]
+    if near > effect.walls_reach + 2.0 * s:
+        return effect.walls_reach - near
+    return effect.walls_reach - value(o, s, n, data, x, slope)
+
+
+@compiled
+def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
+    """f += the wall's push and friction, N."""
+    n = np.empty(3)
+    beyond = depth(effect, data, x, n)
+    if beyond > 0.0:
+        size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        if size > 0.0:  # times the slope's size: the exact slope of the energy
+            push(
+                beyond, n[0] / size, n[1] / size, n[2] / size, v, mass, dt,
+                effect.walls_stiffness * size, effect.walls_friction, f,
+            )  # fmt: skip
+
+
+@compiled
+def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
+    count, deepest, slope = 0, 0.0, np.empty(3)
+    for p in range(len(mass)):
+        beyond = depth(effect, data, x[p], slope)
+        if beyond > 0.0:
+            contact(effect, data, x[p], v[p], mass[p], dt, force)
+            count, deepest = count + 1, max(deepest, beyond)
+    return count, deepest
+
+
+def report(
+    record: NDArray[Any],
+    data: NDArray[np.float64],
+    x: NDArray[np.float64],
+    v: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    dt: float,
+) -> Contact:
+    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
+    force = np.zeros(3)
+    count, deepest = _touching(record[0], data, x, v, mass, dt, force)
+    return Contact(force, count, deepest)
+
+
+register(DTYPE, contact=contact)
