@@ -124,7 +124,7 @@ class Walls(Part):
     """A lumen the body lies in."""
 
     tube: Tube = Field(
-        description="A tube around a path.",
+        description="The inside of a tube around a path.",
         examples=[{"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}],
     )
     friction: _Friction = _FRICTION

@@ -269,10 +269,56 @@ REFERENCES = [
          "belongs to this catheter", table=TABLE.replace("40,38", "50,38")),
 ]
 
+GRAVITY = "  gravity: {}\n"  # where the cases below name effects of motion
+GROUND = "point: [0 mm, 0 mm, -2 mm]"
+TUBE = "radius: 5 mm, path: [[-10 mm, 0 mm, 0 mm], [60 mm, 0 mm, 0 mm]]"
+
+
+def effect(name: str, settings: str, key: str, received: str, *says: str, **more: object) -> BadScene:
+    """A case that names an effect of motion, with settings on its line."""
+    return edit(name, GRAVITY, f"  {settings}\n", f"effects.{key}", received, *says, **more)
+
+
+SURROUNDINGS = [
+    *(
+        effect(f"{key} in statics", f"{key}: {{{settings}}}", key, "{", f"{key} acts in motion only", "solver: {dynamic: {duration")
+        for key, settings in {
+            "damping": "rate: 60 1/s", "viscosity": "viscosity: 5 Pa s", "ground": GROUND, "walls": f"tube: {{{TUBE}}}",
+            "self_contact": "", "feed": "speed: 5 mm/s, exit: 10 mm",
+        }.items()
+    ),
+    effect("no rate", "damping: {}", "damping.rate", "nothing", "this key is required", "`rate: 60 1/s`"),
+    effect("rate without unit", "damping: {rate: 60}", "damping.rate", "60", "a rate needs a unit", '"60 1/s"'),
+    effect("a frequency for a rate", "damping: {rate: 60 rad}", "damping.rate", '"60 rad"', "is not a unit of rate"),
+    effect("negative damping", "damping: {rate: -1 1/s}", "damping.rate", '"-1 1/s"', "must be at least 0 1/s"),
+    effect("viscosity in Pa", "viscosity: {viscosity: 5 Pa}", "viscosity.viscosity", '"5 Pa"', "is not a unit of viscosity", '"5 Pa s"'),
+    effect("negative viscosity", "viscosity: {viscosity: -5 Pa s}", "viscosity.viscosity", '"-5 Pa s"', "at least 0 Pa s"),
+    effect("ground nowhere", "ground: {friction: 0.3}", "ground.point", "nothing", "is required", "`point: [0 mm, 0 mm, -2 mm]`"),
+    effect("ground by its height", "ground: {point: -2 mm}", "ground.point", '"-2 mm"', "must be a list of 3"),
+    effect("ground without normal", f"ground: {{{GROUND}, normal: [0, 0, 0]}}", "ground.normal", "[0, 0, 0]", "must have a direction",
+           "`normal: [0, 0, 1]`"),
+    effect("negative friction", f"ground: {{{GROUND}, friction: -0.1}}", "ground.friction", "-0.1", "must be at least 0", "0.3"),
+    effect("friction with a unit", f"ground: {{{GROUND}, friction: 30 deg}}", "ground.friction", '"30 deg"', "must be a number"),
+    effect("no stiffness", f"ground: {{{GROUND}, stiffness: 0}}", "ground.stiffness", "0", "must be greater than 0"),
+    effect("walls of nothing", "walls: {friction: 0.1}", "walls.tube", "nothing", "is required", "`tube: {"),
+    effect("tube of no width", "walls: {tube: {" + TUBE.replace("5 mm", "0 mm") + "}}", "walls.tube.radius", '"0 mm"', "greater than 0 mm"),
+    effect("tube of one point", "walls: {tube: {radius: 5 mm, path: [[0 mm, 0 mm, 0 mm]]}}", "walls.tube.path", "[[", "2 or more points"),
+    effect("tube of one point twice", "walls: {tube: {radius: 5 mm, path: [[0 mm, 0 mm, 0 mm], [0 mm, 0 mm, 0 mm]]}}", "walls.tube.path",
+           "[[", "each apart from the next"),
+    effect("tube that bends too tightly", "walls: {tube: {radius: 5 mm, path: [[0 mm, 0 mm, 0 mm], [9 mm, 0 mm, 0 mm], [9 mm, 9 mm, 0 mm]]}}",
+           "walls.tube.path", "[[", "must not bend more tightly than its radius", "the path smoother"),
+    effect("tube without its table", "walls: {tube: {radius: 5 mm, path: vessel.csv}}", "walls.tube.path", '"vessel.csv"', "no such file"),
+    effect("tube along a bad table", "walls: {tube: {radius: 5 mm, path: shape.csv}}", "walls.tube.path", '"shape.csv"', "shape.csv:3",
+           "4 numbers, in mm", table=TABLE.replace("20,20", "20,twenty")),
+    effect("self-contact with settings", "self_contact: {friction: 0.3}", "self_contact.friction", "0.3", 'unknown key "friction"'),
+    effect("feed without exit", "feed: {speed: 5 mm/s}", "feed.exit", "nothing", "is required", "`exit: 10 mm`"),
+    effect("feed per minute mistaken", "feed: {speed: 5 mm, exit: 10 mm}", "feed.speed", '"5 mm"', "is not a unit of speed", '"5 mm/s"'),
+]
+
 LATER = [
     edit(f"{effect}, a later effect", "  gravity: {}", f"  {effect}: {{}}", f"effects.{effect}", "{}",
          f"`{effect}`", "is not there yet in this version", "remove it", later=True)
-    for effect in ("magnetic_force", "magnetic_interaction", "damping", "viscosity", "ground", "walls", "self_contact", "feed")
+    for effect in ("magnetic_force", "magnetic_interaction")
 ] + [
     edit("dynamics, later", "  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 0.5 s}", "solver.dynamic", "{",
          "`dynamic`", "is not there yet", later=True),
@@ -283,7 +329,7 @@ LATER = [
 ]
 
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *LATER]
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *LATER]
 
 
 def text_of(case: BadScene) -> str:

@@ -98,7 +98,9 @@ def test_damaged_files_never_crash(tmp_path: Path) -> None:
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "probe.yaml"
-    path.write_text(GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("  gravity", "  ground"))
+    path.write_text(
+        GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("cells_across: 4", "seconds: 2 s")
+    )
     with pytest.raises(InputError) as caught:
         load_scene(path)
     lines = str(caught.value).splitlines()
@@ -107,6 +109,6 @@ def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> Non
     assert places == [
         f"{path}:12: body.catheter.length",
         f"{path}:22: field.uniform[1]",
-        f"{path}:25: effects.ground",
+        f"{path}:28: resolution.seconds",
     ]
     assert not isinstance(caught.value, NotThereYet)  # keys of a later version are only part of what is wrong

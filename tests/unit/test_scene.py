@@ -263,8 +263,10 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
         acceleration=(0, 0, 0)
     )
     assert both.with_effects(gravity=None) == five
-    with pytest.raises(NotThereYet):
+    with pytest.raises(InputError, match=r"ground\.point: received nothing"):
         five.with_effects(ground={})
+    with pytest.raises(InputError, match="damping acts in motion only"):
+        five.with_effects(damping={"rate": 60.0})
     with pytest.raises(InputError, match='did you mean "gravity"'):
         five.with_effects(gravitiy={})
 
