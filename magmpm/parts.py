@@ -119,7 +119,9 @@ class Effects(Part):
     walls: Walls | None = Field(
         default=None,
         description="In motion: contact with the wall of a lumen.",
-        examples=[{"tube": {"radius": "5 mm", "path": "vessel.csv"}}],
+        examples=[
+            {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
+        ],
     )
     self_contact: SelfContact | None = Field(
         default=None, description="In motion: the body touches itself and separates again: {}.", examples=[{}]

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from pydantic import ValidationError
 
 from magmpm import schema
-from magmpm.errors import InputError, NotThereYet
+from magmpm.errors import InputError
 from magmpm.inputs import read_yaml
 from magmpm.scene import (
     Body,
