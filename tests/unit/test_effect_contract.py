@@ -190,7 +190,22 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
         assert np.sum(P * dF) > 0
 
 
-# contact
+# forces on a particle of a velocity
+
+CONTACT = [key for key in having("contact") if effects.module_of(key).PHASE == "contact"]
+
+
+@pytest.mark.parametrize("key", [key for key in having("contact") if key not in CONTACT])
+def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
+    """It takes energy out wherever the particle is, and does not push what is at rest."""
+    function = hook_of(named(key), "contact")
+    assert function is not None
+    for _ in range(5):
+        (x, _), v, moving, rest = point(rng), rng.standard_normal(3), np.zeros(3), np.zeros(3)
+        function(x, v, MASS, DT, moving)
+        function(x, np.zeros(3), MASS, DT, rest)
+        assert moving @ v < 0
+        assert not rest.any()
 
 
 def touching(found: tuple[np.ndarray, ...], rng: np.random.Generator) -> list[np.ndarray]:
@@ -209,7 +224,7 @@ def touching(found: tuple[np.ndarray, ...], rng: np.random.Generator) -> list[np
     raise AssertionError("the example touches nothing within 60 mm of the base")
 
 
-@pytest.mark.parametrize("key", having("contact"))
+@pytest.mark.parametrize("key", CONTACT)
 def test_contact_is_conservative_without_friction(key: str, rng: np.random.Generator) -> None:
     """On a particle at rest the force has a potential: its Jacobian is symmetric. It grows with the depth: the Jacobian is negative."""
     found = named(key)
@@ -230,7 +245,7 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
     assert smooth == 20
 
 
-@pytest.mark.parametrize("key", having("contact"))
+@pytest.mark.parametrize("key", CONTACT)
 def test_friction_brakes_and_never_turns_back(key: str, rng: np.random.Generator) -> None:
     """What moving adds to the force opposes the motion, lies across the normal, and at most stops the sliding within the step."""
     given = dict((Effects.model_fields[key].examples or [{}])[0])
@@ -258,7 +273,7 @@ def test_friction_brakes_and_never_turns_back(key: str, rng: np.random.Generator
     assert most[0.2] == pytest.approx(0.2, rel=1e-12), "slides at the edge of the cone"
 
 
-@pytest.mark.parametrize("key", having("contact"))
+@pytest.mark.parametrize("key", CONTACT)
 def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> None:
     found = named(key)
     function = hook_of(found, "contact")
