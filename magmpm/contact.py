@@ -14,23 +14,27 @@ for the landing): micrometres. Source of the lumped bound used by `stable_step`:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypedDict
+
+import numpy as np
 
 from magmpm.basis import Array
-from magmpm.bodies import gauss
+from magmpm.bodies import gauss, rod_grid, rod_particles
+from magmpm.errors import InputError
 from magmpm.jit import compiled
 from magmpm.scene import Scene
 
+THROWN = 0.1  # m/s
 SHARE = 0.7  # of the explicit limit 2 / w: with it, 0.8 of the smaller of body's and contact's steps is stable for both at once
 
 
-@dataclass(frozen=True)
-class Contact:
+class Contact(TypedDict):
     """What an effect reports: force (3,) N on the body, number of particles that touch, deepest penetration m (0 where none)."""
 
     force: Array
     count: int
-    deepest: float
+    depth: float
 
 
 @compiled
@@ -57,9 +61,28 @@ def cell_size(scene: Scene) -> float:
 
 
 def reach(scene: Scene) -> float:
-    """How far the outermost particles are from the body's surface, m: a body touches when a particle is that near."""
-    outermost = gauss(scene.resolution.particles_per_cell)[0].max() / math.sqrt(12.0)
-    return cell_size(scene) * (0.5 - float(outermost))
+    """How far the outermost particles are from the body's surface, m: a body touches when a particle is that near.
+
+    Of a flat face it is the outermost Gauss points' distance. Of a round catheter it is the least around the section, so that it may lie
+    on a plane at any angle without an overlap; where the particles lie deeper, it is let in by up to a quarter of a cell.
+    """
+    catheter, count = scene.body.catheter, scene.resolution.particles_per_cell
+    if catheter is not None:
+        return _reach_of_ring(
+            catheter.diameter, catheter.inner_diameter, scene.resolution.cells_across, count
+        )
+    return cell_size(scene) * (0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0))
+
+
+@lru_cache(maxsize=8)
+def _reach_of_ring(diameter: float, inner: float, cells: int, count: int) -> float:
+    length = 3 * diameter / cells
+    grid = rod_grid(length, diameter, cells, 3)
+    particles = rod_particles(
+        grid, outer=diameter / 2, inner=inner / 2, segment_ends=np.array([length]), particles_per_cell=count
+    )
+    _, y, z = particles.position.T
+    return diameter / 2 - float(np.hypot(y, z).max())
 
 
 def penalty(scene: Scene, factor: float) -> float:
@@ -75,3 +98,16 @@ def penalty(scene: Scene, factor: float) -> float:
 def stable_step(stiffness: float) -> float:
     """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), beside a body at its own limit."""
     return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
+
+
+def refuse_overlap(key: str, depth: float, energy: float, mass: float, remedy: str) -> None:
+    """A body that begins within an obstacle would be thrown out of it: InputError where that is faster than THROWN.
+
+    depth m: its deepest; energy J: of the contact; mass kg: of the body.
+    """
+    speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
+    if speed > THROWN:
+        raise InputError(
+            f"effects.{key}: the body begins {1e3 * depth:.3g} mm inside, and would be thrown out at {speed:.2g} m/s\n"
+            f"  rule: a body must begin clear of it, or just touching\n  remedy: {remedy}, by {1e3 * depth:.3g} mm or more"
+        )

@@ -131,7 +131,7 @@ def build(scene: Scene) -> Model:
     ratio = np.array([material.bulk_to_shear for material in materials])
     averaged = scene.solver.static.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
-    return Model(
+    model = Model(
         scene=scene,
         grid=grid,
         particles=particles,
@@ -150,6 +150,8 @@ def build(scene: Scene) -> Model:
         plane_strain=plane_strain,
         line=shape.line,
     )
+    effects.check(model)
+    return model
 
 
 def _catheter(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:

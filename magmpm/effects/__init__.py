@@ -44,3 +44,12 @@ def collect(
         if getattr(scene.effects, key) is not None:
             named += module.of_scene(scene, strength, times)
     return tuple(named)
+
+
+def check(model: Any) -> None:
+    """Raises InputError where an effect the model's scene names can't begin: a body that starts inside a wall, say."""
+    for key, module in every().items():
+        if getattr(model.scene.effects, key) is not None and hasattr(module, "check"):
+            named = module.of_scene(model.scene, 1.0, None)
+            if named:
+                module.check(*named, model)

@@ -78,13 +78,14 @@ def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
 
 @compiled
 def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
-    count, deepest = 0, 0.0
+    count, deepest, squares = 0, 0.0, 0.0
     for p in range(len(mass)):
         below = depth(effect, x[p])
         if below > 0.0:
             contact(effect, data, x[p], v[p], mass[p], dt, force)
             count, deepest = count + 1, max(deepest, below)
-    return count, deepest
+            squares += mass[p] * below**2
+    return count, deepest, 0.5 * effect.ground_stiffness * squares
 
 
 def report(
@@ -97,8 +98,15 @@ def report(
 ) -> Contact:
     """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
     force = np.zeros(3)
-    count, deepest = _touching(record[0], data, x, v, mass, dt, force)
-    return Contact(force, count, deepest)
+    count, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
+    return Contact(force=force, count=count, depth=deepest)
+
+
+def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
+    """Raises InputError where the body begins below the plane."""
+    x, mass = model.particles.position, model.density * model.particles.volume
+    _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
+    law.refuse_overlap("ground", deepest, energy, mass.sum(), "move the plane's `point` away from the body")
 
 
 register(DTYPE, contact=contact)

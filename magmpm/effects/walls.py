@@ -18,6 +18,7 @@ from magmpm.contact import Contact, push
 from magmpm.curves import curve
 from magmpm.distance import Table, value
 from magmpm.effects.hooks import register
+from magmpm.errors import InputError
 from magmpm.jit import compiled
 from magmpm.scene import Scene
 from magmpm.surroundings import Tube
@@ -64,8 +65,11 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 @lru_cache(maxsize=4)
 def _table(tube: Tube) -> Table:
     """Distances from a tube's wall, true to 0.0006 of its radius."""
-    spacing = tube.radius / POINTS
-    return distance.tube(curve(np.array(tube.path), spacing / 4), tube.radius, spacing)
+    return distance.tube(_path(tube), tube.radius, tube.radius / POINTS)
+
+
+def _path(tube: Tube) -> NDArray[np.float64]:
+    return curve(np.array(tube.path), tube.radius / POINTS / 4)
 
 
 def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
@@ -106,13 +110,14 @@ def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
 
 @compiled
 def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
-    count, deepest, slope = 0, 0.0, np.empty(3)
+    count, deepest, squares, slope = 0, 0.0, 0.0, np.empty(3)
     for p in range(len(mass)):
         beyond = depth(effect, data, x[p], slope)
         if beyond > 0.0:
             contact(effect, data, x[p], v[p], mass[p], dt, force)
             count, deepest = count + 1, max(deepest, beyond)
-    return count, deepest
+            squares += mass[p] * beyond**2
+    return count, deepest, 0.5 * effect.walls_stiffness * squares
 
 
 def report(
@@ -125,8 +130,23 @@ def report(
 ) -> Contact:
     """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
     force = np.zeros(3)
-    count, deepest = _touching(record[0], data, x, v, mass, dt, force)
-    return Contact(force, count, deepest)
+    count, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
+    return Contact(force=force, count=count, depth=deepest)
+
+
+def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
+    """Raises InputError where the body begins beyond the wall."""
+    tube = model.scene.effects.walls.tube
+    out = distance.to_path(model.particles.position, _path(tube)) - tube.radius
+    if out.max() > law.cell_size(model.scene):  # less is an overlap, below
+        place = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[out.argmax()])
+        raise InputError(
+            f"effects.walls: the body begins {1e3 * out.max():.3g} mm outside the tube, at ({place}) mm\n"
+            "  rule: the body must begin within the lumen\n  remedy: make the radius larger, or lay the path along the body"
+        )
+    x, mass = model.particles.position, model.density * model.particles.volume
+    _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
+    law.refuse_overlap("walls", deepest, energy, mass.sum(), "make the lumen wider, or move it")
 
 
 register(DTYPE, contact=contact)

@@ -284,11 +284,11 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     for p in range(len(x)):
         function(x[p], v[p], mass[p], DT, forces[p])
     told = effects.module_of(key).report(found[0], found[1], x, v, mass, DT)
-    np.testing.assert_allclose(told.force, forces.sum(axis=0), rtol=1e-12)
-    assert told.count == 20
-    assert 0 < told.deepest < 60e-3
+    np.testing.assert_allclose(told["force"], forces.sum(axis=0), rtol=1e-12)
+    assert told["count"] == 20
+    assert 0 < told["depth"] < 60e-3
     far = effects.module_of(key).report(found[0], found[1], x[20:], v[20:], mass[20:], DT)
-    assert (far.force.any(), far.count, far.deepest) == (False, 0, 0.0)
+    assert (far["force"].any(), far["count"], far["depth"]) == (False, 0, 0.0)
 
 
 # nodes
