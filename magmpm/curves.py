@@ -8,14 +8,14 @@ from magmpm.basis import Array
 
 
 def curve(points: Array, step: float) -> Array:
-    """Points (m, 3) at most `step` (m) apart on the smooth curve (natural cubic spline over the chords) through points (k, 3)."""
+    """Points (m, 3) at most `step` (m) apart on the smooth curve (cubic spline over the chords) through points (k, 3)."""
     from scipy.interpolate import CubicSpline  # only where a scene has a curve
 
     chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     fine = np.linspace(0.0, chord[-1], max(2, int(np.ceil(chord[-1] / step)) + 1))
     if len(points) == 2:
         return np.asarray(points[0] + fine[:, None] / chord[-1] * (points[1] - points[0]))
-    return np.asarray(CubicSpline(chord, points, bc_type="natural")(fine))
+    return np.asarray(CubicSpline(chord, points)(fine))
 
 
 def tightest_bend(path: Array) -> float:
