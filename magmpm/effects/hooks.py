@@ -134,3 +134,42 @@ _walk(add_softening, "softening", "magnet, rho, x, F, H, M")
 _walk(add_rate_stress, "rate_stress", "rho, F, dF, P")
 _walk(add_contact, "contact", "x, v, mass, dt, f")
 _walk(change_node, "node", "X, u, v, dt")
+
+
+# Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect asks for them.
+
+
+def has_stress(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect adds stress. Only within compiled code."""
+
+
+def has_force(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect adds a force. Only within compiled code."""
+
+
+def has_rate_stress(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect adds a stress of the rate of deformation. Only within compiled code."""
+
+
+def has_contact(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect adds a contact force. Only within compiled code."""
+
+
+def has_node(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect changes nodes. Only within compiled code."""
+
+
+def _answer(stub: Callable[..., Any], name: str) -> None:
+    def build(effects):  # type: ignore[no-untyped-def]
+        if any(_find(name, effects[i:]) is not None for i in range(0, len(effects), 2)):
+            return lambda effects: True
+        return lambda effects: False
+
+    overload(stub, strict=False)(build)
+
+
+_answer(has_stress, "stress")
+_answer(has_force, "force")
+_answer(has_rate_stress, "rate_stress")
+_answer(has_contact, "contact")
+_answer(has_node, "node")

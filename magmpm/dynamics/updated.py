@@ -1,0 +1,155 @@
+"""State of the updated formulation: particles sorted by slabs of the moving box, eight to a block."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.errors import SolveError
+from magmpm.model import Index, Model
+from magmpm.transfer import updated as kernels
+
+WIDTH = 8
+SLAB = 4  # cells: particles that have drifted by up to one cell since they were sorted still touch no other slab of their colour
+MARGIN = 2  # cells around the body
+NODES_MOST = 60_000_000  # 4 GB of grid
+
+
+class UpdatedMotion:
+    """Positions, velocities, their gradients and deformation gradients of a model's particles, moved by `advance`.
+
+    Rows are in sorted order and padded: `particle` (n8,) is the model's particle of a row, -1 for padding, which has no mass.
+    """
+
+    formulation = "updated"
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        n = len(model.density)
+        self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+
+    def place(self, x: Array, v: Array, F: Array, C: Array) -> None:
+        """Put the particles, in the model's order: x, v (n, 3), F and C = dv/dx (n, 3, 3). Sorts them."""
+        model, h = self.model, self.model.grid.spacing
+        cell = np.floor((x - model.grid.origin) / h)
+        if not np.all(np.isfinite(x)) or np.abs(cell).max() > 1e7:
+            raise SolveError("a particle's position is no number, or it has left every box")
+        cell = cell.astype(np.int64)
+        low, high = cell.min(axis=0) - MARGIN, cell.max(axis=0) + MARGIN + 1
+        if model.clamped_face:
+            low[0], high[0] = min(low[0], -MARGIN), max(high[0], MARGIN + 2)
+        self.shape = (high - low + 2).astype(np.int64)
+        if np.prod(self.shape) > NODES_MOST:
+            raise SolveError(
+                f"the box around the particles has {' x '.join(map(str, self.shape))} nodes; a particle has flown off"
+            )
+        self.low, self.origin = low, model.grid.origin + low * h
+        self.along = (int(self.shape[1] * self.shape[2]), int(self.shape[2]))
+        order, self.slab_first = self._sorted(cell - low)
+        real = order >= 0
+        source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
+        self.particle = order
+        self.x, self.v = np.zeros((len(order), 4)), np.zeros((len(order), 4))
+        self.C = np.zeros((len(order), 3, 4))
+        self.x[:, :3], self.v[:, 1:] = x[source], v[source]
+        self.C[:, :, 1:] = C[source].transpose(0, 2, 1)
+        self.F = _blocks(F.reshape(-1, 9)[source])
+        self.volume = np.where(real, model.particles.volume[source], 0.0)
+        self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source].reshape(-1, WIDTH)
+        self.magnet = _blocks(model.magnet[source])
+        nodes = int(np.prod(self.shape))
+        self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
+        self.fixed = self._fixed(nodes)
+        self.nodes_place = self._nodes_place() if self._places_wanted() else np.zeros((1, 3))
+        self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
+        self.low_det, self.fast = np.ones(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
+        self.drift = 0.0
+
+    def _sorted(self, cell: Index) -> tuple[Index, Index]:
+        """Particles by slab and cell, each slab padded to whole blocks with -1; first block of each slab."""
+        axis = int(np.argmax(self.shape))
+        slab = cell[:, axis] // SLAB
+        key = ((slab * self.shape[0] + cell[:, 0]) * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
+        order = np.argsort(key, kind="stable")
+        counts = np.bincount(slab, minlength=int(slab.max()) + 1)
+        blocks = -(-counts // WIDTH)
+        first = np.concatenate([[0], np.cumsum(blocks)])
+        padded = np.full(first[-1] * WIDTH, -1, np.int64)
+        row = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first[:-1] * WIDTH, counts)
+        padded[row] = order
+        return padded, first.astype(np.int64)
+
+    def _fixed(self, nodes: int) -> np.ndarray:
+        """(nodes,) 1 where a held particle has weight."""
+        fixed = np.zeros(nodes, np.int8)
+        held = self.model.held
+        if held.any():
+            s = (self.model.particles.position[held] - self.origin) / self.model.grid.spacing
+            first = s.astype(np.int64) @ np.array([*self.along, 1])
+            for a in range(3):
+                for b in range(3):
+                    fixed[(first + a * self.along[0] + b * self.along[1])[:, None] + np.arange(3)] = 1
+        return fixed
+
+    def _places_wanted(self) -> bool:
+        from magmpm.effects.hooks import has_hook
+
+        return has_hook("node", self.model.effects)
+
+    def _nodes_place(self) -> Array:
+        h = self.model.grid.spacing
+        axes = [self.origin[a] + h[a] * (np.arange(self.shape[a]) - 0.5) for a in range(3)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
+        """Take up to `steps` steps of dt (s), stopping early where a sort is due. Returns steps taken and whether the motion broke."""
+        if self.drift > kernels.DRIFT:
+            self.sort()
+        taken, self.drift, broken = kernels.advance(
+            steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first,
+            self.x.reshape(-1), self.v.reshape(-1), self.C.reshape(-1), self.F, self.volume, self.shear, self.bulk, self.magnet,
+            self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.model.plane_strain,
+            self.low_det, self.fast, self.drift,
+        )  # fmt: skip
+        return taken, broken
+
+    def sort(self) -> None:
+        """Sort the particles, and fit the box to them."""
+        self.place(*self.particles(), self.gradients())
+
+    def particles(self) -> tuple[Array, Array, Array]:
+        """x, v (n, 3) and F (n, 3, 3), in the model's order."""
+        F = self.F.reshape(-1, 9, WIDTH).transpose(0, 2, 1).reshape(-1, 3, 3)
+        return self._in_order(self.x[:, :3]), self._in_order(self.v[:, 1:]), self._in_order(F)
+
+    def gradients(self) -> Array:
+        """dv/dx (n, 3, 3) 1/s, in the model's order."""
+        return self._in_order(self.C[:, :, 1:].transpose(0, 2, 1))
+
+    def _in_order(self, rows: Array) -> Array:
+        real = self.particle >= 0
+        out = np.empty((len(self.model.density), *rows.shape[1:]))
+        out[self.particle[real]] = rows[real]
+        return out
+
+    def kinetic_energy(self) -> float:
+        """Of the particles' velocities, J."""
+        mass = self.density.reshape(-1) * self.volume
+        return 0.5 * float(np.sum(mass[:, None] * self.v[:, 1:] ** 2))
+
+    def state(self) -> dict[str, Array]:
+        """What `restore` needs; taken just after a sort, going on from it gives the same bits as going on."""
+        x, v, F = self.particles()
+        return {"x": x, "v": v, "F": F, "C": self.gradients()}
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Go back to a state."""
+        self.place(state["x"], state["v"], state["F"], state["C"])
+
+
+def _blocks(rows: Array) -> Array:
+    """(n, k) values of particles as (n / 8, k, 8); flat for k = 9, as the kernel takes F."""
+    blocks = np.ascontiguousarray(rows.reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1))
+    return blocks.reshape(-1) if rows.shape[1] == 9 else blocks

@@ -1,0 +1,84 @@
+"""What both formulations do with a group of eight particles: neo-Hookean stress, and what the effects add.
+
+A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
+"""
+
+from __future__ import annotations
+
+from magmpm.effects.hooks import (
+    add_contact,
+    add_force,
+    add_rate_stress,
+    add_stress,
+    has_contact,
+    has_force,
+    has_rate_stress,
+    has_stress,
+)
+from magmpm.jit import compiled
+from magmpm.simd import inverse_cube_root, load, store
+
+LANES = 8
+
+
+@compiled
+def any_effect(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect acts on particles; known while compiling."""
+    return has_stress(effects) or has_force(effects) or has_rate_stress(effects) or has_contact(effects)
+
+
+@compiled
+def determinant(F, at):  # type: ignore[no-untyped-def]
+    """det F of a group, F (9 8,) from index `at`."""
+    a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
+    d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
+    g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+@compiled
+def neo_hookean(F, at, J, shear, pressure, P):  # type: ignore[no-untyped-def]
+    """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (materials.stress)."""
+    a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
+    d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
+    g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
+    root = inverse_cube_root(J)
+    scale = shear * root * root
+    I1 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
+    k = pressure - scale * I1 / (3.0 * J)
+    store(P, 0, scale * a + k * (e * i - f * h))
+    store(P, 8, scale * b + k * (f * g - d * i))
+    store(P, 16, scale * c + k * (d * h - e * g))
+    store(P, 24, scale * d + k * (c * h - b * i))
+    store(P, 32, scale * e + k * (a * i - c * g))
+    store(P, 40, scale * f + k * (b * g - a * h))
+    store(P, 48, scale * g + k * (b * f - c * e))
+    store(P, 56, scale * h + k * (c * d - a * f))
+    store(P, 64, scale * i + k * (a * e - b * d))
+
+
+@compiled
+def add_effects(effects, step, dt, group, cubes, magnet, density, volume):  # type: ignore[no-untyped-def]
+    """What the effects add to a group's stress P (Pa) and load f (N/m^3), lane by lane.
+
+    cubes: F, P, dF/dt (3, 3, 8), x, v, f (3, 8) of the group; magnet (groups, 3, 8), density and volume (groups, 8).
+    """
+    F3, P3, dF3, x, v2, f2 = cubes
+    for lane in range(LANES):
+        if volume[group, lane] == 0.0:  # a lane without a particle
+            continue
+        Fl, Pl, xl, fl = F3[:, :, lane], P3[:, :, lane], x[:, lane], f2[:, lane]
+        rho = density[group, lane]
+        if has_stress(effects):
+            add_stress(effects, step, magnet[group, :, lane], rho, xl, Fl, Pl)
+        if has_force(effects):
+            add_force(effects, step, magnet[group, :, lane], rho, xl, Fl, fl)
+        if has_rate_stress(effects):
+            add_rate_stress(effects, step, rho, Fl, dF3[:, :, lane], Pl)
+        if has_contact(effects):
+            V = volume[group, lane]
+            for i in range(3):
+                fl[i] *= V
+            add_contact(effects, step, xl, v2[:, lane], rho * V, dt, fl)
+            for i in range(3):
+                fl[i] /= V
