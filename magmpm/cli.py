@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="simulate a scene", description="Simulate a scene file.")
     run.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
     run.add_argument("--render", action="store_true", help="draw the result as well")
+    run.add_argument("--resume", action="store_true", help="go on with a motion that was interrupted")
     _common(run, "runs/NAME, with the scene's name")
     run.set_defaults(command=_run)
 
@@ -168,9 +169,17 @@ def _run(options: argparse.Namespace) -> int:
 
     scene = load_scene(options.scene)
     folder = writable(options.out or results_folder(scene.name))
+    dynamic = scene.solver.dynamic
     with Progress(f"{scene.name}") as progress:
+
+        def tell(step: int, number: float) -> None:
+            if dynamic is None:
+                progress.note(f"Newton step {step}, energy gap {number:.0e}")
+            else:  # in thousandths, of which the time left is guessed
+                progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
+
         try:
-            result = run(scene, on_progress=lambda step, gap: progress.note(f"Newton step {step}, energy gap {gap:.0e}"))
+            result = run(scene, folder=folder, resume=options.resume, on_progress=tell)
         except SolveError as error:
             if error.state is None:
                 raise
@@ -190,7 +199,7 @@ def _report(result: Result, folder: Path) -> str:
     tip = ", ".join(f"{1e3 * x:.3f}" for x in result.tip)
     seconds = result.seconds
     lines = [
-        f"{result.name}: equilibrium in {result.iterations} Newton steps",
+        f"{result.name}: {_done(result)}",
         f"  tip             ({tip}) mm",
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}",
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
@@ -200,6 +209,19 @@ def _report(result: Result, folder: Path) -> str:
         f"  saved in        {folder}",
     ]
     return "\n".join(lines)
+
+
+def _done(result: Result) -> str:
+    if result.formulation == "static":
+        return f"equilibrium in {result.iterations} Newton steps"
+    bounds = ", ".join(f"{name} {step:.3g}" for name, step in result.stable_steps.items())
+    rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
+    return (
+        f"{result.time:g} s of motion in {result.iterations} steps of {result.time_step:.3g} s ({result.formulation} formulation)\n"
+        f"  stable steps    {bounds} s\n"
+        f"  rate            {rate:.1f} million particle-steps a second, frames and looks included\n"
+        f"  energy          kinetic {result.kinetic_energy:.3g} J, potential {result.energy:.3g} J"
+    )
 
 
 def _draw_result(result: Result, path: Path) -> Path:

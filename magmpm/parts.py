@@ -14,6 +14,7 @@ from pydantic import (
 )
 
 from magmpm.inputs import Part, Quantity, fault
+from magmpm.solvers import DynamicOptions
 from magmpm.surroundings import Damping, Feed, Ground, SelfContact, Viscosity, Walls
 from magmpm.vectors import three
 
@@ -171,9 +172,13 @@ class StaticOptions(Part):
 class Solver(Part):
     """Statics or dynamics."""
 
-    not_there_yet: ClassVar[Mapping[str, str]] = {"dynamic": "motion in time"}
     static: StaticOptions = Field(
         default=StaticOptions(), description="Equilibrium: {} for the usual settings.", examples=[{}]
+    )
+    dynamic: DynamicOptions | None = Field(
+        default=None,
+        description="Motion in time, from rest: at least {duration: 0.5 s}.",
+        examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
     )
 
 

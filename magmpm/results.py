@@ -52,6 +52,11 @@ class Result:
     seconds: dict[str, float]
     warnings: list[str] = dataclasses.field(default_factory=list)
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
+    time: float = 0.0  # s that a motion has lasted; iterations are its steps
+    time_step: float = 0.0  # s
+    stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
+    formulation: str = "static"  # or total, updated
+    kinetic_energy: float = 0.0  # J
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm run --json` prints: everything but the particle and grid arrays."""

@@ -174,12 +174,13 @@ class Scene(Part):
                 near = difflib.get_close_matches(name, self.materials, n=1)
                 remedy = f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
                 raise fault(f"must be a name from `materials`: {', '.join(self.materials)}", remedy, at)
-        if self.effects.gravity is not None:
+        asks = "gravity" if self.effects.gravity is not None else "motion"
+        if self.effects.gravity is not None or self.solver.dynamic is not None:
             for name in dict.fromkeys(piece.material_name for piece in self.pieces()):
                 if self.materials[name].density is None:
                     at = ("materials", name, "density")
                     raise fault(
-                        "gravity needs the density of each material", "add, say, `density: 1100 kg/m^3`", at
+                        f"{asks} needs the density of each material", "add, say, `density: 1100 kg/m^3`", at
                     )
         if self.reference is not None and self.reference.centreline[-1][0] > self.length * (1 + 1e-6):
             kind = self.body.kind

@@ -207,8 +207,8 @@ def store_strided(typing_context, array, index, stride, value):  # type: ignore[
     return types.void(array, types.intp, types.intp, lanes), generate
 
 
-def _join(builder: Any, a: Any, b: Any, low: list[int], high: list[int]) -> Any:
-    left, right = builder.shuffle_vector(a, b, _mask(low)), builder.shuffle_vector(a, b, _mask(high))
+def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
+    left, right = builder.shuffle_vector(*pair, _mask(low)), builder.shuffle_vector(*pair, _mask(high))
     return builder.fadd(left, right)
 
 
@@ -222,7 +222,7 @@ def sums(typing_context, a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def
             ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]),
             ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]),
         ):
-            values = [_join(builder, *values[i : i + 2], low, high) for i in range(0, len(values), 2)]
+            values = [_join(builder, values[i : i + 2], low, high) for i in range(0, len(values), 2)]
         return values[0]
 
     return lanes(*[lanes] * WIDTH), generate
@@ -256,8 +256,12 @@ def smaller(typing_context, a, b):  # type: ignore[no-untyped-def]
     return lanes(lanes, lanes), generate
 
 
+# 4/3 of the bits of 1.0, less a shift that makes the guess's error as large above as below.
+_MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
+
+
 @intrinsic
-def _cube_root_guess(typing_context, x):  # type: ignore[no-untyped-def]
+def cube_root_guess(typing_context, x):  # type: ignore[no-untyped-def]
     """x^(-1/3) to 4 %: the exponent's bits, divided by -3."""
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
@@ -266,23 +270,3 @@ def _cube_root_guess(typing_context, x):  # type: ignore[no-untyped-def]
         return builder.bitcast(builder.fptosi(guess, _INTEGERS), _VECTOR)
 
     return lanes(lanes), generate
-
-
-# 4/3 of the bits of 1.0, less a shift that makes the guess's error as large above as below.
-_MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
-
-
-from magmpm.jit import compiled  # noqa: E402  (after the types it compiles)
-
-
-@compiled
-def inverse_cube_root(x):  # type: ignore[no-untyped-def]
-    """x^(-1/3) of positive, normal lanes to a few units in the last place: Newton's method on y^-3 = x, from a guess good to 4 %.
-
-    Each step squares the error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. Elsewhere (x <= 0) the value means nothing.
-    """
-    y = _cube_root_guess(x)
-    third = x * (1.0 / 3.0)
-    for _ in range(4):
-        y = y * (4.0 / 3.0 - third * y * y * y)
-    return y

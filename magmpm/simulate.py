@@ -6,11 +6,14 @@ import platform
 import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from magmpm import measures
 from magmpm.basis import Array
+from magmpm.dynamics.run import Moved, move
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results import Result
@@ -21,14 +24,26 @@ from magmpm.warmup import prepare_kernels
 Progress = Callable[[int, float], None]
 
 
-def run(scene: Scene, *, start: Result | None = None, on_progress: Progress | None = None) -> Result:
-    """Simulate a scene.
+def run(
+    scene: Scene,
+    *,
+    start: Result | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    on_progress: Progress | None = None,
+) -> Result:
+    """Simulate a scene: its equilibrium, or its motion where it names solver.dynamic.
 
-    start: result of a neighbouring design on the same grid, to begin from; on_progress(step, decrement) is told of each Newton step.
-    Raises SolveError where no equilibrium is found; its state is the last good Result (converged False), or None.
+    start: result of a neighbouring static design on the same grid, to begin from; folder: where a motion's frames and checkpoints go
+    (nowhere unless given), from which resume goes on; on_progress(step, number) is told of each Newton step and its energy decrement, or
+    of a motion's steps and its time in s.
+    Raises InputError before the run; SolveError where no equilibrium is found or a motion goes wrong; its state is the last good Result
+    (converged False), or None.
     """
     begun = time.perf_counter()
     model = build(scene)
+    if scene.solver.dynamic is not None:
+        return _motion(model, folder, resume, on_progress)
     compiled = prepare_kernels(scene)
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
@@ -39,6 +54,50 @@ def run(scene: Scene, *, start: Result | None = None, on_progress: Progress | No
         state = _result(model, error.state, seconds) if isinstance(error.state, Equilibrium) else None
         raise SolveError(error.reason, state) from None
     return _result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})
+
+
+def _motion(model: Model, folder: Path | str | None, resume: bool, on_progress: Progress | None) -> Result:
+    begun = time.perf_counter()
+    compiled = prepare_kernels(model.scene)
+    seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
+    ready = time.perf_counter()
+
+    def told(at: float, steps: int) -> None:
+        if on_progress is not None:
+            on_progress(steps, at)
+
+    try:
+        moved = move(model, folder=folder, resume=resume, on_progress=told)
+    except SolveError as error:
+        seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
+        state = _moved_result(model, error.state, seconds, False) if isinstance(error.state, Moved) else None
+        raise type(error)(error.reason, state) from None
+    seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
+    return _moved_result(model, moved, seconds, True)
+
+
+def _moved_result(model: Model, moved: Moved, seconds: dict[str, float], finished: bool) -> Result:
+    J = np.linalg.det(moved.F)
+    axis = measures.axis_of_particles(model, moved.x)
+    return Result(
+        **_particles(model, moved.x, moved.F),
+        grid_correction=np.zeros((0, 0)),
+        centreline=axis,
+        tip=axis[-1, 1:] if len(axis) else measures.piece_means(model, moved.x)[-1],
+        converged=finished,
+        iterations=moved.steps,
+        dof=moved.motion.unknowns,
+        min_det_F=float(J.min()),
+        max_det_F=float(J.max()),
+        energy=sum(moved.energies.values()) - moved.energies["kinetic"],
+        seconds=seconds,
+        warnings=model.scene.warnings() + moved.warnings,
+        time=moved.time,
+        time_step=moved.dt,
+        stable_steps=moved.stable.named,
+        formulation=moved.motion.formulation,
+        kinetic_energy=moved.energies["kinetic"],
+    )
 
 
 def _neighbour(model: Model, start: Result | None) -> Array | None:
@@ -60,34 +119,42 @@ def _versions() -> dict[str, str]:
     return found
 
 
+def _particles(model: Model, position: Array, F: Array) -> dict[str, Any]:
+    """What every result says: the scene, and the particles as they are."""
+    scene, particles = model.scene, model.particles
+    field = np.array(scene.field.uniform) if scene.effects.magnetic_torque is not None else np.zeros(3)
+    return {
+        "name": scene.name,
+        "scene": scene.to_si(),
+        "scene_hash": scene.hash(),
+        "particle_reference": particles.position,
+        "particle_position": position,
+        "particle_volume": particles.volume,
+        "particle_segment": particles.segment,
+        "particle_det_F": np.linalg.det(F),
+        "segment_center": measures.piece_means(model, position),
+        "segment_remanence": measures.piece_means(model, np.einsum("nij,nj->ni", F, model.magnet)),
+        "field": field,
+        "particles": len(position),
+        "section": model.section,
+        "versions": _versions(),
+    }
+
+
 def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Result:
-    scene, point, particles = model.scene, found.point, model.particles
+    scene, point = model.scene, found.point
     position = point.position
-    rest = np.array(scene.field.uniform) if scene.effects.magnetic_torque is not None else np.zeros(3)
     return Result(
-        name=scene.name,
-        scene=scene.to_si(),
-        scene_hash=scene.hash(),
-        particle_reference=particles.position,
-        particle_position=position,
-        particle_volume=particles.volume,
-        particle_segment=particles.segment,
-        particle_det_F=np.linalg.det(point.F),
-        segment_center=measures.piece_means(model, position),
-        segment_remanence=measures.piece_means(model, np.einsum("nij,nj->ni", point.F, model.magnet)),
+        **_particles(model, position, point.F),
         grid_correction=found.correction,
         centreline=measures.centreline(model, point.grid),
         tip=measures.tip(model, point.grid, position),
-        field=rest,
         converged=found.converged,
         iterations=found.steps,
-        particles=len(position),
         dof=model.dof,
         min_det_F=point.min_det_F,
         max_det_F=point.max_det_F,
         energy=point.energy,
-        section=model.section,
         seconds=seconds,
         warnings=scene.warnings() + found.warnings,
-        versions=_versions(),
     )

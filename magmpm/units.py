@@ -79,6 +79,7 @@ KINDS = {
         Kind("rate", "1/s", "60 1/s", {"1/s": Fraction(1), "s^-1": Fraction(1)}),
         Kind("speed", "m/s", "5 mm/s", {"m/s": Fraction(1), "cm/s": Fraction(1, 100), "mm/s": Fraction(1, 1000)}),
         Kind("viscosity", "Pa s", "5 Pa s", {"Pa s": Fraction(1), "Pa*s": Fraction(1), "mPa s": Fraction(1, 1000)}),
+        Kind("size", "B", "2 GB", _powers("B", none=0, k=3, M=6, G=9, T=12)),
     )
 }
 

@@ -18,7 +18,11 @@ from pathlib import Path
 
 import llvmlite.binding
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
+from magmpm import effects
+from magmpm.dynamics.run import formulation, move
 from magmpm.environment import PACKAGE
 from magmpm.errors import SolveError
 from magmpm.model import build
@@ -31,7 +35,9 @@ _ready: set[str] = set()
 def prepare_kernels(scene: Scene) -> float:
     """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process."""
     small = _small(scene)
-    kinds = json.dumps([scene.solver.static.anti_locking, *sorted(scene.effects.model_dump(exclude_none=True)), *_zero(scene)])
+    dynamic = scene.solver.dynamic
+    about = [scene.solver.static.anti_locking, scene.body.kind, dynamic is not None and formulation(scene)]
+    kinds = json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
     if kinds in _ready:
         return 0.0
     begun = time.perf_counter()
@@ -55,22 +61,27 @@ def _stamp(kinds: str) -> str:
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
 
 
-def _zero(scene: Scene) -> list[bool]:
-    """Effects of zero strength are left out of the kernels: another combination."""
-    gravity = scene.effects.gravity
-    return [any(scene.field.uniform), gravity is not None and any(gravity.acceleration)]
+def _times(scene: Scene) -> NDArray[np.float64] | None:
+    """Times of which effects are asked: as a motion asks, or as statics does."""
+    return None if scene.solver.dynamic is None else np.zeros(1)
 
 
 def _small(scene: Scene) -> Scene:
     """The scene on the coarsest grid."""
     data = {**scene.to_si(), "name": "compilation", "reference": None}
-    return Scene.from_si({**data, "resolution": {"cells_across": 2, "particles_per_cell": 2}})
+    if scene.solver.dynamic is not None:
+        short = {"duration": 1e-9, "output_every": None, "time_step": None, "max_memory": None}
+        data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
+    return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}})
 
 
 def solve_small(small: Scene) -> None:
     """Solve the coarse twin: it calls every kernel; its answer is not used, and may well not exist."""
     with contextlib.suppress(SolveError):
-        solve_static(build(small))
+        if small.solver.dynamic is not None:
+            move(build(small))
+        else:
+            solve_static(build(small))
 
 
 def _compiled_elsewhere(small: Scene) -> bool:

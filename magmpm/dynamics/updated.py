@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.basis import Array
+from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.model import Index, Model
 from magmpm.transfer import updated as kernels
@@ -62,7 +63,7 @@ class UpdatedMotion:
         nodes = int(np.prod(self.shape))
         self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
         self.fixed = self._fixed(nodes)
-        self.nodes_place = self._nodes_place() if self._places_wanted() else np.zeros((1, 3))
+        self.nodes_place = self._nodes_place() if has_hook("node", model.effects) else np.zeros((1, 3))
         self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
         self.low_det, self.fast = np.ones(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
         self.drift = 0.0
@@ -92,11 +93,6 @@ class UpdatedMotion:
                 for b in range(3):
                     fixed[(first + a * self.along[0] + b * self.along[1])[:, None] + np.arange(3)] = 1
         return fixed
-
-    def _places_wanted(self) -> bool:
-        from magmpm.effects.hooks import has_hook
-
-        return has_hook("node", self.model.effects)
 
     def _nodes_place(self) -> Array:
         h = self.model.grid.spacing
@@ -138,6 +134,11 @@ class UpdatedMotion:
         """Of the particles' velocities, J."""
         mass = self.density.reshape(-1) * self.volume
         return 0.5 * float(np.sum(mass[:, None] * self.v[:, 1:] ** 2))
+
+    @property
+    def unknowns(self) -> int:
+        """Components of the particles' positions."""
+        return 3 * len(self.model.density)
 
     def state(self) -> dict[str, Array]:
         """What `restore` needs; taken just after a sort, going on from it gives the same bits as going on."""

@@ -16,7 +16,7 @@ from magmpm.effects.hooks import (
     has_stress,
 )
 from magmpm.jit import compiled
-from magmpm.simd import inverse_cube_root, load, store
+from magmpm.simd import cube_root_guess, load, store
 
 LANES = 8
 
@@ -25,6 +25,19 @@ LANES = 8
 def any_effect(effects):  # type: ignore[no-untyped-def]
     """Whether any effect acts on particles; known while compiling."""
     return has_stress(effects) or has_force(effects) or has_rate_stress(effects) or has_contact(effects)
+
+
+@compiled
+def inverse_cube_root(x):  # type: ignore[no-untyped-def]
+    """x^(-1/3) of positive, normal lanes to a few units in the last place: Newton's method on y^-3 = x, from a guess good to 4 %.
+
+    Each step squares the error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. Elsewhere (x <= 0) the value means nothing.
+    """
+    y = cube_root_guess(x)
+    third = x * (1.0 / 3.0)
+    for _ in range(4):
+        y = y * (4.0 / 3.0 - third * y * y * y)
+    return y
 
 
 @compiled

@@ -1,0 +1,58 @@
+"""A motion's state on disk, from which it goes on as if it had never stopped."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.errors import InputError
+
+CHECKPOINT = "checkpoint.npz"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """State arrays of a motion after `steps` steps, at frame number `frame`; dt s: the largest step then in use; scene_hash: of what."""
+
+    scene_hash: str
+    formulation: str
+    frame: int
+    steps: int
+    dt: float
+    state: dict[str, Array]
+
+    def save(self, folder: Path | str) -> Path:
+        """Write it into a folder, in place of an earlier one, whole or not at all."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        about = {k: getattr(self, k) for k in ("scene_hash", "formulation", "frame", "steps", "dt")}
+        part = folder / f".{CHECKPOINT}"
+        with part.open("wb") as stream:
+            np.savez(stream, **{"about": np.array(json.dumps(about)), **self.state})  # type: ignore[arg-type]
+        return part.replace(folder / CHECKPOINT)
+
+    @classmethod
+    def load(cls, folder: Path | str, scene_hash: str) -> Checkpoint | None:
+        """The checkpoint in a folder, None if there is none.
+
+        Raises InputError if it belongs to another scene or can't be read.
+        """
+        path = Path(folder) / CHECKPOINT
+        if not path.exists():
+            return None
+        try:
+            with np.load(path) as stored:
+                arrays = dict(stored)
+            about = json.loads(str(arrays.pop("about")))
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(f"{path}: the checkpoint can't be read ({error}); remove it, and run from the start") from None
+        if about["scene_hash"] != scene_hash:
+            raise InputError(
+                f"{path}: belongs to another scene (the file was changed since); "
+                "run without --resume, or into another folder with --out"
+            )
+        return cls(**about, state=arrays)

@@ -1,0 +1,233 @@
+"""move(model): a model's motion in time, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm import effects
+from magmpm.basis import Array
+from magmpm.dynamics import energies, watchdog
+from magmpm.dynamics.checkpoint import Checkpoint
+from magmpm.dynamics.stable_step import StableStep, stable_step
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.effects.hooks import has_hook
+from magmpm.errors import InputError, SolveError
+from magmpm.model import Model
+from magmpm.motion import MotionWriter
+from magmpm.scene import Scene
+from magmpm.solvers import DynamicOptions
+
+CHUNK = 256  # steps between two looks at the motion
+Progress = Callable[[float, int], None]
+
+
+@dataclass
+class Moved:
+    """Where a motion has got to.
+
+    time s, steps, dt s of the last step; x, v (n, 3), F (n, 3, 3), energies J; stable: the bounds at the start; warnings.
+    """
+
+    motion: TotalMotion | UpdatedMotion
+    stable: StableStep
+    dt: float
+    time: float = 0.0
+    steps: int = 0
+    frame: int = 0
+    x: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    v: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    F: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    energies: dict[str, float] = field(default_factory=dict)
+    contacts: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+def formulation(scene: Scene) -> str:
+    """total or updated: as the scene says, and updated where the body may touch itself."""
+    options = _options(scene)
+    touching = scene.effects.self_contact is not None
+    return options.formulation or ("updated" if touching else "total")
+
+
+def _options(scene: Scene) -> DynamicOptions:
+    options = scene.solver.dynamic
+    if options is None:
+        raise InputError("the scene asks for no motion; add, say, `solver: {dynamic: {duration: 0.5 s}}`")
+    return options
+
+
+def begin(model: Model) -> Moved:
+    """A model at rest, with its time step.
+
+    Raises InputError if the scene's time_step is above the stable bound, or max_memory below what the particles take.
+    """
+    options = _options(model.scene)
+    motion = TotalMotion(model) if formulation(model.scene) == "total" else UpdatedMotion(model)
+    _within_memory(motion, options)
+    stable = stable_step(motion)
+    if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
+        bounds = ", ".join(f"{name} {step:.4g} s" for name, step in stable.named.items())
+        raise InputError(
+            f"solver.dynamic.time_step: received {options.time_step:.4g} s; must be at most the stable step, {stable.largest:.4g} s "
+            f"({bounds}); lower it, or leave it out: it is then chosen"
+        )
+    return Moved(motion, stable, options.time_step or options.safety * stable.largest)
+
+
+def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
+    needed = memory(motion)
+    if options.max_memory is not None and needed > options.max_memory:
+        raise InputError(
+            f"solver.dynamic.max_memory: received {options.max_memory / 1e6:.4g} MB; this scene's particles and grid take "
+            f"{needed / 1e6:.4g} MB; raise it, or use fewer cells_across"
+        )
+
+
+def memory(motion: TotalMotion | UpdatedMotion) -> int:
+    """Bytes of a motion's particles and grid."""
+    parts = [*vars(motion).values(), *vars(getattr(motion, "packed", motion)).values()]
+    arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
+    return sum(arrays.values())
+
+
+def move(
+    model: Model,
+    *,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    on_progress: Progress | None = None,
+) -> Moved:
+    """The whole motion of a model's scene, from rest.
+
+    folder: where frames, energies, contacts and checkpoints go (nowhere unless given); resume: go on from the folder's checkpoint;
+    on_progress(time in s, steps so far) is told of every chunk of steps.
+    Raises InputError before the first step; SolveError, with the last good Moved as its state and on disk, where the motion goes wrong.
+    """
+    options = _options(model.scene)
+    moved = begin(model)
+    scene_hash = model.scene.hash()
+    saved = Checkpoint.load(folder, scene_hash) if folder is not None and resume else None
+    if saved is not None:
+        _go_on_from(moved, saved, options)
+    writer = None
+    if folder is not None:
+        writer = MotionWriter(folder, model, max_disk=options.max_disk, resume_at=moved.time if saved else None)
+    balance = watchdog.EnergyBalance() if _conserves(model) else None
+    if saved is None:
+        _frame(moved, writer)
+    else:
+        _look_at_particles(moved)
+    times = options.frame_times
+    last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
+    try:
+        while moved.frame < len(times):
+            _interval(moved, times[moved.frame], on_progress)
+            moved.frame += 1
+            _frame(moved, writer)
+            if balance is not None and (trouble := balance.look(moved.energies)) is not None:
+                raise _stopped(moved, trouble, moved.steps)
+            last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
+            if folder is not None:
+                last.save(folder)
+            _shorten(moved, options)
+    except SolveError as error:
+        _go_on_from(moved, last, options)
+        _look_at_particles(moved)
+        raise type(error)(error.reason, moved) from None
+    return moved
+
+
+def _go_on_from(moved: Moved, saved: Checkpoint, options: DynamicOptions) -> None:
+    """Put a motion back to a checkpoint."""
+    moved.motion.restore(saved.state)
+    moved.frame, moved.steps, moved.dt = saved.frame, saved.steps, saved.dt
+    moved.time = options.frame_times[saved.frame - 1] if saved.frame else 0.0
+
+
+def _conserves(model: Model) -> bool:
+    """Whether nothing can add energy: constant loads, and no contact or constraint."""
+    records = effects.collect(model.scene, times=np.array([0.0, 1.0]))[::2]
+    return all(len(record) == 1 for record in records) and not any(
+        has_hook(hook, model.effects) for hook in ("contact", "node")
+    )
+
+
+def _interval(moved: Moved, until: float, on_progress: Progress | None) -> None:
+    """Steps of equal size up to a time, no larger than moved.dt."""
+    model, motion = moved.motion.model, moved.motion
+    count = max(1, math.ceil((until - moved.time) / moved.dt * (1 - 1e-12)))
+    start, dt, done = moved.time, (until - moved.time) / count, 0
+    while done < count:
+        steps = min(CHUNK, count - done)
+        named = effects.collect(model.scene, times=start + dt * np.arange(done, done + steps, dtype=float))
+        taken = 0
+        while taken < steps:
+            part = tuple(a[taken:] if k % 2 == 0 and len(a) > 1 else a for k, a in enumerate(named))
+            gone, broken = motion.advance(steps - taken, dt, part)
+            taken += gone
+            if broken:
+                x, v, F = motion.particles()
+                raise _stopped(moved, watchdog.broken(model, x, v, F), moved.steps + taken, start + dt * (done + taken))
+        done += steps
+        moved.time, moved.steps = start + dt * done, moved.steps + steps
+        x, v, _ = motion.particles()
+        if (trouble := watchdog.look(model, x, v)) is not None:
+            raise _stopped(moved, trouble, moved.steps)
+        if on_progress is not None:
+            on_progress(moved.time, moved.steps)
+    moved.time = until
+    motion.sort()
+
+
+def _stopped(moved: Moved, trouble: watchdog.Trouble, step: int, time: float | None = None) -> SolveError:
+    where = ""
+    if trouble.particle >= 0:
+        place = moved.motion.model.particles.position[trouble.particle] * 1e3
+        where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
+    bound = f"the time step is {moved.dt:.3g} s, the stable bound at the start was {moved.stable.largest:.3g} s"
+    when = moved.time if time is None else time
+    return SolveError(f"step {step}, t = {when:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+
+
+def _look_at_particles(moved: Moved) -> None:
+    moved.x, moved.v, moved.F = moved.motion.particles()
+    model, total = moved.motion.model, moved.motion.formulation == "total"
+    moved.energies = {
+        "kinetic": moved.motion.kinetic_energy(),
+        "elastic": energies.elastic_energy(model, moved.F, total),
+        **energies.effect_energies(model, moved.x, moved.F, moved.time),
+    }
+    moved.contacts = {}
+    for key, module in effects.every().items():
+        if getattr(model.scene.effects, key) is not None and hasattr(module, "report"):
+            named = module.of_scene(model.scene, 1.0, np.array([moved.time]))
+            if named:
+                mass = model.density * model.particles.volume
+                moved.contacts[key] = module.report(named[0], named[1], moved.x, moved.v, mass, moved.dt)
+
+
+def _frame(moved: Moved, writer: MotionWriter | None) -> None:
+    """Looks at the particles, and writes them."""
+    _look_at_particles(moved)
+    if writer is None:
+        return
+    model = moved.motion.model
+    named = effects.collect(model.scene, times=np.array([moved.time]))
+    P = energies.stress(model, moved.x, moved.F, moved.motion.formulation == "total", named)
+    writer.frame(moved.time, moved.x, moved.v, moved.F, P, moved.energies, moved.contacts, np.array(model.scene.field.uniform))
+
+
+def _shorten(moved: Moved, options: DynamicOptions) -> None:
+    """A deformed body may oscillate faster than at rest: shorter steps from here on where it does."""
+    if not isinstance(moved.motion, TotalMotion):
+        return
+    largest = stable_step(moved.motion).largest
+    if moved.dt > 0.95 * largest and options.time_step is None:
+        moved.dt = options.safety * largest

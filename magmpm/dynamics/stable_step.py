@@ -1,0 +1,120 @@
+"""The largest stable time step: what each formulation, and each effect, allows.
+
+Explicit steps are stable while dt < 2 / omega of the fastest oscillation (symplectic Euler: Hairer, Lubich, Wanner, Geometric Numerical
+Integration, I.1.4). Three bounds are reported:
+
+* isolated: of a particle alone on its nodes. In the total formulation it holds for any set of particles, since the fastest oscillation
+  of a sum of particles is not faster than that of the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a =
+  sum over nodes of slope^2 / weight along each axis, a particle oscillates at omega^2 = largest eigenvalue of S^(1/2) A S^(1/2) / rho,
+  A the elastic tangent at rest and S = diag(s) on its reference side. In the updated formulation s_a = 4 / h_a^2, wherever it is:
+  dt < h / sqrt(3 K / rho) on a cubic grid.
+* wave: the smallest cell's width over the speed of pressure waves, h / c. Not a bound by itself; printed to compare with.
+* body: 2 / omega of the body as a whole at its present deformation, by Lanczos iteration (total formulation only). This is what
+  limits the step there: up to twice the isolated bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from magmpm import effects
+from magmpm.basis import Array
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.model import Model
+
+TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
+
+
+@dataclass(frozen=True)
+class StableStep:
+    """Bounds in s; `effects` by effect, `largest` the one that counts."""
+
+    isolated: float
+    wave: float
+    body: float | None
+    effects: dict[str, float]
+
+    @property
+    def largest(self) -> float:
+        """Largest stable step, s."""
+        return min([self.isolated if self.body is None else self.body, *self.effects.values()])
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Every bound by its name, s."""
+        body = {} if self.body is None else {"body": self.body}
+        return {"isolated": self.isolated, "wave": self.wave, **body, **self.effects}
+
+
+def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
+    """Bounds for a motion as it stands."""
+    model = motion.model
+    total = isinstance(motion, TotalMotion)
+    h = model.grid.spacing
+    if total:
+        weights = np.where(model.weights > 0, model.weights, 1.0)
+        sums = (model.slopes**2 / weights * (model.weights > 0)).sum(axis=2)
+        if model.plane_strain:
+            sums[:, 1] = 0.0
+    else:
+        sums = np.tile(4.0 / h**2, (len(model.density), 1))
+    return StableStep(
+        isolated=isolated(sums, model.shear, model.bulk, model.density),
+        wave=float(h.min() / speed_of_sound(model).max()),
+        body=_body(motion) if isinstance(motion, TotalMotion) else None,
+        effects=_of_effects(model),
+    )
+
+
+def speed_of_sound(model: Model) -> Array:
+    """Of pressure waves, sqrt((K + 4/3 G) / rho), (n,) m/s."""
+    return np.sqrt((model.bulk + 4.0 / 3.0 * model.shear) / model.density)
+
+
+def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
+    """Largest stable step, s, of particles alone; sums (n, 3) 1/m^2, see the module's text."""
+    kinds = np.unique(np.column_stack([sums, shear / density, bulk / density]), axis=0)
+    unit = np.eye(3).ravel()
+    swap = np.eye(9).reshape(3, 3, 3, 3).transpose(0, 1, 3, 2).reshape(9, 9)  # F -> F^T
+    volume = np.outer(unit, unit)
+    shape = np.eye(9) + swap - 2.0 / 3.0 * volume
+    A = kinds[:, 3, None, None] * shape + kinds[:, 4, None, None] * volume
+    root = np.sqrt(np.tile(kinds[:, :3], 3))
+    fastest = np.linalg.eigvalsh(root[:, :, None] * A * root[:, None, :])[:, -1].max()
+    return float(2.0 / np.sqrt(fastest))
+
+
+def _body(motion: TotalMotion) -> float:
+    """2 / omega of the body's fastest oscillation about its present shape, s."""
+    inverse = motion.packed.inverse_mass
+    free = np.flatnonzero(inverse > 0)
+    root = np.sqrt(inverse[free])
+    scale = 1e-6 * float(motion.model.grid.spacing.min())
+    rest = motion.acceleration(motion.u)[free]
+
+    def apply(z: Array) -> Array:
+        moved = motion.u.copy()
+        step = root * z
+        size = scale / np.abs(step).max()
+        moved[free] += size * step
+        return (rest - motion.acceleration(moved)[free]) / (size * root)
+
+    begin = np.random.default_rng(0).standard_normal(len(free))  # the same every time: a resumed run finds the same step
+    operator = LinearOperator((len(free), len(free)), matvec=apply, dtype=float)
+    largest = eigsh(operator, k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False)[0]
+    return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))
+
+
+def _of_effects(model: Model) -> dict[str, float]:
+    """The step each named effect allows, s."""
+    found = {}
+    for key, module in effects.every().items():
+        if getattr(model.scene.effects, key) is not None and hasattr(module, "stable_step"):
+            named = module.of_scene(model.scene, 1.0, None)
+            if named:
+                found[key] = float(module.stable_step(named[0], named[1], model))
+    return found

@@ -1,0 +1,81 @@
+"""Stops a motion that has gone wrong, and says what, when, where and what to change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.basis import Array
+from magmpm.dynamics.stable_step import speed_of_sound
+from magmpm.model import Model
+
+FAR = 10.0  # sizes of the undeformed body that a particle may move from where it was
+GAIN = 0.05  # of the largest kinetic energy: what the sum of all energies may grow by where nothing does work
+REMEDY = "lower solver.dynamic.safety (or time_step)"
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What went wrong: cause in a few words, the particle (-1: none in particular), and what to change."""
+
+    cause: str
+    particle: int
+    remedy: str
+
+
+def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
+    """What broke a step: called when the kernel stopped."""
+    bad = ~(np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(F).all(axis=(1, 2)))
+    if bad.any():
+        return Trouble("a position, velocity or deformation is no number", int(np.flatnonzero(bad)[0]), REMEDY)
+    J = np.linalg.det(F)
+    worst = int(np.argmin(J))
+    if J[worst] <= 0.0:
+        remedy = f"{REMEDY}, or use more cells across, or apply the load more slowly (field.over_time, damping)"
+        return Trouble(f"det F fell to {J[worst]:.3g}: a particle was turned inside out", worst, remedy)
+    fastest = int(np.argmax(np.abs(v).max(axis=1)))
+    return Trouble(f"a particle crosses a cell in one step, at {np.abs(v[fastest]).max():.3g} m/s", fastest, REMEDY)
+
+
+def look(model: Model, x: Array, v: Array) -> Trouble | None:
+    """Whether velocities and places are possible ones."""
+    if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        return broken(model, x, v, np.tile(np.eye(3), (len(x), 1, 1)))
+    speed = np.linalg.norm(v, axis=1)
+    ratio = speed / speed_of_sound(model)
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > 1.0:
+        return Trouble(
+            f"a particle moves at {speed[worst]:.3g} m/s, faster than waves in its material", worst,
+            f"{REMEDY}, or apply the load more slowly",
+        )  # fmt: skip
+    reference = model.particles.position
+    gone = np.linalg.norm(x - reference, axis=1)
+    size = float(np.linalg.norm(np.ptp(reference, axis=0)))
+    worst = int(np.argmax(gone))
+    if gone[worst] > FAR * size:
+        return Trouble(
+            f"a particle left the box: it is {gone[worst]:.3g} m from where it was, {FAR:g} times the body's size", worst,
+            "hold the body (clamp, ground, walls), or shorten solver.dynamic.duration",
+        )  # fmt: skip
+    return None
+
+
+class EnergyBalance:
+    """The sum of all energies can't grow where nothing does work."""
+
+    def __init__(self) -> None:
+        self.least = np.inf
+        self.kinetic = 0.0
+
+    def look(self, energies: dict[str, float]) -> Trouble | None:
+        """Of a frame's energies, J."""
+        total = sum(energies.values())
+        self.kinetic = max(self.kinetic, energies["kinetic"])
+        self.least = min(self.least, total)
+        scale = max(self.kinetic, abs(energies["elastic"]))
+        if not total - self.least <= GAIN * scale + 1e-15:
+            grown = f"{total - self.least:.3g} J, with a kinetic energy of at most {self.kinetic:.3g} J"
+            return Trouble(f"energy appeared from nothing: the sum of all energies grew by {grown}", -1, REMEDY)
+        return None
