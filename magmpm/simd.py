@@ -247,6 +247,17 @@ highest = intrinsic(_reduction("fmax"))  # largest lane
 
 
 @intrinsic
+def flag_unless_positive(typing_context, a, flags):  # type: ignore[no-untyped-def]
+    """Lane by lane, 1 where a is not above 0, or is no number; flags elsewhere. (a - a would be made 0 by the compiler.)"""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        above = builder.fcmp_ordered(">", values[0], _constant(0.0))
+        return builder.select(above, values[1], _constant(1.0))
+
+    return lanes(lanes, lanes), generate
+
+
+@intrinsic
 def smaller(typing_context, a, b):  # type: ignore[no-untyped-def]
     """Lane by lane, the smaller one; b where a is NaN."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.jit import compiled, kernel, prange
-from magmpm.simd import load, lowest, smaller, splat, store, sums, total
+from magmpm.simd import flag_unless_positive, load, lowest, smaller, splat, store, sums, total
 from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean
 
 LANES = 8
@@ -153,7 +153,7 @@ def advance(
                             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
                         det = determinant(F, at)
                         store(J, 8 * (group - first), det)
-                        least, bad = smaller(det, least), bad + (det - det)  # NaN stays in `bad`
+                        least, bad = smaller(det, least), flag_unless_positive(det, bad)
                         _project(flat_modes, group, 8 * (group - first), count, flat_volume, J, c)
                     for group in range(first, last):
                         at = 72 * (group - first)
@@ -176,7 +176,7 @@ def advance(
                         for i in range(3):
                             store(f, 8 * i, load(f, 8 * i) * V)
                         scatter(force, node, along_x, along_y, splines, SPLINES * group, P, f, work)
-                low[slab] = lowest(least) + total(bad)
+                low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
         broken = False
         for slab in range(slabs):
             broken = broken or not low[slab] > 0.0

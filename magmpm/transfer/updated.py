@@ -16,6 +16,7 @@ import numpy as np
 from magmpm.effects.hooks import change_node, has_node
 from magmpm.jit import compiled, kernel, prange
 from magmpm.simd import (
+    flag_unless_positive,
     four,
     halves,
     load,
@@ -208,11 +209,11 @@ def advance(
                     J = _prepare(
                         block, step, dt, h, x, v, C, F, volume, shear, bulk, magnet, density, effects, work, rows,
                     )  # fmt: skip
-                    least, bad = smaller(J, least), bad + (J - J)  # NaN stays in `bad`
+                    least, bad = smaller(J, least), flag_unless_positive(J, bad)
                     for p in range(8):
                         i, j, k = _locate(x, 8 * block + p, origin, h, N, d)
                         _scatter(momentum, i * along_x + j * along_y + k, along_x, along_y, N, d, rows, 16 * p)
-                low[slab] = lowest(least) + total(bad)
+                low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
         if clamp >= 0:
             _fold(momentum, clamp, along_x)
         for plane in prange(nodes // along_x):
@@ -227,7 +228,7 @@ def advance(
                 return step, drift, True
         for slab in prange(slabs):
             N, d = np.empty((3, 3)), np.empty((3, 3))
-            most, bad = 0.0, 0.0
+            most, broken = 0.0, False
             for block in range(slab_first[slab], slab_first[slab + 1]):
                 for p in range(8 * block, 8 * block + 8):
                     i, j, k = _locate(x, p, origin, h, N, d)
@@ -235,10 +236,12 @@ def advance(
                     for axis in range(3):
                         move = dt * v[4 * p + 1 + axis]
                         x[4 * p + axis] += move
-                        most = max(most, abs(move) / h[axis])
-                        bad += move - move
+                        part = abs(move) / h[axis]
+                        most = max(most, part)
+                        if not part <= DRIFT:  # also where it is no number
+                            broken = True
                 _deform(block, dt, C, F)
-            fast[slab] = most + bad
+            fast[slab] = np.inf if broken else most
         most = 0.0
         for slab in range(slabs):
             if not fast[slab] <= DRIFT:

@@ -320,16 +320,33 @@ LATER = [
          f"`{effect}`", "is not there yet in this version", "remove it", later=True)
     for effect in ("magnetic_force", "magnetic_interaction")
 ] + [
-    edit("dynamics, later", "  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 0.5 s}", "solver.dynamic", "{",
-         "`dynamic`", "is not there yet", later=True),
     edit("error wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{error: 1 %}", "resolution.error", '"1 %"',
          "`error`", "is not there yet", later=True),
     edit("time wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{seconds: 2 s}", "resolution.seconds", '"2 s"',
          "`seconds`", "is not there yet", later=True),
 ]
 
+
+
+def motion(name: str, settings: str, key: str, received: str, *says: str) -> BadScene:
+    """A scene whose dynamic solver has these settings."""
+    return edit(name, "  static: {tolerance: 1e-9, max_steps: 60}", f"  dynamic: {{{settings}}}", f"solver.dynamic.{key}", received, *says)
+
+
+MOTION = [
+    motion("motion without end", "output_every: 5 ms", "duration", "nothing", "this key is required", "0.5 s"),
+    motion("motion of no unit", "duration: 0.5", "duration", "0.5", "a time needs a unit"),
+    motion("motion backwards", "duration: -1 s", "duration", '"-1 s"', "must be greater than 0 s"),
+    motion("a rate of frames", "duration: 1 s, output_every: 100", "output_every", "100", "a time needs a unit"),
+    motion("another formulation", "duration: 1 s, formulation: eulerian", "formulation", '"eulerian"', "total", "updated"),
+    motion("beyond safety", "duration: 1 s, safety: 1.5", "safety", "1.5", "must be at most 1"),
+    motion("disk in metres", "duration: 1 s, max_disk: 2 m", "max_disk", '"2 m"', "is not a unit of size", "2 GB"),
+    motion("no memory", "duration: 1 s, max_memory: 0 B", "max_memory", '"0 B"', "must be greater than 0 B"),
+    motion("a step of no unit", "duration: 1 s, time_step: 0.001", "time_step", "0.001", "a time needs a unit"),
+]
+
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *LATER]
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *MOTION, *LATER]
 
 
 def text_of(case: BadScene) -> str:
