@@ -103,12 +103,14 @@ def _parser() -> argparse.ArgumentParser:
 
     render = commands.add_parser(
         "render",
-        help="pictures of a saved result",
-        description="Draw a saved run, or a study's best designs.",
+        help="pictures and movies of a saved result",
+        description="Draw a saved run, the movie of a motion, or a study's best designs.",
     )
     render.add_argument(
         "result", metavar="RESULT", help="folder of a run or of a study, such as runs/s_shape"
     )
+    render.add_argument("--frames", metavar="N,N,...", help="frames of a motion as pictures of their own, or `all`")
+    render.add_argument("--fps", type=_rate, metavar="N", help="frames of the movie a second [it lasts about 6 s]")
     _common(render, "into the folder itself")
     render.set_defaults(command=_render)
 
@@ -129,6 +131,16 @@ def _parser() -> argparse.ArgumentParser:
 def _common(parser: argparse.ArgumentParser, folder: str) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"folder of the results [{folder}]")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def _rate(text: str) -> float:
+    """Frames a second."""
+    try:
+        if 1 <= float(text) <= 100:
+            return float(text)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"received {text!r}; must be a number from 1 to 100, such as 25")
 
 
 class _Version(argparse.Action):
@@ -190,7 +202,8 @@ def _run(options: argparse.Namespace) -> int:
     result.save(folder)
     summary = {**result.summary(), "folder": str(folder)}
     if options.render:
-        summary["picture"] = str(_draw_result(result, folder / "picture.png"))
+        summary["files"] = _draw(folder, folder)
+        summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
     _print(options, summary, _report(result, folder))
     return 0
 
@@ -224,16 +237,14 @@ def _done(result: Result) -> str:
     )
 
 
-def _draw_result(result: Result, path: Path) -> Path:
-    from viz.picture import Picture
-    from viz.style import FINAL_SIZE
-    from viz.worker import Renderer
+def _draw(folder: Path, out: Path, **kind: Any) -> list[str]:
+    """Draw what a run left in a folder; the files."""
+    from magmpm.cli_render import render_run
 
-    with Renderer() as renderer:
-        drawn = renderer.render(Picture.from_result(result), path, size=FINAL_SIZE)
-        if renderer.note:
-            print(renderer.note, file=sys.stderr)
-    return drawn
+    files, note = render_run(folder, out, **kind)
+    if note:
+        print(note, file=sys.stderr)
+    return [str(path) for path in files]
 
 
 def _design(options: argparse.Namespace) -> int:
@@ -272,16 +283,16 @@ def _cells(text: str | None) -> list[int]:
 
 def _render(options: argparse.Namespace) -> int:
     from magmpm.cli_design import is_study, render_study
-    from magmpm.results import Result
 
     folder = Path(options.result)
     if is_study(folder):
-        files, note = render_study(folder, options.out or folder)
+        drawn, note = render_study(folder, options.out or folder)
+        files = [str(path) for path in drawn]
         if note:
             print(note, file=sys.stderr)
     else:
-        files = [_draw_result(Result.load(folder), (options.out or folder) / "picture.png")]
-    _print(options, {"files": [str(path) for path in files]}, "\n".join(f"saved {path}" for path in files))
+        files = _draw(folder, options.out or folder, frames=options.frames, fps=options.fps)
+    _print(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
     return 0
 
 

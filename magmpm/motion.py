@@ -115,8 +115,8 @@ class MotionWriter:
 
         time: s, later than the last frame's; x (n, 3) m; v (n, 3) m/s; F (n, 3, 3); stress (n, 3, 3) Pa: first Piola-Kirchhoff stress,
         the effects' part included; energies: J, kinetic, elastic and each effect's potential; `total` is their sum unless given,
-        `dissipated` is not part of it. contacts: effect -> {force: (3,) N on the body, count: particles touching, depth: m, deepest
-        penetration}, or the force alone. field: (3,) T, the outside field at the body, for the pictures.
+        `dissipated` is not part of it. contacts: effect -> {force: (3,) N on the body, count: particles touching, deepest: m, the
+        penetration}, or an object with these attributes, or the force alone. field: (3,) T, the outside field at the body, for pictures.
         Raises BudgetError, before anything is written, if the frame would not fit into max_disk or on the disk.
         """
         self._afford(time)
@@ -239,7 +239,7 @@ class MotionWriter:
             row["dissipated"] = energies["dissipated"]
         _add_row(path, {"t": time, **row, "total": total})
         for effect, contact in contacts.items():
-            known = contact if isinstance(contact, Mapping) else {"force": contact}
+            known = contact if isinstance(contact, Mapping) else _of_object(contact)
             force = np.asarray(known["force"], dtype=float)
             _add_row(
                 self.folder / CONTACTS,
@@ -247,7 +247,7 @@ class MotionWriter:
                     "t": time,
                     "effect": effect,
                     **{f"F{axis}": force[i] for i, axis in enumerate("xyz")},
-                    **{name: known.get(name, "") for name in ("count", "depth")},
+                    **{name: known.get(name, "") for name in ("count", "deepest")},
                 },
             )
 
@@ -335,6 +335,13 @@ def _add_row(path: Path, row: Mapping[str, Any]) -> None:
         stream.write(("" if not new else ",".join(row) + "\n") + ",".join(text) + "\n")
 
 
+def _of_object(contact: Any) -> dict[str, Any]:
+    """An effect's report as a mapping; an array is the force alone."""
+    if not hasattr(contact, "force"):
+        return {"force": contact}
+    return {name: getattr(contact, name) for name in ("force", "count", "deepest") if hasattr(contact, name)}
+
+
 def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
@@ -395,16 +402,18 @@ class Frame:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion that was written; `motion[k]` reads a frame.
+    """A motion that was written; `motion[k]` reads a frame, `motion.position(k)` its positions alone.
 
-    times (frames,) s. part (n,), volume (n,) m^3, remanence (n, 3) T, reference (n, 3) m: of the undeformed body. energies: table of
-    energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count, depth} -> (rows,). scene: Scene.to_si() or None.
+    times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
+    (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
+    deepest} -> (rows,). scene: Scene.to_si() or None.
     """
 
     folder: Path
     name: str
     scene: dict[str, Any] | None
     times: Array
+    fields: Array
     part: NDArray[np.int32]
     volume: Numbers
     remanence: Numbers
@@ -428,6 +437,7 @@ class Motion:
                 steps = int(root["Steps"].attrs["NSteps"])
                 static = {name: root["PointData"][name][()] for name in STATIC}
                 times = root["Steps"]["Values"][:steps]
+                fields = root["FieldData"]["field"][:steps]
             about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
             energies, contacts = _read_energies(folder / ENERGIES), _read_contacts(folder / CONTACTS)
         except (OSError, KeyError, ValueError) as error:
@@ -437,6 +447,7 @@ class Motion:
             name=about["name"],
             scene=about["scene"],
             times=times,
+            fields=fields,
             energies=energies,
             contacts=contacts,
             **static,
@@ -463,6 +474,12 @@ class Motion:
                     if name not in STATIC
                 },
             )
+
+    def position(self, number: int) -> Numbers:
+        """Positions (n, 3) m of frame k alone."""
+        k, n = range(len(self))[number], len(self.part)
+        with h5py.File(self.folder / MOTION, "r", locking=False) as file:
+            return np.asarray(file["VTKHDF"]["Points"][k * n : (k + 1) * n])
 
     def nearest(self, time: float) -> int:
         """Number of the frame nearest to a time in s."""

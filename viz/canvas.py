@@ -127,6 +127,36 @@ class PanelCanvas:
         actor.GetProperty().SetFrontfaceCulling(only_far_side)
         return actor
 
+    def surface(
+        self,
+        points: np.ndarray,
+        triangles: np.ndarray,
+        colour: str | np.ndarray,
+        *,
+        normals: np.ndarray | None = None,
+        lit: bool = True,
+        glossy: bool = False,
+        only_far_side: bool = False,
+    ) -> None:
+        """Triangles (m, 3) between points (n, 3) m; colour: one, or (m, 3) in 0..1; normals (n, 3): shaded smoothly with them."""
+        mesh = pv.PolyData.from_regular_faces(np.asarray(points, dtype=float), np.asarray(triangles))
+        if not isinstance(colour, str):
+            mesh.cell_data["colour"] = (255 * colour + 0.5).astype(np.uint8)
+        if normals is not None:
+            mesh.point_data.active_normals = np.asarray(normals, dtype=np.float32)
+        actor = self._actor(mesh, colour, lit)
+        if not isinstance(colour, str):
+            actor.GetMapper().SetScalarModeToUseCellFieldData()
+        look = actor.GetProperty()
+        look.SetFrontfaceCulling(only_far_side)
+        if normals is None:
+            look.SetInterpolationToFlat()
+        else:
+            look.SetInterpolationToPhong()
+        if glossy:
+            look.SetSpecular(0.18)
+            look.SetSpecularPower(18)
+
     def lines(self, segments: np.ndarray, colour: str, width: float) -> None:
         """Straight lines between points (n, 2, 3) m; width in pixels of a page 900 pixels high."""
         actor = self._actor(pv.line_segments_from_points(segments.reshape(-1, 3)), colour, lit=False)

@@ -32,26 +32,26 @@ def draw(
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     views = layout.Views.of(frame, size[0] / size[1])
-    main = _Panel(figure, layout.MAIN, views.main)
+    main = FlatPanel(figure, layout.MAIN, views.main)
     _floor(main, picture, frame)
     _body(main, picture)
     for start, vector in style.magnetisation_arrows(picture):
         main.arrow(start, vector, style.ARROW_WIDTH * picture.thickness, style.MAGNETISATION, halo=True)
     for place, view in ((layout.TOP, views.top), (layout.SIDE, views.side)):
-        _body(_Panel(figure, place, view, framed=True), picture)
+        _body(FlatPanel(figure, place, view, framed=True), picture)
     around = layout.compass_view(views.main)
-    compass = _Panel(figure, layout.COMPASS, around)
+    compass = FlatPanel(figure, layout.COMPASS, around)
     for _, vector in layout.compass_arrows(picture):
         compass.arrow(np.zeros(3), vector, 0.04, style.FAINT_INK)
     field = layout.field_arrow(picture)
     if field is not None:
-        _Panel(figure, layout.FIELD, around).arrow(-0.5 * field, field, 0.2, style.FIELD)
+        FlatPanel(figure, layout.FIELD, around).arrow(-0.5 * field, field, 0.2, style.FIELD)
     _write(figure, picture, views)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
 
 
-class _Panel:
+class FlatPanel:
     """One panel of the page; places in metres, projected by its view."""
 
     def __init__(self, figure: Figure, place: layout.Panel, view: View, framed: bool = False) -> None:
@@ -129,7 +129,7 @@ class _Panel:
                 )
 
 
-def _body(panel: _Panel, picture: Picture) -> None:
+def _body(panel: FlatPanel, picture: Picture) -> None:
     """Clamp, particles, axis and target."""
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     rim = style.CLAMP_RADIUS * picture.diameter * np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
@@ -150,7 +150,7 @@ def _body(panel: _Panel, picture: Picture) -> None:
         )
 
 
-def _floor(panel: _Panel, picture: Picture, frame: Frame) -> None:
+def _floor(panel: FlatPanel, picture: Picture, frame: Frame) -> None:
     """A grid of squares as wide as the scale bar is long, with the shadows of body and target."""
     low, high = frame.floor
     z = low[2]

@@ -22,7 +22,7 @@ _OVERSAMPLING = 4
 
 def written_on(image: np.ndarray, picture: Picture, views: layout.Views) -> np.ndarray:
     """The image (h, w, 3) uint8 with all text and lines of the page; a new array."""
-    page = _Page(image)
+    page = Page(image)
     page.captions(picture)
     page.panels()
     page.compass(picture, views)
@@ -33,8 +33,8 @@ def written_on(image: np.ndarray, picture: Picture, views: layout.Views) -> np.n
     return np.asarray(page.image)
 
 
-class _Page:
-    """Places are fractions of the page from its lower left, sizes fractions of its height."""
+class Page:
+    """An image that is written on. Places are fractions of the page from its lower left, sizes fractions of its height."""
 
     def __init__(self, image: np.ndarray) -> None:
         self.image = Image.fromarray(image)
@@ -63,10 +63,16 @@ class _Page:
             colour=style.FIELD,
         )
 
-    def scale_bar(self, bar: layout.ScaleBar) -> None:
-        thick = max(round(0.0025 * self.height), 1)
+    def frame(self, corners: tuple[float, float, float, float]) -> None:
+        """A thin frame: left, top, right, bottom in pixels."""
+        self.draw.rectangle(corners, outline=style.FRAME, width=max(round(0.0016 * self.height), 1))
+
+    def scale_bar(self, bar: layout.ScaleBar, size: float = style.TEXT_MEDIUM) -> None:
+        """size: the text's height; the bar's ends go with it."""
+        grow = size / style.TEXT_MEDIUM
+        thick = max(round(0.0025 * grow * self.height), 1)
         for x in np.linspace(bar.left, bar.right, 6):
-            tall = 0.009 if x in (bar.left, bar.right) else 0.0045
+            tall = grow * (0.009 if x in (bar.left, bar.right) else 0.0045)
             self.draw.line(
                 (*self.pixel(x, bar.y + tall), *self.pixel(x, bar.y - tall)), fill=style.INK, width=thick
             )
@@ -74,7 +80,7 @@ class _Page:
             (*self.pixel(bar.left, bar.y), *self.pixel(bar.right, bar.y)), fill=style.INK, width=thick
         )
         self.text(
-            style.in_mm(bar.unit), (bar.left + bar.right) / 2, bar.y - 0.036, style.TEXT_MEDIUM, anchor="mm"
+            style.in_mm(bar.unit), (bar.left + bar.right) / 2, bar.y - 0.036 * grow, size, anchor="mm"
         )
 
     def legend(self, picture: Picture) -> None:
@@ -82,9 +88,9 @@ class _Page:
             self.mark(item)
             self.text(item.text, item.x + layout.LEGEND_GAP, item.y, style.TEXT_SMALL)
 
-    def mark(self, item: layout.LegendItem) -> None:
-        """The sign before a legend's text."""
-        edge = round(0.026 * self.height)
+    def mark(self, item: layout.LegendItem, size: float = style.TEXT_SMALL) -> None:
+        """The sign before a legend's text of that height."""
+        edge = round(0.026 / style.TEXT_SMALL * size * self.height)
         big = edge * _OVERSAMPLING
         patch = Image.new("RGB", (big, big), "white")
         draw = ImageDraw.Draw(patch)
@@ -127,6 +133,10 @@ class _Page:
                 font=_font(round(size * self.height), bold),
                 anchor=anchor,
             )
+
+    def length(self, words: str, size: float) -> float:
+        """Length of a text, a fraction of the page's width."""
+        return float(self.draw.textlength(words, font=_font(round(size * self.height), False))) / self.width
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         return x * self.width, (1.0 - y) * self.height

@@ -19,7 +19,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from viz import style
 
-_LOOK: Any = {
+LOOK: Any = {
     "font.size": 9.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -60,7 +60,7 @@ def convergence(
     number = np.arange(len(values))
     good = np.isfinite(values)
     best = np.fmin.accumulate(values) if len(values) else values
-    with rc_context(_LOOK):
+    with rc_context(LOOK):
         figure = Figure(figsize=(5.4, 3.4), layout="constrained")
         axes = figure.add_subplot()
         axes.scatter(number[good], values[good], s=16, color="#999999", linewidths=0, label="trial", zorder=2)
@@ -110,7 +110,7 @@ def convergence(
         if title:
             # Inside: an outside legend stands where a figure's title would.
             axes.set_title(title, fontsize=10, weight="bold", loc="right")
-        return _saved(figure, path)
+        return saved(figure, path)
 
 
 def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
@@ -140,7 +140,7 @@ def accuracy(
         ("error_reference", f"against {reference_name}", _REFERENCE, "s"),
         ("error_finest", "against the finest", _FINEST, "o"),
     ]
-    with rc_context(_LOOK):
+    with rc_context(LOOK):
         figure = Figure(figsize=(7.2, 3.3), layout="constrained")
         cost, order = figure.subplots(1, 2)
         for key, name, colour, marker in series:
@@ -181,7 +181,7 @@ def accuracy(
         cost.legend(loc="best")
         if title:
             figure.suptitle(title, fontsize=10)
-        return _saved(figure, path)
+        return saved(figure, path)
 
 
 def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> int:
@@ -230,7 +230,7 @@ def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> 
     )
 
 
-def _saved(figure: Figure, path: str | Path) -> Path:
+def saved(figure: Figure, path: str | Path) -> Path:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     kind = path.suffix[1:].lower() or "png"

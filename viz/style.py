@@ -35,7 +35,17 @@ SHADOW = "#E2E2DE"
 TARGET_SHADOW = "#A9B8DE"
 FRAME = "#BBBBBB"
 
+# What stands around a moving body. North and south: red and blue of Tol's "vibrant" scheme, told apart also by their lightness.
+NORTH, SOUTH = "#CC3311", "#33608F"
+COIL = "#B87333"
+WALL = "#C9D3DE"
+GROUND, GROUND_GRID, GROUND_SHADOW = "#EFEADF", "#DAD2C0", "#CDC3AC"
+CONTACT = "#0033CC"
+TRACE = "#888888"
+COMPONENTS = ("#882255", "#CC6677", "#999933")  # of the field along x, y, z: wine, rose, olive of Tol's "muted" scheme
+
 FINAL_SIZE = (1200, 900)
+MOVIE_SIZE = (1280, 720)
 TRIAL_SIZE = (800, 600)
 
 # Sizes in diameters of the body.

@@ -22,7 +22,9 @@ from viz import style
 from viz.camera import Frame
 from viz.picture import Picture
 from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
-from viz.worker_main import draw
+from viz.stage import Shot, Stage
+from viz.stage_page import PAGE, Layout
+from viz.worker_main import draw, draw_stage
 
 BACKENDS = ("pyvista", "matplotlib")
 
@@ -109,19 +111,36 @@ class Renderer:
         size: width and height in pixels; frame: what is in view, by default the body and its target (share
         one frame to compare pictures). Returns the path. Raises RenderError.
         """
-        path = Path(path)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RenderError(f"the folder of {path} cannot be made: {error}") from None
-        self._draw(picture, frame, size, str(path.resolve()))
+        path = _in_a_folder(path)
+        self._draw(draw, picture, frame, size, str(path.resolve()))
         return path
 
     def image(
         self, picture: Picture, *, size: tuple[int, int] = style.TRIAL_SIZE, frame: Frame | None = None
     ) -> np.ndarray:
         """The picture as an array (height, width, 3) uint8. Raises RenderError."""
-        image: np.ndarray = self._draw(picture, frame, size, None)
+        image: np.ndarray = self._draw(draw, picture, frame, size, None)
+        return image
+
+    def render_stage(
+        self,
+        stage: Stage,
+        shot: Shot,
+        path: str | Path,
+        *,
+        size: tuple[int, int] = style.MOVIE_SIZE,
+        layout: Layout = PAGE,
+    ) -> Path:
+        """Draw a moment of a motion into a PNG file; its folder is made. Raises RenderError."""
+        path = _in_a_folder(path)
+        self._draw(draw_stage, stage, shot, size, layout, str(path.resolve()))
+        return path
+
+    def stage_image(
+        self, stage: Stage, shot: Shot, *, size: tuple[int, int] = style.MOVIE_SIZE, layout: Layout = PAGE
+    ) -> np.ndarray:
+        """A moment of a motion as an array (height, width, 3) uint8. Raises RenderError."""
+        image: np.ndarray = self._draw(draw_stage, stage, shot, size, layout, None)
         return image
 
     def submit(self, picture: Picture, path: str | Path, **kind: Any) -> Future[Path]:
@@ -154,15 +173,15 @@ class Renderer:
         with self._lock:
             self._drop_worker()
 
-    def _draw(self, picture: Picture, frame: Frame | None, size: tuple[int, int], path: str | None) -> Any:
+    def _draw(self, function: Callable[..., Any], *args: Any) -> Any:
         """One picture, with whatever it takes: a restart, then matplotlib."""
         with self._lock:
             try:
-                answer = self.run(draw, picture, frame, size, path)
+                answer = self.run(function, *args)
             except RenderError as error:
                 if self.backend == "matplotlib":
                     raise
-                return self._drawn_by_matplotlib(error, draw, picture, frame, size, path)
+                return self._drawn_by_matplotlib(error, function, *args)
             self._failures = 0
             return answer
 
@@ -225,3 +244,13 @@ class Renderer:
         if self._worker is not None:
             self._worker.close()
             self._worker = None
+
+
+def _in_a_folder(path: str | Path) -> Path:
+    """The path, its folder made. Raises RenderError."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RenderError(f"the folder of {path} cannot be made: {error}") from None
+    return path

@@ -16,6 +16,7 @@ import numpy as np
 
 Draw = Callable[..., np.ndarray]
 _backend: Draw | None = None
+_stage_backend: Draw | None = None
 
 
 def main(argv: list[str]) -> None:
@@ -25,8 +26,8 @@ def main(argv: list[str]) -> None:
     _no_core_dump()
     pipe = Connection(int(argv[1]))
     try:
-        global _backend
-        _backend = _opened(argv[2])
+        global _backend, _stage_backend
+        _backend, _stage_backend = _opened(argv[2])
         _probe(_backend)
     except Exception as error:
         pipe.send(("error", f"{type(error).__name__}: {error}"))
@@ -51,7 +52,17 @@ def draw(picture: Any, frame: Any, size: tuple[int, int], path: str | None) -> n
     """Draw in this process: into the PNG file `path`, or return the image (h, w, 3) uint8 if that is None."""
     if _backend is None:
         raise RuntimeError("no backend is open in this process; use viz.worker.Renderer")
-    image = _backend(picture, frame, size)
+    return _saved(_backend(picture, frame, size), path)
+
+
+def draw_stage(stage: Any, shot: Any, size: tuple[int, int], layout: Any, path: str | None) -> np.ndarray | None:
+    """As `draw`, a moment of a motion."""
+    if _stage_backend is None:
+        raise RuntimeError("no backend is open in this process; use viz.worker.Renderer")
+    return _saved(_stage_backend(stage, shot, size, layout), path)
+
+
+def _saved(image: np.ndarray, path: str | None) -> np.ndarray | None:
     if path is None:
         return image
     save_png(image, path)
@@ -67,17 +78,18 @@ def save_png(image: np.ndarray, path: str) -> None:
     os.replace(unfinished, path)
 
 
-def _opened(backend: str) -> Draw:
-    """The drawing function of a backend; imports it."""
+def _opened(backend: str) -> tuple[Draw, Draw]:
+    """The functions of a backend that draw pictures and stages; imports it."""
     if backend == "matplotlib":
-        from viz import matplotlib_scene
+        from viz import matplotlib_scene, stage_flat
 
-        return matplotlib_scene.draw
+        return matplotlib_scene.draw, stage_flat.draw
     # PyVista imports mypy where it finds it, for a plugin nobody uses here: 20 MB.
     sys.modules["mypy"] = None  # type: ignore[assignment]
     from viz.scene3d import Scene3D
 
-    return Scene3D().draw
+    window = Scene3D()
+    return window.draw, window.stage
 
 
 def _probe(backend: Draw) -> None:

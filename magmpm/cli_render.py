@@ -1,0 +1,114 @@
+"""`magmpm render`: pictures of a saved run, and the movie of a motion."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.errors import InputError
+
+if TYPE_CHECKING:
+    from magmpm.motion import Motion
+    from magmpm.results import Result
+    from viz.worker import Renderer
+
+PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
+
+
+def render_run(
+    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None
+) -> tuple[list[Path], str]:
+    """Draw what a run left in a folder into `out`. Returns the files, and a note on what could not be done as wished, or "".
+
+    A motion gets its movie, its moments (first, middle, last), its last moment as a picture and its energies; an equilibrium gets its
+    picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps: frames of the movie a second.
+    Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
+    """
+    from viz.worker import Renderer
+
+    motion = motion_of(folder)
+    if motion is None and (frames is not None or fps is not None):
+        raise InputError(f"{folder}: holds no motion: --frames and --fps are for results of dynamic scenes")
+    with Renderer() as renderer:
+        if motion is not None:
+            files, note = _render_motion(motion, out, renderer, frames, fps)
+        else:
+            from magmpm.results import Result
+
+            files, note = [draw_result(Result.load(folder), out / PICTURE, renderer)], ""
+        return files, " ".join(filter(None, (note, renderer.note)))
+
+
+def draw_result(result: Result, path: Path, renderer: Renderer) -> Path:
+    """The picture of an equilibrium."""
+    from viz.style import FINAL_SIZE, MOVIE_SIZE
+
+    body: dict[str, Any] = result.scene.get("body") or {}
+    if body.get("catheter") is not None:
+        from viz.picture import Picture
+
+        return renderer.render(Picture.from_result(result), path, size=FINAL_SIZE)
+    from viz.play import Still
+
+    still = Still(result)
+    return renderer.render_stage(still.picture(), still.shot, path, size=MOVIE_SIZE)
+
+
+def motion_of(folder: Path) -> Motion | None:
+    """The motion in a folder, unless an equilibrium was saved there later."""
+    from magmpm.motion import ABOUT, MOTION, Motion
+    from magmpm.results import NUMBERS
+
+    if not (folder / MOTION).exists():
+        return None
+    motion, saved = Motion.load(folder), folder / NUMBERS
+    if saved.exists() and saved.stat().st_mtime > (folder / ABOUT).stat().st_mtime:
+        try:
+            scene = json.loads(saved.read_text(encoding="utf-8")).get("scene")
+        except ValueError:
+            scene = None
+        if scene != motion.scene:
+            return None
+    return motion
+
+
+def _render_motion(
+    motion: Motion, out: Path, renderer: Renderer, frames: str | None, fps: float | None
+) -> tuple[list[Path], str]:
+    from viz import motion_movie
+    from viz.motion_plots import motion as plot
+    from viz.play import Play
+
+    if len(motion) == 0:
+        raise InputError(f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again")
+    wanted = _numbers(frames, len(motion))
+    play = Play(motion)
+    files = motion_movie.pictures(play, out / FRAMES, renderer, wanted)
+    last = len(motion) - 1
+    files.append(renderer.render_stage(play.stage(last), play.shot, out / PICTURE))
+    files.append(motion_movie.sheet(play, out / MOMENTS, renderer))
+    if motion.energies:
+        files.append(renderer.run(plot, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name))
+    made = motion_movie.movie(play, out / MOVIE, renderer, fps=fps)
+    return [made.path, *files], made.note
+
+
+def _numbers(text: str | None, count: int) -> Sequence[int]:
+    """Which frames get pictures of their own. Raises InputError."""
+    if text is None:
+        return []
+    if text == "all":
+        return range(count)
+    try:
+        numbers = [int(part) for part in text.split(",")]
+        return [range(count)[k] for k in numbers]
+    except ValueError:
+        raise InputError(
+            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20"
+        ) from None
+    except IndexError:
+        raise InputError(
+            f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)"
+        ) from None

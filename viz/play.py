@@ -1,0 +1,290 @@
+"""A motion, or a result, made ready to be drawn: its body's surface, what stands around it, and where the camera stands.
+
+Reads a scene's JSON (Scene.to_si()); what it does not know it leaves out, so that every motion can be drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from viz import scenery
+from viz.camera import best_direction
+from viz.shapes import Surface, bar, tube
+from viz.stage import History, Shot, Stage
+from viz.surface import Binding, PartedBinding, around_particles, bodies, spacing
+
+MOST_ARROWS = 16
+LOOKS = 60  # frames looked at to place the camera
+
+
+class Body:
+    """The body's surface and its magnetisation arrows, and how both follow the particles."""
+
+    def __init__(
+        self, scene: Mapping[str, Any], reference: np.ndarray, volume: np.ndarray, part: np.ndarray, remanence: np.ndarray
+    ) -> None:
+        """reference (n, 3) m, volume (n,) m^3, part (n,), remanence (n, 3) T of the undeformed particles."""
+        self.reference, self.part = np.asarray(reference, dtype=float), np.asarray(part)
+        self.size = spacing(np.asarray(volume))
+        self.surface, self._binding = self._bound(scene, np.asarray(volume, dtype=float))
+        strength = np.linalg.norm(remanence, axis=1)
+        parts = int(self.part.max()) + 1
+        strongest = np.bincount(self.part, strength, minlength=parts) / np.maximum(np.bincount(self.part, minlength=parts), 1)
+        self.magnetised = strongest > 1e-9 * max(float(strongest.max()), 1e-12)
+        self.length = float(np.ptp(self.reference, axis=0).max()) + self.size
+        sides = np.sort(np.ptp(self.reference, axis=0)) + self.size
+        self.thickness = float(np.clip(sides[1], 0.06 * self.length, 0.12 * self.length))
+        self.clusters = self._clusters(np.asarray(remanence, dtype=float))
+
+    def points(self, position: np.ndarray) -> np.ndarray:
+        """The surface's points (m, 3) m when the particles are at position (n, 3) m."""
+        return self._binding.at(position)
+
+    def arrows(self, position: np.ndarray, magnetisation: np.ndarray) -> np.ndarray:
+        """Starts and vectors (a, 2, 3) m of the magnetisation's arrows; magnetisation (n, 3) T, deformed."""
+        if not self.clusters:
+            return np.zeros((0, 2, 3))
+        centre = np.array([position[near].mean(axis=0) for _, near in self.clusters])
+        mean = np.array([magnetisation[members].mean(axis=0) for members, _ in self.clusters])
+        longest = float(np.linalg.norm(mean, axis=1).max())
+        if not longest > 0:
+            return np.zeros((0, 2, 3))
+        vector = mean / longest * self._arrow_length
+        return np.stack([centre - 0.5 * vector, vector], axis=1)
+
+    def _bound(self, scene: Mapping[str, Any], volume: np.ndarray) -> tuple[Surface, Binding | PartedBinding]:
+        known = _known_shape(scene, self.size)
+        if known is not None:
+            return known, Binding(known.points, self.reference)
+        separate = bodies(self.reference, self.size)
+        surfaces = [
+            around_particles(self.reference[of], volume[of], self.part[of])
+            for body in range(int(separate.max()) + 1)
+            for of in [separate == body]
+        ]
+        whole = Surface.joined(surfaces)
+        body_of_point = np.repeat(np.arange(len(surfaces)), [len(s.points) for s in surfaces])
+        return whole, PartedBinding(whole.points, body_of_point, self.reference, separate)
+
+    def _clusters(self, remanence: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each arrow: the particles whose magnetisation it shows, and those at its middle.
+
+        A part magnetised evenly has one arrow; one whose magnetisation turns has one for each piece of its length.
+        """
+        parts = np.flatnonzero(self.magnetised)
+        pieces: list[np.ndarray] = []
+        for k in parts:
+            members = np.flatnonzero(self.part == k)
+            mean = remanence[members].mean(axis=0)
+            even = np.linalg.norm(mean) > 0.97 * np.linalg.norm(remanence[members], axis=1).mean()
+            count = 1 if even else max(2, min(8, MOST_ARROWS // max(len(parts), 1)))
+            place = self.reference[members]
+            along = place[:, np.argmax(np.ptp(place, axis=0))]
+            edges = np.linspace(along.min(), along.max() * (1 + 1e-12) + 1e-300, count + 1)
+            which = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, count - 1)
+            pieces += [members[which == i] for i in range(count) if np.any(which == i)]
+        # Parts that are all arms of one ring, say, lie far apart: arrows are as long as their pieces are.
+        sizes = [np.linalg.norm(np.ptp(self.reference[p], axis=0)) for p in pieces]
+        typical = float(np.median(sizes)) if sizes else self.length
+        self._arrow_length = float(np.clip(0.9 * typical, 0.07 * self.length, 0.3 * self.length))
+        nearest = [
+            p[np.argsort(np.linalg.norm(self.reference[p] - self.reference[p].mean(axis=0), axis=1))[:8]] for p in pieces
+        ]
+        return list(zip(pieces, nearest))
+
+
+def _known_shape(scene: Mapping[str, Any], step: float) -> Surface | None:
+    """The surface of a catheter or strip, sharp edges and all; None for a body of parts."""
+    body = {name: shape for name, shape in (scene.get("body") or {}).items() if shape is not None}
+    if "catheter" in body:
+        c = body["catheter"]
+        ends = np.cumsum(_lengths(c))
+        return tube(ends.tolist(), 0.5 * float(c["diameter"]), 0.5 * float(c.get("inner_diameter") or 0.0), step)
+    if "strip" in body:
+        c = body["strip"]
+        ends = np.cumsum(_lengths(c)) if c.get("segments") else np.array([float(c["length"])])
+        return bar(
+            ends.tolist(), float(c["width"]), float(c["thickness"]), step, c.get("position") or (0.0, 0.0, 0.0)
+        )
+    return None
+
+
+def _lengths(shape: Mapping[str, Any]) -> np.ndarray:
+    """Length (k,) m of each segment; those without one share the rest."""
+    given = [segment.get("length") for segment in shape["segments"]]
+    free = float(shape["length"]) - sum(length for length in given if length is not None)
+    share = free / max(given.count(None), 1)
+    return np.array([share if length is None else float(length) for length in given])
+
+
+class Play:
+    """A motion (magmpm.motion.Motion) ready to be drawn: `stage(k)` of each frame, all to be seen in one `shot`."""
+
+    def __init__(self, motion: Any) -> None:
+        self.motion = motion
+        scene = motion.scene or {}
+        self.body = Body(scene, motion.reference, motion.volume, motion.part, motion.remanence)
+        self.ground = scenery.ground(scene)
+        self._standing = scenery.standing(scene, self.body.length)
+        self._scene = scene
+        self.title = motion.name or "motion"
+        self.gravity = _gravity(scene)
+        known = np.isfinite(motion.fields).all(axis=1)
+        self.history = History(motion.times[known], motion.fields[known]) if known.any() else None
+        self._largest_force = max(
+            (float(np.linalg.norm(_forces(c), axis=1).max(initial=0.0)) for c in motion.contacts.values()), default=0.0
+        )
+        self._trace = self._traced()
+        self.shot = self._shot()
+
+    def __len__(self) -> int:
+        return len(self.motion)
+
+    def stage(self, number: int, pace: float | None = None) -> Stage:
+        """The stage of a frame; pace: how many times slower than life the movie is."""
+        frame = self.motion[number]
+        points = self.body.points(frame.position)
+        magnetisation = frame.quantities.get("magnetisation", self.motion.remanence)
+        touching, force = self._contact(frame, points)
+        good = np.isfinite(points).all(axis=1)
+        whole = good[self.body.surface.triangles].all(axis=1)
+        return Stage(
+            points=np.where(good[:, None], points, 0.0).astype(np.float32),
+            triangles=self.body.surface.triangles[whole].astype(np.int32),
+            part=self.body.surface.part[whole],
+            magnetised=self.body.magnetised,
+            length=self.body.length,
+            thickness=self.body.thickness,
+            arrows=np.nan_to_num(self.body.arrows(frame.position, magnetisation)),
+            props=tuple(self._standing + self._sources(frame.time)),
+            ground=self.ground,
+            contact=touching,
+            contact_force=force,
+            trace=self._trace[: number + 1],
+            field=frame.field,
+            history=self.history,
+            gravity=self.gravity,
+            time=frame.time,
+            pace=pace,
+            title=self.title,
+        )
+
+    def _sources(self, time: float) -> list[scenery.Prop]:
+        props = scenery.sources(self._scene, time)
+        return scenery.in_reach(props, self._around, 2.5 * self.body.length)
+
+    def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Where the surface touches the ground or is pushed, and the whole force on it as an arrow."""
+        total, active = np.zeros(3), False
+        for contact in self.motion.contacts.values():
+            now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
+            if len(now):
+                total += _forces(contact)[now[0]]
+                active |= bool(np.any(_forces(contact)[now[0]]))
+        if not active or self.ground is None:
+            return np.zeros((0, 3)), None
+        near = self.ground.height(points) < 0.75 * self.body.size
+        if not near.any():
+            return np.zeros((0, 3)), None
+        touching = self.ground.dropped(points[near])
+        vector = total / max(self._largest_force, 1e-300) * 0.35 * self.body.length
+        return _spread(touching, self.body.size), np.stack([touching.mean(axis=0), vector])
+
+    def _looked_at(self) -> np.ndarray:
+        """Numbers of frames spread over the motion."""
+        return np.unique(np.linspace(0, len(self) - 1, LOOKS).round().astype(int))
+
+    def _traced(self) -> np.ndarray:
+        """The way (frames, 3) m of a held body's free end, or of a free body's middle."""
+        x = self.body.reference[:, 0]
+        end = x > x.max() - 1.5 * self.body.size
+        kind: Mapping[str, Any] = next((s for s in (self._scene.get("body") or {}).values() if s is not None), {})
+        held = kind.get("clamp", "none") == "base"
+        members = end if held else np.ones(len(x), dtype=bool)
+        # Positions alone, a frame at a time: a motion may be larger than the memory.
+        return np.array([self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))])
+
+    def _shot(self) -> Shot:
+        extremes = []
+        for k in self._looked_at():
+            points = self.motion.position(k).astype(float)
+            points = points[np.isfinite(points).all(axis=1)]
+            if len(points):
+                keep = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
+                some = np.linspace(0, len(points) - 1, min(len(points), 300)).astype(int)
+                extremes += [points[keep], points[some]]
+        return self._framed(np.vstack(extremes))
+
+    def _framed(self, points: np.ndarray) -> Shot:
+        self._around = points
+        margin = 0.5 * self.body.thickness + self.body.size
+        framed = [points]
+        for time in np.unique(self.motion.times[[0, -1]]):
+            props = self._standing + self._sources(float(time))
+            framed += [p.points[:: max(len(p.points) // 50, 1)] for p in props if p.framed]
+        if self.ground is not None:
+            framed.append(self.ground.dropped(points))
+        return Shot(np.vstack(framed), best_direction(points), margin, self.ground)
+
+
+class Still(Play):
+    """A result of statics drawn as a motion is: one stage. For bodies that are no catheter."""
+
+    def __init__(self, result: Any) -> None:
+        super().__init__(_OneFrame(result))
+
+    def picture(self) -> Stage:
+        """The stage, without a time."""
+        from dataclasses import replace
+
+        return replace(self.stage(0), time=None, trace=np.zeros((0, 3)))
+
+
+class _OneFrame:
+    """A result with the face of a Motion."""
+
+    def __init__(self, result: Any) -> None:
+        position = np.asarray(result.particle_position, dtype=float)
+        n = len(position)
+        self.name, self.scene = result.name, result.scene
+        self.reference, self.volume, self.part = result.particle_reference, result.particle_volume, result.particle_segment
+        remanence = np.asarray(result.segment_remanence, dtype=float)[self.part]
+        self.remanence = remanence
+        self.times = np.zeros(1)
+        self.fields = np.asarray(result.field, dtype=float).reshape(1, 3)
+        self.contacts: dict[str, Any] = {}
+        self._frame = _Moment(position.reshape(n, 3), self.fields[0], {"magnetisation": remanence})
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, number: int) -> _Moment:
+        return self._frame
+
+    def position(self, number: int) -> np.ndarray:
+        return self._frame.position
+
+
+class _Moment:
+    def __init__(self, position: np.ndarray, field: np.ndarray, quantities: dict[str, np.ndarray]) -> None:
+        self.position, self.field, self.quantities, self.time = position, field, quantities, 0.0
+
+
+def _forces(contact: Mapping[str, np.ndarray]) -> np.ndarray:
+    return np.stack([contact[name] for name in ("Fx", "Fy", "Fz")], axis=1)
+
+
+def _spread(points: np.ndarray, apart: float) -> np.ndarray:
+    """At most one point in every cube of that edge (m)."""
+    _, first = np.unique(np.floor(points / apart).astype(int), axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _gravity(scene: Mapping[str, Any]) -> np.ndarray | None:
+    effect = (scene.get("effects") or {}).get("gravity")
+    if effect is None:
+        return None
+    return np.asarray(effect.get("acceleration") or (0.0, 0.0, -9.81), dtype=float)

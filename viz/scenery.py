@@ -1,0 +1,257 @@
+"""What stands around a body: walls, guides, magnets and coils as coloured solids, and the ground as a plane. Read from a scene's JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from viz import style
+from viz.shapes import Surface, bar, lofted, tube
+
+AROUND = 48
+
+
+@dataclass(frozen=True)
+class Prop:
+    """A solid: points (n, 3) m, triangles (m, 3) counter-clockwise from outside.
+
+    name: what the legend calls it; empty where another prop's entry stands for it. hollow: only its far side is drawn, so that what
+    is inside is seen. framed: it must be in the picture.
+    """
+
+    name: str
+    points: np.ndarray
+    triangles: np.ndarray
+    colour: str
+    hollow: bool = False
+    framed: bool = True
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The ground: a point (3,) m and the unit normal (3,) into the free side."""
+
+    point: np.ndarray
+    normal: np.ndarray
+
+    def dropped(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) m projected onto the plane."""
+        return points - ((points - self.point) @ self.normal)[:, None] * self.normal
+
+    def height(self, points: np.ndarray) -> np.ndarray:
+        """(n,) m above the plane."""
+        return np.asarray((points - self.point) @ self.normal)
+
+
+def ground(scene: Mapping[str, Any]) -> Plane | None:
+    """The plane the body may rest on, or None."""
+    settings = (scene.get("effects") or {}).get("ground")
+    if settings is None:
+        return None
+    normal = np.asarray(settings.get("normal") or (0.0, 0.0, 1.0), dtype=float)
+    point = np.asarray(settings.get("point") or (0.0, 0.0, 0.0), dtype=float)
+    return Plane(point, normal / np.linalg.norm(normal))
+
+
+def standing(scene: Mapping[str, Any], length: float) -> list[Prop]:
+    """What does not move: walls and guides. length: m, of the body."""
+    effects = scene.get("effects") or {}
+    props = [*_clamps(scene), *_walls(effects.get("walls") or {})]
+    feed = effects.get("feed")
+    if feed is not None:
+        radius = _diameter(scene, length)
+        low = float(feed.get("exit") or 0.0) - 0.35 * length
+        props.append(_guide(low, float(feed.get("exit") or 0.0), 0.75 * radius))
+    return props
+
+
+def sources(scene: Mapping[str, Any], time: float) -> list[Prop]:
+    """The field's magnets, dipoles and coils where they are at a time (s): north red, south blue."""
+    field = scene.get("field") or {}
+    turn, centre, move = _pose(field.get("over_time") or {}, time)
+    props: list[Prop] = []
+    for magnet in _many(field.get("magnet")):
+        props += _magnet(magnet)
+    for dipole in _many(field.get("dipole")):
+        props += _dipole(dipole)
+    for coil in _many(field.get("coils")):
+        props.append(_coil(coil))
+    return [
+        Prop(p.name, (p.points + move - centre) @ turn.T + centre, p.triangles, p.colour, p.hollow, p.framed)
+        for p in props
+    ]
+
+
+def in_reach(props: list[Prop], points: np.ndarray, reach: float) -> list[Prop]:
+    """Props, with those farther than reach (m) from the points (n, 3) m not framed: a far magnet would make the body a speck."""
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return [
+        p
+        if not p.framed or ((p.points > low) & (p.points < high)).all(axis=1).any()
+        else Prop(p.name, p.points, p.triangles, p.colour, p.hollow, framed=False)
+        for p in props
+    ]
+
+
+def _many(value: Any) -> list[Mapping[str, Any]]:
+    return [] if value is None else [value] if isinstance(value, Mapping) else list(value)
+
+
+def _diameter(scene: Mapping[str, Any], length: float) -> float:
+    body: Mapping[str, Any] = next((shape for shape in scene.get("body", {}).values() if shape is not None), {})
+    return float(body.get("diameter") or body.get("thickness") or 0.1 * length)
+
+
+def _pose(over_time: Mapping[str, Any], time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation (3, 3) about a centre (3,) m, and the shift before it (3,) m, of the field's sources (magmpm.fields has the rule)."""
+    turn, centre, move = np.eye(3), np.zeros(3), np.zeros(3)
+    frames = [f for f in over_time.get("keyframes") or over_time.get("table") or () if f.get("move") is not None]
+    if frames:
+        times = [float(f["time"]) for f in frames]
+        move = np.array([np.interp(time, times, [float(f["move"][i]) for f in frames]) for i in range(3)])
+    rotation = over_time.get("rotation")
+    if rotation is not None:
+        turns = float(rotation["frequency"]) * max(time - float(rotation.get("start") or 0.0), 0.0)
+        if rotation.get("turns") is not None:
+            turns = float(np.clip(turns, -rotation["turns"], rotation["turns"]))
+        axis = np.asarray(rotation.get("axis") or (0.0, 0.0, 1.0), dtype=float)
+        turn = rotation_matrix(axis / np.linalg.norm(axis) * 2 * np.pi * turns)
+        centre = np.asarray(rotation.get("center") or (0.0, 0.0, 0.0), dtype=float)
+    return turn, centre, move
+
+
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) by a rotation vector (3,) rad (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle > 0 else vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def _frame(axis: Any) -> np.ndarray:
+    """Rotation (3, 3) that takes +x to the axis."""
+    x = np.asarray(axis, dtype=float)
+    x = x / np.linalg.norm(x)
+    y = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
+    y /= np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def _halves(name: str, shape: Surface, frame: np.ndarray, position: Any) -> Iterator[Prop]:
+    """A solid along +x, its part 0 south and its part 1 north, turned and put in place."""
+    points = shape.points @ frame.T + np.asarray(position, dtype=float)
+    for part, colour in ((0, style.SOUTH), (1, style.NORTH)):
+        yield Prop(name if part else "", points, shape.triangles[shape.part == part], colour)
+
+
+def _magnet(magnet: Mapping[str, Any]) -> Iterator[Prop]:
+    axis = np.asarray(magnet.get("axis") or (0.0, 0.0, 1.0), dtype=float)
+    along = np.asarray(magnet.get("magnetization") or axis, dtype=float)
+    if magnet.get("cylinder"):
+        length, radius = float(magnet["cylinder"]["length"]), 0.5 * float(magnet["cylinder"]["diameter"])
+        shape = tube([length / 2, length], radius, 0.0, length, AROUND)
+        shape = Surface(shape.points - [length / 2, 0, 0], shape.triangles, shape.part)
+        frame = _frame(axis)
+    else:
+        # As fields.source lays it: the third edge along the axis, the others along x and y where the axis is z.
+        sizes = np.asarray(magnet["cuboid"]["size"], dtype=float)
+        frame = _frame(axis) if abs(axis[2]) < 0.999 * np.linalg.norm(axis) else np.eye(3)[:, [2, 0, 1]]
+        shape = _block(sizes[[2, 0, 1]])
+    if abs(float(along @ axis)) < 0.7 * np.linalg.norm(along) * np.linalg.norm(axis):
+        # Magnetised across its axis: the halves are told apart by the side they lie on.
+        side = (shape.points[shape.triangles].mean(axis=1) @ frame.T) @ along > 0
+        shape = Surface(shape.points, shape.triangles, side.astype(int))
+    elif float(along @ axis) < 0:
+        shape = Surface(shape.points, shape.triangles, 1 - shape.part)
+    yield from _halves("magnet (N, S)", shape, frame, magnet["position"])
+
+
+def _block(sizes: np.ndarray) -> Surface:
+    """A block with edges `sizes` (3,) m along x, y, z about the origin, its halves along x parts 0 and 1."""
+    a, b, c = (float(s) for s in sizes)
+    return bar([a / 2, a], b, c, min(b, c) / 2, (-a / 2, 0.0, 0.0))
+
+
+def _dipole(dipole: Mapping[str, Any]) -> Iterator[Prop]:
+    moment = np.asarray(dipole["moment"], dtype=float)
+    # A point is drawn as the neodymium sphere (1.3 T) it would take to make its moment.
+    strength = float(np.linalg.norm(moment))
+    radius = 0.5 * float(dipole.get("diameter") or 0.0) or (3e-7 * strength / 1.3) ** (1 / 3)
+    yield from _halves("magnet (N, S)", _ball(radius), _frame(moment if strength else (0, 0, 1)), dipole["position"])
+
+
+def _ball(radius: float) -> Surface:
+    """A sphere about the origin, its halves along x parts 0 and 1."""
+    angle = np.linspace(0.0, np.pi, 25)
+    turn = 2 * np.pi * np.arange(AROUND) / AROUND
+    rings = [
+        radius
+        * np.stack(
+            [np.full(AROUND, -np.cos(a)), max(np.sin(a), 1e-6) * np.cos(turn), max(np.sin(a), 1e-6) * np.sin(turn)],
+            axis=1,
+        )
+        for a in angle
+    ]
+    whole = lofted(rings, 0, closed=True, flip=True)
+    return Surface(whole.points, whole.triangles, (whole.points[whole.triangles].mean(axis=1)[:, 0] > 0).astype(int))
+
+
+def _coil(coil: Mapping[str, Any]) -> Prop:
+    radius = 0.5 * float(coil["diameter"])
+    turn = 2 * np.pi * np.arange(73) / 72
+    ring = np.stack([np.zeros(73), radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    frame = _frame(coil.get("axis") or (0.0, 0.0, 1.0))
+    points, triangles = swept(ring @ frame.T + np.asarray(coil["position"], dtype=float), 0.05 * radius)
+    return Prop("coil", points, triangles, style.COIL)
+
+
+def _clamps(scene: Mapping[str, Any]) -> Iterator[Prop]:
+    """Plates at the ends that a catheter or strip is held by."""
+    body = scene.get("body") or {}
+    shape = body.get("catheter") or body.get("strip")
+    if not shape or shape.get("clamp", "base") == "none" or (scene.get("effects") or {}).get("feed") is not None:
+        return
+    base = np.asarray(shape.get("position") or (0.0, 0.0, 0.0), dtype=float)
+    thick = float(shape.get("diameter") or shape.get("thickness"))
+    depth = style.CLAMP_THICKNESS * max(thick, 0.1 * float(shape["length"]))
+    for at in (-depth, float(shape["length"]))[: 2 if shape["clamp"] == "both" else 1]:
+        if "diameter" in shape:
+            plate = tube([depth], style.CLAMP_RADIUS * thick, 0.0, depth, AROUND)
+        else:
+            grown = 2 * style.CLAMP_RADIUS * thick
+            plate = bar([depth], float(shape["width"]) + grown - thick, 1.8 * grown, depth)
+        yield Prop("clamp", plate.points + base + [at, 0.0, 0.0], plate.triangles, style.CLAMP)
+
+
+def _guide(low: float, high: float, radius: float) -> Prop:
+    shape = tube([high - low], radius, 0.0, high - low, AROUND)
+    return Prop("guide", shape.points + np.array([low, 0.0, 0.0]), shape.triangles, style.WALL, hollow=True, framed=False)
+
+
+def swept(path: np.ndarray, radius: float | np.ndarray, around: int = 32) -> tuple[np.ndarray, np.ndarray]:
+    """A tube around a path (n, 3) m with that radius (m), one or (n,): points, triangles."""
+    tangent = np.gradient(path, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-300)
+    first = _frame(tangent[0])[:, 1]
+    turn = 2 * np.pi * np.arange(around) / around
+    rings = []
+    for point, along, r in zip(path, tangent, np.broadcast_to(radius, len(path))):
+        first = first - along * (first @ along)
+        first = first / np.linalg.norm(first)
+        second = np.cross(along, first)
+        rings.append(point + r * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second))
+    shape = lofted(rings, 0, closed=True, flip=True)
+    return shape.points, shape.triangles
+
+
+def _walls(walls: Mapping[str, Any]) -> Iterator[Prop]:
+    """A lumen: a tube around a path, or a surface from a file."""
+    lumen = walls.get("tube") or {}
+    path = lumen.get("path") or lumen.get("points")
+    if path is not None and not isinstance(path, str):
+        radius = lumen.get("radius") or 0.5 * float(lumen.get("diameter") or 0.0)
+        points, triangles = swept(np.asarray(path, dtype=float)[:, -3:], np.asarray(radius, dtype=float))
+        yield Prop("wall", points, triangles, style.WALL, hollow=True)

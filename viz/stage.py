@@ -1,0 +1,156 @@
+"""One moment of a motion as it is drawn: plain arrays, so that it travels to the drawing process and nothing else has to.
+
+A Stage knows neither scene nor solver; viz.play makes them from a motion, or one from a result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from viz import style
+from viz.camera import View, fitted
+from viz.scenery import Plane, Prop
+
+
+@dataclass(frozen=True)
+class History:
+    """The field at the body over the whole motion: times (k,) s, values (k, 3) T."""
+
+    times: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A body and what is around it. SI units.
+
+    points (n, 3), triangles (m, 3)   its surface; part (m,) of each triangle; magnetised (k,) bool of each part
+    held                              (k,) bool: parts that cannot move
+    arrows            (a, 2, 3) m, start and vector of magnetisation arrows
+    props             what stands around; ground: the plane, or None
+    contact           (c, 3) m, where the body touches; contact_force (2, 3) m: start and vector of the force on it, or None
+    trace             (t, 3) m, the way its tip or middle has gone
+    length, thickness m, of the undeformed body: they size arrows and marks
+    field             (3,) T now, or None if unknown; history over the motion, or None
+    time              s, or None for a body at rest; pace: how many times slower than life the movie is, or None
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    part: np.ndarray
+    magnetised: np.ndarray
+    length: float
+    thickness: float
+    held: np.ndarray | None = None
+    arrows: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    props: tuple[Prop, ...] = ()
+    ground: Plane | None = None
+    contact: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    contact_force: np.ndarray | None = None
+    trace: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    field: np.ndarray | None = None
+    history: History | None = None
+    gravity: np.ndarray | None = None
+    time: float | None = None
+    pace: float | None = None
+    title: str = ""
+
+    @property
+    def colours(self) -> np.ndarray:
+        """Colour (m, 3) in 0..1 of each triangle."""
+        return style.segment_colours(self.magnetised)[self.part]
+
+    @property
+    def unit(self) -> float:
+        """Length (m) of the scale bar and of the floor's squares."""
+        return style.nice_length(0.3 * self.length)
+
+    def caption(self) -> str:
+        """The time, and the movie's pace."""
+        if self.time is None:
+            return ""
+        return f"t = {seconds(self.time)}" + (f"   {slower(self.pace)}" if self.pace else "")
+
+
+def seconds(time: float) -> str:
+    """A time in s as text with its unit: "12 ms", "0.25 s"."""
+    return f"{time:.3f} s" if abs(time) < 10 else f"{time:.2f} s"
+
+
+def slower(pace: float) -> str:
+    """How a movie's time runs: "10x slower", "real time"."""
+    if 0.95 < pace < 1.05:
+        return "real time"
+    return f"{pace:.2g}× slower" if pace > 1 else f"{1 / pace:.2g}× faster"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What must be seen during a whole motion, and from where.
+
+    points (m, 3) m; toward (3,) direction to the camera; ground: the plane, or None for a floor below all points; margin m.
+    """
+
+    points: np.ndarray
+    toward: np.ndarray
+    margin: float
+    ground: Plane | None = None
+
+    def floor(self) -> np.ndarray:
+        """Corners (4, 3) m of the rectangle of ground, or of a floor, under everything, counter-clockwise from its free side."""
+        plane = self.plane
+        u, v = _across(plane.normal)
+        flat = np.stack([(self.points - plane.point) @ u, (self.points - plane.point) @ v], axis=1)
+        low, high = flat.min(axis=0) - 3 * self.margin, flat.max(axis=0) + 3 * self.margin
+        corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+        return np.array([plane.point + a * u + b * v for a, b in corners])
+
+    @property
+    def plane(self) -> Plane:
+        """The ground, or a floor a little below everything."""
+        if self.ground is not None:
+            return self.ground
+        low = float(self.points[:, 2].min()) - self.margin
+        return Plane(np.array([0.0, 0.0, low]), np.array([0.0, 0.0, 1.0]))
+
+    def floor_lines(self, spacing: float) -> np.ndarray:
+        """Lines (n, 2, 3) m on the floor at multiples of the spacing (m)."""
+        corners, plane = self.floor(), self.plane
+        u, v = _across(plane.normal)
+        (a0, b0), (a1, b1) = ([float((c - plane.point) @ u), float((c - plane.point) @ v)] for c in corners[[0, 2]])
+        shift = float(plane.point @ u), float(plane.point @ v)
+
+        def marks(low: float, high: float, origin: float) -> np.ndarray:
+            first = np.ceil((low + origin) / spacing)
+            return np.arange(first, np.floor((high + origin) / spacing) + 1) * spacing - origin
+
+        lines = [[a * u + b0 * v, a * u + b1 * v] for a in marks(a0, a1, shift[0])]
+        lines += [[a0 * u + b * v, a1 * u + b * v] for b in marks(b0, b1, shift[1])]
+        return np.array(lines).reshape(-1, 2, 3) + plane.point
+
+    def view(self, aspect: float) -> View:
+        """The view in a panel of that aspect (width over height)."""
+        return fitted(self.toward, np.vstack([self.points, self.floor()]), 0.5 * self.margin, aspect, 1.01)
+
+    @property
+    def reach(self) -> float:
+        """m from the middle to the camera."""
+        return 10 * float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+def floor_colours(ground: Plane | None) -> tuple[str, str, str]:
+    """Colours of the floor, its lines and its shadows: the ground is warm and darker, a floor that is only an aid to the eye is faint."""
+    if ground is None:
+        return style.FLOOR, style.GRID, style.SHADOW
+    return style.GROUND, style.GROUND_GRID, style.GROUND_SHADOW
+
+
+def _across(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors in a plane: along x where that is in it, and across."""
+    u = np.eye(3)[0] - normal * normal[0]
+    if np.linalg.norm(u) < 0.1:
+        u = np.eye(3)[1] - normal * normal[1]
+    u /= np.linalg.norm(u)
+    return u, np.cross(normal, u)

@@ -1,0 +1,65 @@
+"""A moment of a motion drawn in three dimensions, off screen, in the window that viz.scene3d keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from viz import stage_page, style
+from viz.canvas import Canvas, PanelCanvas
+from viz.shapes import normals
+from viz.stage import Shot, Stage, floor_colours
+from viz.stage_page import PAGE, Layout
+
+
+def draw(
+    canvas: Canvas, stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE
+) -> np.ndarray:
+    """The stage as an image (height, width, 3) uint8."""
+    view = stage_page.main_view(shot, size, layout)
+    canvas.clear(size)
+    main = canvas.panel(layout.main, view, shot.reach)
+    _floor(main, stage, shot)
+    for prop in stage.props:
+        main.surface(prop.points, prop.triangles, prop.colour, only_far_side=prop.hollow)
+    points = stage.points.astype(float)
+    main.surface(points, stage.triangles, stage.colours, normals=normals(points, stage.triangles), glossy=True)
+    _signs(main, stage, 0.3 * shot.reach)
+    around = stage_page.around(view)
+    if layout.compass is not None:
+        compass = canvas.panel(layout.compass, around, reach=10.0)
+        for _, vector in stage_page.compass_arrows(stage):
+            compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
+    field = stage_page.field_arrow(stage)
+    if field is not None and layout.field is not None:
+        canvas.panel(layout.field, around, reach=10.0).arrow(-0.5 * field, field, 0.2, style.FIELD)
+    image = canvas.image(fine=size[0] > style.TRIAL_SIZE[0])
+    return stage_page.written_on(image, stage, view) if layout.written else image
+
+
+def _signs(panel: PanelCanvas, stage: Stage, lift: float) -> None:
+    """Arrows and marks, moved towards the camera so that the body does not hide them."""
+    width, halo = style.ARROW_WIDTH * stage.thickness, style.ARROW_HALO * stage.thickness
+    if len(stage.trace) > 1:
+        pairs = np.stack([stage.trace[:-1], stage.trace[1:]], axis=1)
+        panel.lines(pairs, style.TRACE, 2.0)
+    for start, vector in stage.arrows:
+        if np.linalg.norm(vector) > 2 * width:
+            panel.arrow(panel.view.lift(start, lift), vector, width, style.MAGNETISATION, halo=halo)
+    if stage.contact_force is not None:
+        start, vector = stage.contact_force
+        if np.linalg.norm(vector) > 2 * width:
+            panel.arrow(panel.view.lift(start, 1.2 * lift), vector, 1.3 * width, style.CONTACT, halo=halo)
+
+
+def _floor(panel: PanelCanvas, stage: Stage, shot: Shot) -> None:
+    """The ground, or a faint floor below everything: squares as wide as the scale bar is long, and shadows."""
+    layer = 2e-3 * stage.length
+    fill, grid, shade = floor_colours(stage.ground)
+    corners = shot.floor()
+    panel.surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), fill, lit=False)
+    panel.lines(panel.view.lift(shot.floor_lines(stage.unit), layer), grid, 1.4)
+    dropped = shot.plane.dropped(stage.points.astype(float))
+    panel.surface(panel.view.lift(dropped, 2 * layer), stage.triangles, shade, lit=False)
+    if len(stage.contact):
+        # Just above the shadow: marks of where the body stands.
+        panel.balls(panel.view.lift(stage.contact, 4 * layer), 0.1 * stage.thickness, style.CONTACT, lit=False)

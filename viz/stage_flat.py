@@ -1,0 +1,96 @@
+"""A moment of a motion drawn by matplotlib alone: what is used where no OpenGL library is found.
+
+The projection is parallel and known, so every triangle is projected here and drawn flat, the farthest first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from viz import stage_page, style
+from viz.matplotlib_scene import FlatPanel
+from viz.shade import brightness
+from viz.stage import Shot, Stage, floor_colours
+from viz.stage_page import PAGE, Layout
+
+_DPI = 100.0
+
+
+def draw(
+    stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE
+) -> np.ndarray:
+    """The stage as an image (height, width, 3) uint8, laid out and seen as viz.stage3d draws it."""
+    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    view = stage_page.main_view(shot, size, layout)
+    main = FlatPanel(figure, layout.main, view)
+    _floor(main, stage, shot)
+    _solids(main, stage)
+    _signs(main, stage)
+    around = stage_page.around(view)
+    if layout.compass is not None:
+        compass = FlatPanel(figure, layout.compass, around)
+        for _, vector in stage_page.compass_arrows(stage):
+            compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
+    field = stage_page.field_arrow(stage)
+    if field is not None and layout.field is not None:
+        FlatPanel(figure, layout.field, around).arrow(-0.5 * field, field, 0.2, style.FIELD)
+    canvas.draw()
+    image = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+    return stage_page.written_on(image, stage, view) if layout.written else image
+
+
+def _solids(panel: FlatPanel, stage: Stage) -> None:
+    """Body and props as one heap of triangles; of a hollow prop the far side, of all else the near one."""
+    corners, colours = [], []
+    solids = [(stage.points.astype(float), stage.triangles, stage.colours, False)]
+    solids += [
+        (p.points, p.triangles, np.tile(style.rgb(p.colour), (len(p.triangles), 1)), p.hollow) for p in stage.props
+    ]
+    for points, triangles, colour, hollow in solids:
+        a, b, c = (points[triangles[:, i]] for i in range(3))
+        face = np.cross(b - a, c - a)
+        face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
+        seen = (face @ panel.view.toward > 0) != hollow
+        light = brightness(np.where(hollow, -1.0, 1.0) * face[seen], panel.view, contrast=0.3)
+        corners.append(np.stack([a[seen], b[seen], c[seen]], axis=1))
+        colours.append(colour[seen] * light[:, None])
+    corner, colour = np.vstack(corners), np.clip(np.vstack(colours), 0.0, 1.0)
+    flat = panel.view.project(corner.reshape(-1, 3)).reshape(-1, 3, 3)
+    order = np.argsort(flat[:, :, 2].mean(axis=1))
+    panel.axes.add_collection(
+        # Edges of the faces' own colour close the hairlines between them.
+        PolyCollection(
+            list(flat[order, :, :2]), facecolors=colour[order], edgecolors=colour[order], linewidths=0.3, zorder=3.0
+        ),
+        autolim=False,
+    )
+
+
+def _signs(panel: FlatPanel, stage: Stage) -> None:
+    width = style.ARROW_WIDTH * stage.thickness
+    if len(stage.trace) > 1:
+        panel.lines(np.stack([stage.trace[:-1], stage.trace[1:]], axis=1), style.TRACE, 2.0, 2.5)
+    for start, vector in stage.arrows:
+        if np.linalg.norm(vector) > 2 * width:
+            panel.arrow(start, vector, width, style.MAGNETISATION, halo=True)
+    if stage.contact_force is not None:
+        start, vector = stage.contact_force
+        if np.linalg.norm(vector) > 2 * width:
+            panel.arrow(start, vector, 1.3 * width, style.CONTACT, halo=True)
+
+
+def _floor(panel: FlatPanel, stage: Stage, shot: Shot) -> None:
+    fill, grid, shade = floor_colours(stage.ground)
+    panel.faces([shot.floor()], fill, 1.0)
+    panel.lines(shot.floor_lines(stage.unit), grid, 1.4, 1.1)
+    dropped = shot.plane.dropped(stage.points.astype(float))
+    flat = panel.view.project(dropped)[:, :2][stage.triangles]
+    panel.axes.add_collection(
+        PolyCollection(list(flat), facecolors=shade, edgecolors=shade, linewidths=0.3, zorder=1.2), autolim=False
+    )
+    if len(stage.contact):
+        panel.balls(stage.contact, 0.1 * stage.thickness, style.CONTACT, 1.3)
