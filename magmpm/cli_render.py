@@ -14,7 +14,13 @@ if TYPE_CHECKING:
     from magmpm.results import Result
     from viz.worker import Renderer
 
-PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
+PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = (
+    "picture.png",
+    "movie.mp4",
+    "moments.png",
+    "energies.png",
+    "frames",
+)
 
 
 def render_run(
@@ -82,7 +88,9 @@ def _render_motion(
     from viz.play import Play
 
     if len(motion) == 0:
-        raise InputError(f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again")
+        raise InputError(
+            f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again"
+        )
     wanted = _numbers(frames, len(motion))
     play = Play(motion)
     files = motion_movie.pictures(play, out / FRAMES, renderer, wanted)

@@ -39,7 +39,9 @@ STATIC = ("part", "volume", "remanence", "reference")
 _FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
-_OVERHEAD = 65_536  # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
+_OVERHEAD = (
+    65_536  # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
+)
 _STEPS_CHUNK = 64  # frames
 _PATIENCE = 2.0  # s after which a file still marked as being written was left by a killed run
 Numbers = NDArray[np.float32]
@@ -185,7 +187,10 @@ class MotionWriter:
             _steps(steps.create_group("FieldDataOffsets"), "field", (), integer)
             _steps(steps.create_group("FieldDataSizes"), "field", (2,), integer)
         scene: Any = getattr(model, "scene", None)
-        about = {"scene": scene.to_si() if hasattr(scene, "to_si") else scene, "name": getattr(scene, "name", "")}
+        about = {
+            "scene": scene.to_si() if hasattr(scene, "to_si") else scene,
+            "name": getattr(scene, "name", ""),
+        }
         (self.folder / ABOUT).write_text(json.dumps(about) + "\n", encoding="utf-8")
         unfinished.replace(self.path)
 
@@ -270,7 +275,9 @@ class MotionWriter:
             for name in self.quantities:
                 root["PointData"][name].resize(kept * n, axis=0)
             root["FieldData"]["field"].resize(kept, axis=0)
-            steps.visititems(lambda _, item: item.resize(kept, axis=0) if isinstance(item, h5py.Dataset) else None)
+            steps.visititems(
+                lambda _, item: item.resize(kept, axis=0) if isinstance(item, h5py.Dataset) else None
+            )
             last = float(steps["Values"][kept - 1]) if kept else -np.inf
         for name in (ENERGIES, CONTACTS):
             _cut_rows(self.folder / name, last)
@@ -330,7 +337,9 @@ def _add_row(path: Path, row: Mapping[str, Any]) -> None:
         with path.open(encoding="utf-8", newline="") as stream:
             header = next(csv.reader(stream))
         if header != list(row):
-            raise ValueError(f"{path.name} has the columns {', '.join(header)}; this frame gives {', '.join(row)}")
+            raise ValueError(
+                f"{path.name} has the columns {', '.join(header)}; this frame gives {', '.join(row)}"
+            )
     with path.open("a", encoding="utf-8", newline="") as stream:
         stream.write(("" if not new else ",".join(row) + "\n") + ",".join(text) + "\n")
 
@@ -382,9 +391,10 @@ def mend(path: Path) -> None:
                 break
             clock.sleep(0.05)
     unfinished = path.with_name(f".{path.name}")
-    with h5py.File(path, "r", libver="latest", swmr=True, locking=False) as marked, h5py.File(
-        unfinished, "w", libver=_FORMAT, locking=False
-    ) as whole:
+    with (
+        h5py.File(path, "r", libver="latest", swmr=True, locking=False) as marked,
+        h5py.File(unfinished, "w", libver=_FORMAT, locking=False) as whole,
+    ):
         marked.copy("VTKHDF", whole)
     unfinished.replace(path)
 

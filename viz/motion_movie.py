@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from viz import stage_page, style
+from viz import stage_layout, style
 from viz.camera import View
 from viz.encode import NO_FFMPEG, Movie, write_gif, write_mp4
 from viz.layout import LegendItem, ScaleBar
@@ -43,15 +43,18 @@ def pace(times: np.ndarray, fps: float) -> float | None:
 
 
 def movie(
-    play: Play, path: str | Path, renderer: Renderer, *, fps: float | None = None, size: tuple[int, int] = style.MOVIE_SIZE
+    play: Play,
+    path: str | Path,
+    renderer: Renderer,
+    *,
+    fps: float | None = None,
+    size: tuple[int, int] = style.MOVIE_SIZE,
 ) -> Movie:
     """Show a motion from its first frame to its last.
 
     fps: frames a second, by default such that it lasts a few seconds. size: width and height, even numbers. Without imageio-ffmpeg a
-    GIF of the same name is written. Raises RenderError, also for a motion without frames.
+    GIF of the same name is written. Raises RenderError.
     """
-    if len(play) == 0:
-        raise RenderError("this motion has no frames: there is nothing to show")
     if size[0] % 2 or size[1] % 2:
         raise RenderError(f"a movie's size is {size[0]} x {size[1]}; mp4 needs even numbers")
     path = Path(path)
@@ -88,7 +91,8 @@ def _held(images: Iterator[np.ndarray], times: int) -> Iterator[np.ndarray]:
 def pictures(play: Play, folder: str | Path, renderer: Renderer, numbers: Sequence[int]) -> list[Path]:
     """PNG pictures of frames, folder/frame_0012.png. Raises RenderError."""
     return [
-        renderer.render_stage(play.stage(int(k)), play.shot, Path(folder) / f"frame_{int(k):04d}.png") for k in numbers
+        renderer.render_stage(play.stage(int(k)), play.shot, Path(folder) / f"frame_{int(k):04d}.png")
+        for k in numbers
     ]
 
 
@@ -100,8 +104,6 @@ def sheet(
     numbers: of frames, by default the first, the middle and the last; width: pixels, about. All are seen from the same place at the same
     scale. Raises RenderError.
     """
-    if len(play) == 0:
-        raise RenderError("this motion has no frames: there is nothing to show")
     numbers = list(chosen(len(play), 3) if numbers is None else numbers)
     natural = _aspect(play)
     across = len(numbers) if natural < 1.9 else 1
@@ -109,8 +111,8 @@ def sheet(
     wide = (width - (across + 1) * gap) // across
     tall = round(wide / float(np.clip(natural, 0.8, 4.0)))
     stages = [play.stage(int(k)) for k in numbers]
-    view = stage_page.main_view(play.shot, (wide, tall), stage_page.BARE)
-    panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=stage_page.BARE) for s in stages]
+    view = stage_layout.main_view(play.shot, (wide, tall), stage_layout.BARE)
+    panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=stage_layout.BARE) for s in stages]
     unit = round(0.0165 * width)  # pixels, a letter's height
     rows = -(-len(panels) // across)
     head, foot = round(1.9 * unit), 4 * unit
@@ -139,7 +141,7 @@ def sheet(
 
 def _moment(stage: Stage) -> str:
     text = "" if stage.time is None else f"t = {seconds(stage.time)}"
-    field = stage_page.field_text(stage)
+    field = stage_layout.field_text(stage)
     return f"{text}    {field}" if field else text
 
 
@@ -156,10 +158,13 @@ def _foot(page: Page, stages: Sequence[Stage], view: View, tall: int, unit: int)
     stage, letter = stages[-1], unit / page.height
     step = unit / page.width
     y = 2.2 * letter
-    label = max(0.5 * page.length(style.in_mm(stage.unit), letter), 0.25 * stage.unit / view.half_height * tall / page.width)
+    label = max(
+        0.5 * page.length(style.in_mm(stage.unit), letter),
+        0.25 * stage.unit / view.half_height * tall / page.width,
+    )
     middle, half = 0.6 * step + label, 0.25 * stage.unit / view.half_height * tall / page.width
     page.scale_bar(ScaleBar(stage.unit, middle - half, middle + half, y), size=letter)
-    items = stage_page.legend(stage)
+    items = stage_layout.legend(stage)
     if stage.field is not None:
         items = [LegendItem("arrow", (style.FIELD,), "field", 0, 0), *items]
     widths = [page.length(item.text, 0.9 * letter) + 1.2 * step for item in items]

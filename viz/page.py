@@ -79,9 +79,7 @@ class Page:
         self.draw.line(
             (*self.pixel(bar.left, bar.y), *self.pixel(bar.right, bar.y)), fill=style.INK, width=thick
         )
-        self.text(
-            style.in_mm(bar.unit), (bar.left + bar.right) / 2, bar.y - 0.036 * grow, size, anchor="mm"
-        )
+        self.text(style.in_mm(bar.unit), (bar.left + bar.right) / 2, bar.y - 0.036 * grow, size, anchor="mm")
 
     def legend(self, picture: Picture) -> None:
         for item in layout.legend(picture):

@@ -12,6 +12,7 @@ import numpy as np
 
 from viz import scenery
 from viz.camera import best_direction
+from viz.process import RenderError
 from viz.shapes import Surface, bar, tube
 from viz.stage import History, Shot, Stage
 from viz.surface import Binding, PartedBinding, around_particles, bodies, spacing
@@ -24,7 +25,12 @@ class Body:
     """The body's surface and its magnetisation arrows, and how both follow the particles."""
 
     def __init__(
-        self, scene: Mapping[str, Any], reference: np.ndarray, volume: np.ndarray, part: np.ndarray, remanence: np.ndarray
+        self,
+        scene: Mapping[str, Any],
+        reference: np.ndarray,
+        volume: np.ndarray,
+        part: np.ndarray,
+        remanence: np.ndarray,
     ) -> None:
         """reference (n, 3) m, volume (n,) m^3, part (n,), remanence (n, 3) T of the undeformed particles."""
         self.reference, self.part = np.asarray(reference, dtype=float), np.asarray(part)
@@ -32,7 +38,9 @@ class Body:
         self.surface, self._binding = self._bound(scene, np.asarray(volume, dtype=float))
         strength = np.linalg.norm(remanence, axis=1)
         parts = int(self.part.max()) + 1
-        strongest = np.bincount(self.part, strength, minlength=parts) / np.maximum(np.bincount(self.part, minlength=parts), 1)
+        strongest = np.bincount(self.part, strength, minlength=parts) / np.maximum(
+            np.bincount(self.part, minlength=parts), 1
+        )
         self.magnetised = strongest > 1e-9 * max(float(strongest.max()), 1e-12)
         self.length = float(np.ptp(self.reference, axis=0).max()) + self.size
         sides = np.sort(np.ptp(self.reference, axis=0)) + self.size
@@ -91,7 +99,8 @@ class Body:
         typical = float(np.median(sizes)) if sizes else self.length
         self._arrow_length = float(np.clip(0.9 * typical, 0.07 * self.length, 0.3 * self.length))
         nearest = [
-            p[np.argsort(np.linalg.norm(self.reference[p] - self.reference[p].mean(axis=0), axis=1))[:8]] for p in pieces
+            p[np.argsort(np.linalg.norm(self.reference[p] - self.reference[p].mean(axis=0), axis=1))[:8]]
+            for p in pieces
         ]
         return list(zip(pieces, nearest))
 
@@ -102,12 +111,18 @@ def _known_shape(scene: Mapping[str, Any], step: float) -> Surface | None:
     if "catheter" in body:
         c = body["catheter"]
         ends = np.cumsum(_lengths(c))
-        return tube(ends.tolist(), 0.5 * float(c["diameter"]), 0.5 * float(c.get("inner_diameter") or 0.0), step)
+        return tube(
+            ends.tolist(), 0.5 * float(c["diameter"]), 0.5 * float(c.get("inner_diameter") or 0.0), step
+        )
     if "strip" in body:
         c = body["strip"]
         ends = np.cumsum(_lengths(c)) if c.get("segments") else np.array([float(c["length"])])
         return bar(
-            ends.tolist(), float(c["width"]), float(c["thickness"]), step, c.get("position") or (0.0, 0.0, 0.0)
+            ends.tolist(),
+            float(c["width"]),
+            float(c["thickness"]),
+            step,
+            c.get("position") or (0.0, 0.0, 0.0),
         )
     return None
 
@@ -124,6 +139,9 @@ class Play:
     """A motion (magmpm.motion.Motion) ready to be drawn: `stage(k)` of each frame, all to be seen in one `shot`."""
 
     def __init__(self, motion: Any) -> None:
+        """Raises RenderError for a motion without frames."""
+        if len(motion) == 0:
+            raise RenderError("this motion has no frames yet: there is nothing to show")
         self.motion = motion
         scene = motion.scene or {}
         self.body = Body(scene, motion.reference, motion.volume, motion.part, motion.remanence)
@@ -135,7 +153,8 @@ class Play:
         known = np.isfinite(motion.fields).all(axis=1)
         self.history = History(motion.times[known], motion.fields[known]) if known.any() else None
         self._largest_force = max(
-            (float(np.linalg.norm(_forces(c), axis=1).max(initial=0.0)) for c in motion.contacts.values()), default=0.0
+            (float(np.linalg.norm(_forces(c), axis=1).max(initial=0.0)) for c in motion.contacts.values()),
+            default=0.0,
         )
         self._trace = self._traced()
         self.shot = self._shot()
@@ -201,11 +220,15 @@ class Play:
         """The way (frames, 3) m of a held body's free end, or of a free body's middle."""
         x = self.body.reference[:, 0]
         end = x > x.max() - 1.5 * self.body.size
-        kind: Mapping[str, Any] = next((s for s in (self._scene.get("body") or {}).values() if s is not None), {})
+        kind: Mapping[str, Any] = next(
+            (s for s in (self._scene.get("body") or {}).values() if s is not None), {}
+        )
         held = kind.get("clamp", "none") == "base"
         members = end if held else np.ones(len(x), dtype=bool)
         # Positions alone, a frame at a time: a motion may be larger than the memory.
-        return np.array([self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))])
+        return np.array(
+            [self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))]
+        )
 
     def _shot(self) -> Shot:
         extremes = []
@@ -250,7 +273,11 @@ class _OneFrame:
         position = np.asarray(result.particle_position, dtype=float)
         n = len(position)
         self.name, self.scene = result.name, result.scene
-        self.reference, self.volume, self.part = result.particle_reference, result.particle_volume, result.particle_segment
+        self.reference, self.volume, self.part = (
+            result.particle_reference,
+            result.particle_volume,
+            result.particle_segment,
+        )
         remanence = np.asarray(result.segment_remanence, dtype=float)[self.part]
         self.remanence = remanence
         self.times = np.zeros(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyvista as pv
 
-from viz import layout, page, stage3d, stage_page, style
+from viz import layout, page, stage3d, stage_layout, style
 from viz.camera import Frame
 from viz.canvas import Canvas, PanelCanvas
 from viz.picture import Picture
@@ -19,7 +19,9 @@ class Scene3D:
     def __init__(self) -> None:
         self._canvas = Canvas()
 
-    def stage(self, stage: Stage, shot: Shot, size: tuple[int, int], layout: stage_page.Layout) -> np.ndarray:
+    def stage(
+        self, stage: Stage, shot: Shot, size: tuple[int, int], layout: stage_layout.Layout
+    ) -> np.ndarray:
         """A moment of a motion as an image (height, width, 3) uint8."""
         return stage3d.draw(self._canvas, stage, shot, size, layout)
 

@@ -101,14 +101,18 @@ def _many(value: Any) -> list[Mapping[str, Any]]:
 
 
 def _diameter(scene: Mapping[str, Any], length: float) -> float:
-    body: Mapping[str, Any] = next((shape for shape in scene.get("body", {}).values() if shape is not None), {})
+    body: Mapping[str, Any] = next(
+        (shape for shape in scene.get("body", {}).values() if shape is not None), {}
+    )
     return float(body.get("diameter") or body.get("thickness") or 0.1 * length)
 
 
 def _pose(over_time: Mapping[str, Any], time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation (3, 3) about a centre (3,) m, and the shift before it (3,) m, of the field's sources (magmpm.fields has the rule)."""
     turn, centre, move = np.eye(3), np.zeros(3), np.zeros(3)
-    frames = [f for f in over_time.get("keyframes") or over_time.get("table") or () if f.get("move") is not None]
+    frames = [
+        f for f in over_time.get("keyframes") or over_time.get("table") or () if f.get("move") is not None
+    ]
     if frames:
         times = [float(f["time"]) for f in frames]
         move = np.array([np.interp(time, times, [float(f["move"][i]) for f in frames]) for i in range(3)])
@@ -180,7 +184,9 @@ def _dipole(dipole: Mapping[str, Any]) -> Iterator[Prop]:
     # A point is drawn as the neodymium sphere (1.3 T) it would take to make its moment.
     strength = float(np.linalg.norm(moment))
     radius = 0.5 * float(dipole.get("diameter") or 0.0) or (3e-7 * strength / 1.3) ** (1 / 3)
-    yield from _halves("magnet (N, S)", _ball(radius), _frame(moment if strength else (0, 0, 1)), dipole["position"])
+    yield from _halves(
+        "magnet (N, S)", _ball(radius), _frame(moment if strength else (0, 0, 1)), dipole["position"]
+    )
 
 
 def _ball(radius: float) -> Surface:
@@ -190,13 +196,19 @@ def _ball(radius: float) -> Surface:
     rings = [
         radius
         * np.stack(
-            [np.full(AROUND, -np.cos(a)), max(np.sin(a), 1e-6) * np.cos(turn), max(np.sin(a), 1e-6) * np.sin(turn)],
+            [
+                np.full(AROUND, -np.cos(a)),
+                max(np.sin(a), 1e-6) * np.cos(turn),
+                max(np.sin(a), 1e-6) * np.sin(turn),
+            ],
             axis=1,
         )
         for a in angle
     ]
     whole = lofted(rings, 0, closed=True, flip=True)
-    return Surface(whole.points, whole.triangles, (whole.points[whole.triangles].mean(axis=1)[:, 0] > 0).astype(int))
+    return Surface(
+        whole.points, whole.triangles, (whole.points[whole.triangles].mean(axis=1)[:, 0] > 0).astype(int)
+    )
 
 
 def _coil(coil: Mapping[str, Any]) -> Prop:
@@ -212,7 +224,11 @@ def _clamps(scene: Mapping[str, Any]) -> Iterator[Prop]:
     """Plates at the ends that a catheter or strip is held by."""
     body = scene.get("body") or {}
     shape = body.get("catheter") or body.get("strip")
-    if not shape or shape.get("clamp", "base") == "none" or (scene.get("effects") or {}).get("feed") is not None:
+    if (
+        not shape
+        or shape.get("clamp", "base") == "none"
+        or (scene.get("effects") or {}).get("feed") is not None
+    ):
         return
     base = np.asarray(shape.get("position") or (0.0, 0.0, 0.0), dtype=float)
     thick = float(shape.get("diameter") or shape.get("thickness"))
@@ -228,7 +244,14 @@ def _clamps(scene: Mapping[str, Any]) -> Iterator[Prop]:
 
 def _guide(low: float, high: float, radius: float) -> Prop:
     shape = tube([high - low], radius, 0.0, high - low, AROUND)
-    return Prop("guide", shape.points + np.array([low, 0.0, 0.0]), shape.triangles, style.WALL, hollow=True, framed=False)
+    return Prop(
+        "guide",
+        shape.points + np.array([low, 0.0, 0.0]),
+        shape.triangles,
+        style.WALL,
+        hollow=True,
+        framed=False,
+    )
 
 
 def swept(path: np.ndarray, radius: float | np.ndarray, around: int = 32) -> tuple[np.ndarray, np.ndarray]:

@@ -67,7 +67,9 @@ def tube(ends: Sequence[float], outer: float, inner: float, step: float, around:
     return Surface.joined(pieces)
 
 
-def bar(ends: Sequence[float], width: float, thickness: float, step: float, base: Sequence[float] = (0, 0, 0)) -> Surface:
+def bar(
+    ends: Sequence[float], width: float, thickness: float, step: float, base: Sequence[float] = (0, 0, 0)
+) -> Surface:
     """A straight bar with sharp edges along +x: width along y, thickness along z, all in m.
 
     ends: m from the base, where each part ends; base (3,) m: centre of its base face; step: m, about the length of a triangle.
@@ -77,9 +79,17 @@ def bar(ends: Sequence[float], width: float, thickness: float, step: float, base
     for k, end in enumerate(ends):
         along = np.linspace(start, end, max(round((end - start) / step), 1) + 1)
         for side in (-1, 1):
-            top = [np.stack([np.full(len(y), x), y, np.full(len(y), side * thickness / 2)], axis=1) for x in along]
-            face = [np.stack([np.full(len(z), x), np.full(len(z), side * width / 2), z], axis=1) for x in along]
-            pieces += [lofted(top, k, closed=False, flip=side < 0), lofted(face, k, closed=False, flip=side > 0)]
+            top = [
+                np.stack([np.full(len(y), x), y, np.full(len(y), side * thickness / 2)], axis=1)
+                for x in along
+            ]
+            face = [
+                np.stack([np.full(len(z), x), np.full(len(z), side * width / 2), z], axis=1) for x in along
+            ]
+            pieces += [
+                lofted(top, k, closed=False, flip=side < 0),
+                lofted(face, k, closed=False, flip=side > 0),
+            ]
         start = end
     for x, part, front in ((0.0, 0, False), (ends[-1], len(ends) - 1, True)):
         rows = [np.stack([np.full(len(z), x), np.full(len(z), at), z], axis=1) for at in y]

@@ -119,7 +119,9 @@ class Shot:
         """Lines (n, 2, 3) m on the floor at multiples of the spacing (m)."""
         corners, plane = self.floor(), self.plane
         u, v = _across(plane.normal)
-        (a0, b0), (a1, b1) = ([float((c - plane.point) @ u), float((c - plane.point) @ v)] for c in corners[[0, 2]])
+        (a0, b0), (a1, b1) = (
+            [float((c - plane.point) @ u), float((c - plane.point) @ v)] for c in corners[[0, 2]]
+        )
         shift = float(plane.point @ u), float(plane.point @ v)
 
         def marks(low: float, high: float, origin: float) -> np.ndarray:

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from viz import stage_page, style
+from viz import stage_layout, stage_page, style
 from viz.canvas import Canvas, PanelCanvas
 from viz.shapes import normals
 from viz.stage import Shot, Stage, floor_colours
-from viz.stage_page import PAGE, Layout
+from viz.stage_layout import PAGE, Layout
 
 
 def draw(
     canvas: Canvas, stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE
 ) -> np.ndarray:
     """The stage as an image (height, width, 3) uint8."""
-    view = stage_page.main_view(shot, size, layout)
+    view = stage_layout.main_view(shot, size, layout)
     canvas.clear(size)
     main = canvas.panel(layout.main, view, shot.reach)
     _floor(main, stage, shot)
     for prop in stage.props:
         main.surface(prop.points, prop.triangles, prop.colour, only_far_side=prop.hollow)
     points = stage.points.astype(float)
-    main.surface(points, stage.triangles, stage.colours, normals=normals(points, stage.triangles), glossy=True)
+    main.surface(
+        points, stage.triangles, stage.colours, normals=normals(points, stage.triangles), glossy=True
+    )
     _signs(main, stage, 0.3 * shot.reach)
-    around = stage_page.around(view)
+    around = stage_layout.around(view)
     if layout.compass is not None:
         compass = canvas.panel(layout.compass, around, reach=10.0)
-        for _, vector in stage_page.compass_arrows(stage):
+        for _, vector in stage_layout.compass_arrows(stage):
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
-    field = stage_page.field_arrow(stage)
+    field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
         canvas.panel(layout.field, around, reach=10.0).arrow(-0.5 * field, field, 0.2, style.FIELD)
     image = canvas.image(fine=size[0] > style.TRIAL_SIZE[0])
@@ -62,4 +64,6 @@ def _floor(panel: PanelCanvas, stage: Stage, shot: Shot) -> None:
     panel.surface(panel.view.lift(dropped, 2 * layer), stage.triangles, shade, lit=False)
     if len(stage.contact):
         # Just above the shadow: marks of where the body stands.
-        panel.balls(panel.view.lift(stage.contact, 4 * layer), 0.1 * stage.thickness, style.CONTACT, lit=False)
+        panel.balls(
+            panel.view.lift(stage.contact, 4 * layer), 0.1 * stage.thickness, style.CONTACT, lit=False
+        )

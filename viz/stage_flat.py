@@ -10,32 +10,30 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from viz import stage_page, style
+from viz import stage_layout, stage_page, style
 from viz.matplotlib_scene import FlatPanel
 from viz.shade import brightness
 from viz.stage import Shot, Stage, floor_colours
-from viz.stage_page import PAGE, Layout
+from viz.stage_layout import PAGE, Layout
 
 _DPI = 100.0
 
 
-def draw(
-    stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE
-) -> np.ndarray:
+def draw(stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE) -> np.ndarray:
     """The stage as an image (height, width, 3) uint8, laid out and seen as viz.stage3d draws it."""
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
-    view = stage_page.main_view(shot, size, layout)
+    view = stage_layout.main_view(shot, size, layout)
     main = FlatPanel(figure, layout.main, view)
     _floor(main, stage, shot)
     _solids(main, stage)
     _signs(main, stage)
-    around = stage_page.around(view)
+    around = stage_layout.around(view)
     if layout.compass is not None:
         compass = FlatPanel(figure, layout.compass, around)
-        for _, vector in stage_page.compass_arrows(stage):
+        for _, vector in stage_layout.compass_arrows(stage):
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
-    field = stage_page.field_arrow(stage)
+    field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
         FlatPanel(figure, layout.field, around).arrow(-0.5 * field, field, 0.2, style.FIELD)
     canvas.draw()
@@ -48,7 +46,8 @@ def _solids(panel: FlatPanel, stage: Stage) -> None:
     corners, colours = [], []
     solids = [(stage.points.astype(float), stage.triangles, stage.colours, False)]
     solids += [
-        (p.points, p.triangles, np.tile(style.rgb(p.colour), (len(p.triangles), 1)), p.hollow) for p in stage.props
+        (p.points, p.triangles, np.tile(style.rgb(p.colour), (len(p.triangles), 1)), p.hollow)
+        for p in stage.props
     ]
     for points, triangles, colour, hollow in solids:
         a, b, c = (points[triangles[:, i]] for i in range(3))
@@ -64,7 +63,11 @@ def _solids(panel: FlatPanel, stage: Stage) -> None:
     panel.axes.add_collection(
         # Edges of the faces' own colour close the hairlines between them.
         PolyCollection(
-            list(flat[order, :, :2]), facecolors=colour[order], edgecolors=colour[order], linewidths=0.3, zorder=3.0
+            list(flat[order, :, :2]),
+            facecolors=colour[order],
+            edgecolors=colour[order],
+            linewidths=0.3,
+            zorder=3.0,
         ),
         autolim=False,
     )
@@ -90,7 +93,8 @@ def _floor(panel: FlatPanel, stage: Stage, shot: Shot) -> None:
     dropped = shot.plane.dropped(stage.points.astype(float))
     flat = panel.view.project(dropped)[:, :2][stage.triangles]
     panel.axes.add_collection(
-        PolyCollection(list(flat), facecolors=shade, edgecolors=shade, linewidths=0.3, zorder=1.2), autolim=False
+        PolyCollection(list(flat), facecolors=shade, edgecolors=shade, linewidths=0.3, zorder=1.2),
+        autolim=False,
     )
     if len(stage.contact):
         panel.balls(stage.contact, 0.1 * stage.thickness, style.CONTACT, 1.3)

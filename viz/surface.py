@@ -81,7 +81,10 @@ def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarr
     quads = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        low, high = (tuple(slice(k, values.shape[i] - 1 + k) if i == axis else slice(None) for i in range(3)) for k in (0, 1))
+        low, high = (
+            tuple(slice(k, values.shape[i] - 1 + k) if i == axis else slice(None) for i in range(3))
+            for k in (0, 1)
+        )
         crossing = np.argwhere(inside[low] != inside[high])
         crossing = crossing[(crossing[:, u] > 0) & (crossing[:, v] > 0)]
         crossing = crossing[(crossing[:, u] < cells[u]) & (crossing[:, v] < cells[v])]
@@ -112,13 +115,15 @@ class Binding:
         basis = np.concatenate([np.ones((*near.shape, 1)), offset], axis=2)
         moment = np.einsum("mk,mki,mkj->mij", weight, basis, basis)
         # Where the neighbours lie in a plane or a line, what they do not determine stays out.
-        moment[:, 1:, 1:] += 1e-6 * np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        moment[:, 1:, 1:] += 1e-9 * np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         first = np.zeros((len(points), 4, 1))
         first[:, 0] = 1.0
         coefficient = np.linalg.solve(moment, first)[:, :, 0]
         value = weight * np.einsum("mki,mi->mk", basis, coefficient)
         rows = np.repeat(np.arange(len(points)), count)
-        self._matrix = sparse.csr_matrix((value.ravel(), (rows, near.ravel())), shape=(len(points), len(reference)))
+        self._matrix = sparse.csr_matrix(
+            (value.ravel(), (rows, near.ravel())), shape=(len(points), len(reference))
+        )
 
     def at(self, position: np.ndarray) -> np.ndarray:
         """Where the points are, (m, 3) m, when the particles are at position (n, 3) m."""
@@ -129,7 +134,11 @@ class PartedBinding:
     """A Binding for each body of its own, so that bodies that touch do not pull each other's surface."""
 
     def __init__(
-        self, points: np.ndarray, body_of_point: np.ndarray, reference: np.ndarray, body_of_particle: np.ndarray
+        self,
+        points: np.ndarray,
+        body_of_point: np.ndarray,
+        reference: np.ndarray,
+        body_of_particle: np.ndarray,
     ) -> None:
         self._count = len(points)
         self._bodies = [

@@ -23,7 +23,7 @@ from viz.camera import Frame
 from viz.picture import Picture
 from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
 from viz.stage import Shot, Stage
-from viz.stage_page import PAGE, Layout
+from viz.stage_layout import PAGE, Layout
 from viz.worker_main import draw, draw_stage
 
 BACKENDS = ("pyvista", "matplotlib")

@@ -55,7 +55,9 @@ def draw(picture: Any, frame: Any, size: tuple[int, int], path: str | None) -> n
     return _saved(_backend(picture, frame, size), path)
 
 
-def draw_stage(stage: Any, shot: Any, size: tuple[int, int], layout: Any, path: str | None) -> np.ndarray | None:
+def draw_stage(
+    stage: Any, shot: Any, size: tuple[int, int], layout: Any, path: str | None
+) -> np.ndarray | None:
     """As `draw`, a moment of a motion."""
     if _stage_backend is None:
         raise RuntimeError("no backend is open in this process; use viz.worker.Renderer")

@@ -41,7 +41,9 @@ def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
     return SimpleNamespace(particles=particles, magnet=0.138 * np.eye(3)[segment % 2], scene=None)
 
 
-def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4) -> Iterator[Moment]:
+def bending(
+    model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4
+) -> Iterator[Moment]:
     """Circular bending in the x-z plane, curvature most sin(2 pi t / period) (1/m): sections stay plane and of their shape."""
     X = model.particles.position
     V = model.particles.volume
@@ -67,7 +69,13 @@ def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: fl
                 "elastic": float(elastic),
                 "magnetic_torque": -1e-6 * float(np.sin(phase)),
             },
-            contacts={"ground": {"force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "deepest": down}},
+            contacts={
+                "ground": {
+                    "force": np.array([0.0, 0.0, 1e3 * down]),
+                    "count": int(1e6 * down),
+                    "deepest": down,
+                }
+            },
             field=field,
         )
 

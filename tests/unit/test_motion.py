@@ -28,7 +28,9 @@ def contents(folder: Path) -> dict[str, Any]:
     """Everything a motion's files hold."""
     found: dict[str, Any] = {}
     with h5py.File(folder / motion.MOTION, "r") as file:
-        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None
+        )
         found["NSteps"] = file["VTKHDF/Steps"].attrs["NSteps"]
     for name in (motion.ENERGIES, motion.CONTACTS):
         found[name] = (folder / name).read_bytes()
@@ -62,7 +64,11 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
         for name, array in wanted.items():
             # Rounded once to single precision; absolute where an entry is a difference of large ones.
             np.testing.assert_allclose(
-                frame.quantities[name], array, rtol=SINGLE, atol=1e-13 * (1 + np.abs(array).max()), err_msg=name
+                frame.quantities[name],
+                array,
+                rtol=SINGLE,
+                atol=1e-13 * (1 + np.abs(array).max()),
+                err_msg=name,
             )
         np.testing.assert_array_equal(frame.field, moment.field)
         assert read.energies["kinetic"][k] == moment.energies["kinetic"]
@@ -79,7 +85,9 @@ def test_von_mises_of_known_stresses() -> None:
     pull[0, 0] = 7.0
     shear[0, 1] = shear[1, 0] = 2.0
     torque[0, 1], torque[1, 0] = 5.0, -5.0
-    np.testing.assert_allclose(von_mises(np.stack([pull, shear, pressure, torque])), [7, 2 * np.sqrt(3), 0, 0], atol=1e-14)
+    np.testing.assert_allclose(
+        von_mises(np.stack([pull, shear, pressure, torque])), [7, 2 * np.sqrt(3), 0, 0], atol=1e-14
+    )
 
 
 def test_vtk_reads_every_step_as_paraview_does(tmp_path: Path) -> None:
@@ -148,7 +156,13 @@ def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
     writer = MotionWriter(tmp_path / "kept", model, max_disk=budget)
     with pytest.raises(BudgetError) as caught:
         motions.write(writer, motions.bending(model, TIMES))
-    for phrase in ("solver.dynamic.max_disk", "MB", f"after {writer.frames} frames", "output_every", "raise max_disk"):
+    for phrase in (
+        "solver.dynamic.max_disk",
+        "MB",
+        f"after {writer.frames} frames",
+        "output_every",
+        "raise max_disk",
+    ):
         assert phrase in str(caught.value)
     assert isinstance(caught.value, SolveError)
     assert caught.value.exit_status == 3

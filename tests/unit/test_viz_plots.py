@@ -23,7 +23,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         drawn.append(figure)
         return Path(path)
 
-    monkeypatch.setattr(plots, "_saved", keep)
+    monkeypatch.setattr(plots, "saved", keep)
     return drawn
 
 

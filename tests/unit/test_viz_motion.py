@@ -1,0 +1,340 @@
+"""What stands on the stage of a motion, where it is seen from, and that both backends draw it."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from reference import motions
+
+from magmpm.motion import Motion, MotionWriter
+from viz import motion_movie, motion_plots, scenery, stage_layout, style
+from viz.play import Play, Still
+from viz.process import RenderError
+from viz.stage import Stage
+from viz.worker import Renderer
+
+SIZE = (320, 180)
+CATHETER = {"length": 0.04, "diameter": 0.004, "clamp": "base", "segments": [{"length": 0.01}, {}, {}]}
+MAGNET = {"cylinder": {"diameter": 0.01, "length": 0.02}, "position": [0.05, 0.0, 0.02], "axis": [0, 0, 1]}
+
+
+def scene(**more: Any) -> dict[str, Any]:
+    return {
+        "name": "bending",
+        "body": {"catheter": CATHETER},
+        "effects": {"ground": {"point": [0, 0, -0.006], "normal": [0, 0, 1]}, "gravity": {}},
+        "field": {"magnet": [MAGNET]},
+        **more,
+    }
+
+
+def played(folder: Path, said: dict[str, Any] | None = None, frames: int = 9) -> Play:
+    """A catheter that bends up, and down into the ground."""
+    model = motions.body()
+    model.scene = SimpleNamespace(to_si=lambda: scene() if said is None else said, name="bending")
+    motions.write(MotionWriter(folder, model), motions.bending(model, np.linspace(0.0, 0.4, frames)))
+    return Play(Motion.load(folder))
+
+
+@pytest.fixture(scope="module")
+def play(tmp_path_factory: pytest.TempPathFactory) -> Play:
+    return played(tmp_path_factory.mktemp("motion"))
+
+
+@pytest.fixture(scope="module")
+def flat() -> Iterator[Renderer]:
+    with Renderer("matplotlib") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def solid() -> Iterator[Renderer]:
+    with Renderer() as opened:
+        opened.wait_ready()
+        if opened.backend != "pyvista":
+            pytest.skip("no OpenGL library here")
+        yield opened
+
+
+def count(image: np.ndarray, colour: str, within: int = 40) -> int:
+    """Pixels near a colour."""
+    return int(
+        np.count_nonzero(
+            np.abs(image.astype(int) - np.round(255 * np.array(style.rgb(colour)))).max(axis=2) < within
+        )
+    )
+
+
+def test_the_body_is_a_closed_tube_with_its_segments_and_follows_the_motion(play: Play) -> None:
+    straight, up = play.stage(0), play.stage(2)
+    assert straight.points[:, 0].max() == pytest.approx(motions.LENGTH, abs=1e-4)
+    ends = [straight.points[straight.triangles[straight.part == k], 0].max() for k in range(3)]
+    np.testing.assert_allclose(ends, [0.01, 0.025, 0.04], atol=1e-4)
+    # Bent to a circle of curvature 60/m at a quarter of the period.
+    tip = motions.bent(np.array([[motions.LENGTH, 0.0, 0.0]]), 60.0)[0][0]
+    assert np.linalg.norm(up.points - tip, axis=1).min() < 0.1 * motions.DIAMETER
+
+
+def test_one_arrow_for_each_magnetised_part_along_its_magnetisation(play: Play) -> None:
+    arrows = play.stage(0).arrows
+    assert len(arrows) == 3
+    directions = arrows[:, 1] / np.linalg.norm(arrows[:, 1], axis=1, keepdims=True)
+    np.testing.assert_allclose(directions, np.eye(3)[[0, 1, 0]], atol=1e-6)
+    middles = arrows[:, 0] + 0.5 * arrows[:, 1]
+    np.testing.assert_allclose(middles[:, 0], motions.LENGTH * np.array([1, 3, 5]) / 6, atol=1e-3)
+
+
+def test_a_magnetisation_that_turns_gets_several_arrows(tmp_path: Path) -> None:
+    model = motions.body(segments=1)
+    angle = 2 * np.pi * model.particles.position[:, 0] / motions.LENGTH
+    model.magnet = 0.1 * np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
+    motions.write(MotionWriter(tmp_path, model), motions.bending(model, [0.0]))
+    arrows = Play(Motion.load(tmp_path)).stage(0).arrows
+    assert len(arrows) == 8
+    turned = np.unwrap(np.arctan2(arrows[:, 1, 2], arrows[:, 1, 0]))
+    np.testing.assert_allclose(np.diff(turned), 2 * np.pi / 8, rtol=0.05)
+
+
+def test_contact_is_shown_when_there_is_some(play: Play) -> None:
+    above, below = play.stage(2), play.stage(6)
+    assert len(above.contact) == 0
+    assert above.contact_force is None
+    assert len(below.contact) > 3
+    np.testing.assert_allclose(below.contact[:, 2], -0.006)
+    assert below.contact_force is not None
+    start, vector = below.contact_force
+    assert vector[2] > 0
+    assert vector[:2] == pytest.approx(0.0)
+    assert start[2] == pytest.approx(-0.006)
+
+
+def test_everything_stays_in_view_for_the_whole_motion(play: Play) -> None:
+    view = stage_layout.main_view(play.shot, SIZE)
+    aspect = stage_layout.MAIN.aspect(SIZE[0] / SIZE[1])
+    for k in range(len(play)):
+        stage = play.stage(k)
+        for points in (stage.points, *(p.points for p in stage.props if p.framed)):
+            flat = view.project(points)
+            assert np.abs(flat[:, 0]).max() <= aspect
+            assert np.abs(flat[:, 1]).max() <= 1.0
+
+
+def test_the_caption_tells_time_and_pace(play: Play) -> None:
+    assert play.stage(2, 10.0).caption() == "t = 0.100 s   10× slower"
+    assert play.stage(2, 1.0).caption() == "t = 0.100 s   real time"
+    times = np.linspace(0.0, 0.4, 41)
+    # 40 intervals in 40/10 s of film show 0.4 s.
+    assert motion_movie.pace(times, 10.0) == pytest.approx(10.0)
+
+
+def test_legend_and_curve_only_of_what_is_there(play: Play, tmp_path: Path) -> None:
+    assert {item.text for item in stage_layout.legend(play.stage(0))} >= {
+        "ground",
+        "contact force",
+        "magnet (N, S)",
+    }
+    assert stage_layout.varies(play.stage(0))
+    bare = played(tmp_path, {"body": {"catheter": CATHETER}}, frames=2)
+    assert {item.text for item in stage_layout.legend(bare.stage(0))} == {
+        "magnetic",
+        "magnetisation",
+        "clamp",
+    }
+
+
+def test_moving_and_turning_magnets_are_drawn_where_they_are() -> None:
+    field = {
+        "magnet": [MAGNET],
+        "over_time": {
+            "keyframes": [{"time": 0.0, "move": [0, 0, 0]}, {"time": 1.0, "move": [-0.02, 0, 0]}],
+            "rotation": {"axis": [0, 0, 1], "frequency": 0.5, "center": [0, 0, 0], "turns": 0.25},
+        },
+    }
+    for time, centre in ((0.0, [0.05, 0.0, 0.02]), (0.5, [0.0, 0.04, 0.02]), (1.0, [0.0, 0.03, 0.02])):
+        props = scenery.sources({"field": field}, time)
+        middle = 0.5 * (
+            np.max([p.points.max(axis=0) for p in props], axis=0)
+            + np.min([p.points.min(axis=0) for p in props], axis=0)
+        )
+        np.testing.assert_allclose(middle, centre, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("magnet", "north"),
+    [
+        (MAGNET, [0, 0, 1]),
+        ({**MAGNET, "magnetization": [0, 0, -1]}, [0, 0, -1]),
+        ({**MAGNET, "magnetization": [1, 0, 0]}, [1, 0, 0]),
+        (
+            {"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.05, 0.0, 0.02], "axis": [0, 0, 1]},
+            [0, 0, 1],
+        ),
+    ],
+)
+def test_red_is_north(magnet: dict[str, Any], north: list[float]) -> None:
+    middle = {
+        p.colour: p.points[p.triangles].mean(axis=(0, 1))
+        for p in scenery.sources({"field": {"magnet": magnet}}, 0.0)
+    }
+    away = middle[style.NORTH] - middle[style.SOUTH]
+    # A facet that lies across the border is on one side of it.
+    np.testing.assert_allclose(away / np.linalg.norm(away), north, atol=0.01)
+
+
+def test_a_block_has_its_edges_where_the_scene_says() -> None:
+    magnet = {"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.0, 0.0, 0.0], "axis": [0, 0, 1]}
+    props = scenery.sources({"field": {"magnet": magnet}}, 0.0)
+    np.testing.assert_allclose(
+        np.ptp(np.vstack([p.points for p in props]), axis=0), [0.03, 0.02, 0.01], atol=1e-12
+    )
+
+
+def test_a_far_magnet_does_not_make_the_body_a_speck(tmp_path: Path) -> None:
+    far = {**MAGNET, "position": [0.5, 0.0, 0.0]}
+    near, away = played(tmp_path / "near"), played(tmp_path / "far", scene(field={"magnet": [far]}))
+    assert away.shot.view(1.5).half_height <= near.shot.view(1.5).half_height
+
+
+def drawn(renderer: Renderer, play: Play) -> tuple[np.ndarray, np.ndarray]:
+    return tuple(renderer.stage_image(play.stage(k), play.shot, size=(800, 450)) for k in (2, 6))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("backend", ["flat", "solid"])
+def test_both_backends_show_body_magnet_ground_and_contact(
+    backend: str, play: Play, request: pytest.FixtureRequest
+) -> None:
+    up, down = drawn(request.getfixturevalue(backend), play)
+    for colour in (style.NORTH, style.SOUTH, style.SEGMENTS[0], style.SEGMENTS[1], style.GROUND):
+        assert count(up, colour) > 150, colour
+    # Blue stands for contact: in the legend always, in the view when there is some.
+    assert count(down, style.CONTACT) > count(up, style.CONTACT) + 60
+    assert up.shape == (450, 800, 3)
+
+
+def test_both_backends_show_things_at_the_same_place(play: Play, flat: Renderer, solid: Renderer) -> None:
+    for one, other in zip(drawn(flat, play), drawn(solid, play)):
+        for colour in (style.SOUTH, style.SEGMENTS[1]):
+            places = [
+                np.argwhere(
+                    np.abs(i.astype(int) - np.round(255 * np.array(style.rgb(colour)))).max(axis=2) < 50
+                )[:, :2].mean(axis=0)
+                for i in (one[:350], other[:350])
+            ]
+            # Shading decides which pixels come near the colour: a few of 450.
+            assert np.abs(places[0] - places[1]).max() < 12
+
+
+def test_the_movie_shows_every_frame_and_holds_the_last(play: Play, flat: Renderer, tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    made = motion_movie.movie(play, tmp_path / "movie.mp4", flat, fps=10, size=SIZE)
+    assert made.note == ""
+    frames, seconds = ffmpeg.count_frames_and_secs(str(made.path))
+    assert frames == len(play) + 10
+    assert seconds == pytest.approx(frames / 10, abs=0.11)
+
+
+def test_without_ffmpeg_the_movie_is_a_gif(
+    play: Play, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find, missing = importlib.util.find_spec, "imageio_ffmpeg"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
+    made = motion_movie.movie(play, tmp_path / "movie.mp4", flat, size=SIZE)
+    assert made.path.name == "movie.gif"
+    assert "magmpm[render]" in made.note
+    with Image.open(made.path) as gif:
+        assert gif.n_frames == len(play)  # type: ignore[attr-defined]
+
+
+def test_long_motions_are_thinned_and_keep_their_ends() -> None:
+    numbers = motion_movie.chosen(10_001, 500)
+    assert len(numbers) == 500
+    assert (numbers[0], numbers[-1]) == (0, 10_000)
+    np.testing.assert_array_equal(motion_movie.chosen(7, 500), np.arange(7))
+
+
+def test_the_moments_stand_side_by_side_at_one_scale(play: Play, flat: Renderer, tmp_path: Path) -> None:
+    with Image.open(motion_movie.sheet(play, tmp_path / "moments.png", flat, width=900)) as image:
+        assert abs(image.width - 900) < 4
+        assert image.height < image.width
+        pixels = np.asarray(image.convert("RGB"))
+    thirds = np.array_split(pixels, 3, axis=1)
+    # The magnet does not move: it fills as many pixels in each panel.
+    shown = [count(third[: image.height * 3 // 4], style.SOUTH) for third in thirds]
+    assert min(shown) > 50
+    assert max(shown) - min(shown) < 0.1 * max(shown)
+
+
+def test_a_run_that_blew_up_is_drawn_as_far_as_it_is_finite(tmp_path: Path, flat: Renderer) -> None:
+    model = motions.body()
+    with MotionWriter(tmp_path, model) as writer:
+        good, bad = motions.bending(model, [0.0, 0.1])
+        writer.frame(good.time, good.x, good.v, good.F, good.P, good.energies)
+        bad.x[:50] = np.nan
+        writer.frame(bad.time, bad.x, bad.v, bad.F, bad.P, bad.energies)
+    play = Play(Motion.load(tmp_path))
+    stage = play.stage(1)
+    assert 0 < len(stage.triangles) < len(play.stage(0).triangles)
+    assert count(flat.stage_image(stage, play.shot, size=SIZE), style.SEGMENTS[0]) > 20
+
+
+def test_a_motion_without_frames_is_refused(tmp_path: Path) -> None:
+    MotionWriter(tmp_path, motions.body())
+    with pytest.raises(RenderError, match="no frames"):
+        Play(Motion.load(tmp_path))
+
+
+def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
+    """Without a catheter's centreline: sharp edges from the scene, colours by segment, magnetisation arrows."""
+    X = np.stack(np.meshgrid(np.arange(40), np.arange(10), np.arange(4), indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
+    X = (X + [0.5, -4.5, -1.5]) * 0.5e-3
+    segment = (X[:, 0] > 0.01).astype(np.int32)
+    result = SimpleNamespace(
+        name="strip",
+        scene={
+            "body": {
+                "catheter": None,
+                "strip": {
+                    "length": 0.02,
+                    "width": 0.005,
+                    "thickness": 0.002,
+                    "clamp": "base",
+                    "segments": [{}, {}],
+                },
+            }
+        },
+        particle_reference=X,
+        particle_position=motions.bent(X, 40.0)[0],
+        particle_volume=np.full(len(X), 0.125e-9),
+        particle_segment=segment,
+        segment_remanence=np.array([[0.1, 0, 0], [0, 0, 0.0]]),
+        field=np.array([0, 0, 8e-3]),
+    )
+    still = Still(result)
+    stage: Stage = still.picture()
+    assert stage.caption() == ""
+    assert len(stage.arrows) == 1
+    low, high = stage.points.min(axis=0), stage.points.max(axis=0)
+    assert high[1] - low[1] == pytest.approx(0.005, rel=1e-2)
+    image = flat.stage_image(stage, still.shot, size=(800, 450))
+    assert count(image, style.SEGMENTS[0]) > 300
+    assert count(image, style.UNMAGNETISED) > 300
+
+
+def test_energies_and_forces_are_plotted(play: Play, tmp_path: Path) -> None:
+    path = motion_plots.motion(
+        play.motion.energies, play.motion.contacts, tmp_path / "energies.svg", "bending"
+    )
+    text = path.read_text()
+    for word in ("kinetic", "elastic", "magnetic torque", "total", "ground", "time (s)"):
+        assert word in text
+    alone = motion_plots.motion(play.motion.energies, {}, tmp_path / "alone.svg")
+    assert "contact force" not in alone.read_text()

@@ -1,0 +1,101 @@
+"""Surfaces are closed and of the right volume, and move as the body does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference import motions
+
+from viz.shapes import Surface, bar, normals, refined, tube
+from viz.surface import Binding, PartedBinding, around_particles, bodies, spacing, surface_nets
+
+
+def volume(surface: Surface) -> float:
+    """By the divergence theorem: positive where the triangles look outward."""
+    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
+
+
+def test_known_shapes_enclose_their_volume() -> None:
+    # A polygon of 40 corners has sin(2 pi / 40) / (2 pi / 40) = 0.9959 of its circle's area.
+    share = np.sin(2 * np.pi / 40) / (2 * np.pi / 40)
+    rod = tube([0.01, 0.03], 0.002, 0.0, 1e-3)
+    assert volume(rod) == pytest.approx(share * np.pi * 0.002**2 * 0.03, rel=1e-5)
+    hollow = tube([0.03], 0.002, 0.001, 1e-3)
+    assert volume(hollow) == pytest.approx(share * np.pi * (0.002**2 - 0.001**2) * 0.03, rel=1e-5)
+    assert volume(bar([1.0, 3.0], 2.0, 0.5, 0.3, (5.0, 6.0, 7.0))) == pytest.approx(3.0, rel=1e-12)
+
+
+def test_parts_of_known_shapes_end_where_they_were_told_to() -> None:
+    surface = bar([0.01, 0.03, 0.04], 0.004, 0.002, 1e-3)
+    for part, (low, high) in enumerate([(0.0, 0.01), (0.01, 0.03), (0.03, 0.04)]):
+        x = surface.points[surface.triangles[surface.part == part], 0]
+        np.testing.assert_allclose([x.min(), x.max()], [low, high], atol=1e-15)
+
+
+def test_refining_keeps_the_shape_and_shortens_every_edge() -> None:
+    coarse = bar([3.0], 2.0, 0.5, 9.0)
+    fine = refined(coarse, 0.4)
+    assert volume(fine) == pytest.approx(volume(coarse), rel=1e-12)
+    edges = fine.points[fine.triangles] - fine.points[np.roll(fine.triangles, 1, axis=1)]
+    assert np.linalg.norm(edges, axis=2).max() <= 0.4
+
+
+def test_surface_nets_find_a_ball() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij"), axis=-1)
+    distance = 8.3 - np.linalg.norm(grid - 11.4, axis=-1)
+    points, triangles = surface_nets(distance, 0.0)
+    # Closed: every edge belongs to two triangles, once in each direction.
+    directed = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    assert {tuple(e) for e in directed} == {tuple(e[::-1]) for e in directed}
+    # Points at the mean of a cell's crossings lie a little inside of the ball: by less than 1/8 R of the cell's diagonal squared.
+    away = np.linalg.norm(points - 11.4, axis=1)
+    assert np.abs(away - 8.3).max() < 3 / (8 * 8.3) + 0.02
+    outward = np.einsum("ij,ij->i", normals(points, triangles), points - 11.4) / away
+    assert outward.min() > 0.9
+
+
+def test_the_surface_around_particles_holds_nearly_their_volume() -> None:
+    model = motions.body(0.25e-3)
+    p = model.particles
+    surface = around_particles(p.position, p.volume, p.segment)
+    # Edges come out rounded by about a particle: 16 across a diameter.
+    assert volume(surface) == pytest.approx(p.volume.sum(), rel=0.04)
+    assert set(surface.part) == {0, 1, 2}
+    for part in range(3):
+        x = surface.points[surface.triangles[surface.part == part], 0].mean()
+        assert x == pytest.approx((part + 0.5) * motions.LENGTH / 3, abs=1e-3)
+
+
+def test_a_bound_surface_moves_as_the_body_does() -> None:
+    """Affine motion exactly; bending to second order in the particles' distance."""
+    model = motions.body(0.5e-3)
+    X = model.particles.position
+    surface = tube([motions.LENGTH], motions.DIAMETER / 2, 0.0, 0.5e-3)
+    binding = Binding(surface.points, X)
+    A, b = np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]]), np.array([0.1, -0.2, 0.3])
+    # The regularisation of 1e-9 keeps it from being exact to rounding.
+    np.testing.assert_allclose(
+        binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER
+    )
+    for curvature in (20.0, 60.0):
+        # Half the curvature times the square of the neighbours' reach, about three particles.
+        bound = 0.5 * curvature * (3 * 0.5e-3) ** 2
+        moved = binding.at(motions.bent(X, curvature)[0])
+        assert np.abs(moved - motions.bent(surface.points, curvature)[0]).max() < bound
+
+
+def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
+    cube = np.stack(np.meshgrid(*[np.arange(6.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    both = np.vstack([cube, cube + [9.0, 0.0, 0.0]])
+    of = bodies(both, 1.0)
+    np.testing.assert_array_equal(of, np.repeat([0, 1], len(cube)))
+    points = np.array([[5.5, 2.0, 2.0], [8.5, 2.0, 2.0]])
+    binding = PartedBinding(points, np.array([0, 1]), both, of)
+    moved = np.where(of[:, None] == 0, both, both + [0.0, 0.0, 7.0])
+    np.testing.assert_allclose(binding.at(moved), points + [[0, 0, 0], [0, 0, 7.0]], atol=1e-6)
+
+
+def test_spacing_is_that_of_whole_particles() -> None:
+    volumes = np.concatenate([np.full(80, 8e-9), np.full(20, 1e-9)])
+    assert spacing(volumes) == pytest.approx(2e-3)

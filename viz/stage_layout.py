@@ -1,0 +1,159 @@
+"""The page of a motion: where its panels stand, and what stands around them, in fractions of the page from its lower left.
+
++--------------------------------------------+
+| title                         t, pace      |
+|                                            |
+|   the view                                 |
+|                                            |
+| compass |B|  scale bar  field in t  legend |
++--------------------------------------------+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from viz import style
+from viz.camera import View
+from viz.layout import AXIS_LENGTH, FIELD_LENGTH, LABEL_GAP, LegendItem, Panel, ScaleBar
+from viz.stage import Shot, Stage
+
+TITLE_Y = 0.952
+MAIN = Panel(0.0, 0.185, 1.0, 0.915)
+COMPASS = Panel(0.008, 0.01, 0.098, 0.17)
+FIELD = Panel(0.105, 0.045, 0.155, 0.135)
+FIELD_TEXT_X, FIELD_TEXT_Y = 0.163, 0.090
+BAR_CENTER, BAR_Y = 0.365, 0.105
+CURVE = Panel(0.525, 0.05, 0.70, 0.15)
+LEGEND_X, LEGEND_TOP, LEGEND_ROW, LEGEND_COLUMN, LEGEND_GAP = 0.735, 0.135, 0.045, 0.138, 0.016
+ROWS = 3
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which panels are drawn; `written`: with the page's text around them."""
+
+    main: Panel
+    compass: Panel | None
+    field: Panel | None
+    written: bool
+
+
+PAGE = Layout(MAIN, COMPASS, FIELD, written=True)
+# A panel of a sheet: the sheet writes its text.
+BARE = Layout(Panel(0.0, 0.0, 1.0, 1.0), None, Panel(0.0, 0.78, 0.13, 0.98), written=False)
+
+
+@dataclass(frozen=True)
+class Label:
+    """Text at (x, y), fractions of the page."""
+
+    text: str
+    x: float
+    y: float
+
+
+def around(view: View) -> View:
+    """The view's directions about the origin, one unit to half a panel's height."""
+    return View(view.right, view.up, view.toward, np.zeros(3), 1.0)
+
+
+def compass_arrows(stage: Stage) -> list[tuple[str, np.ndarray]]:
+    """Label and vector (3,) from the compass's origin: the axes, and which way things fall."""
+    arrows = [(name, AXIS_LENGTH * np.eye(3)[i]) for i, name in enumerate("xyz")]
+    if stage.gravity is not None and np.linalg.norm(stage.gravity) > 0:
+        arrows.append(("g", AXIS_LENGTH * stage.gravity / np.linalg.norm(stage.gravity)))
+    return arrows
+
+
+def compass_labels(stage: Stage, view: View, aspect: float) -> list[Label]:
+    """Where the compass's labels stand: a little beyond each arrow's point."""
+    labels = []
+    for text, vector in compass_arrows(stage):
+        flat = around(view).project(vector[None])[0, :2]
+        seen = float(np.linalg.norm(flat))
+        away = flat / seen if seen > 0.1 else np.array([0.0, -1.0])
+        ((x, y),) = COMPASS.place((flat + LABEL_GAP * away)[None], COMPASS.aspect(aspect))
+        labels.append(Label(text, float(x), float(y)))
+    return labels
+
+
+def field_arrow(stage: Stage) -> np.ndarray | None:
+    """The field's arrow (3,), its length by the strength against the strongest of the motion; None without a field."""
+    if stage.field is None:
+        return None
+    strength = float(np.linalg.norm(stage.field))
+    strongest = strength
+    if stage.history is not None:
+        strongest = float(np.linalg.norm(stage.history.values, axis=1).max())
+    return FIELD_LENGTH * stage.field / strongest if strength > 1e-3 * strongest > 0 else None
+
+
+def field_text(stage: Stage) -> str:
+    """The field's magnitude."""
+    if stage.field is None:
+        return ""
+    strength = float(np.linalg.norm(stage.field))
+    return f"|B| = {strength * 1e3:.1f} mT" if strength > 0 else "|B| = 0"
+
+
+def varies(stage: Stage) -> bool:
+    """Whether the field changes over the motion, so that a curve of it tells something."""
+    if stage.history is None or len(stage.history.times) < 2:
+        return False
+    values = stage.history.values
+    return bool(np.ptp(values, axis=0).max() > 1e-3 * np.abs(values).max())
+
+
+def curves(stage: Stage) -> tuple[np.ndarray, np.ndarray, float]:
+    """Field components against time in the curve's panel: x (k,) and y (k, 3) in fractions of the page, and x of now."""
+    assert stage.history is not None
+    times, values = stage.history.times, stage.history.values
+    span = max(float(np.ptp(times)), 1e-300)
+    x = CURVE.left + (times - times[0]) / span * (CURVE.right - CURVE.left)
+    most = float(np.abs(values).max())
+    middle, half = 0.5 * (CURVE.bottom + CURVE.top), 0.45 * (CURVE.top - CURVE.bottom)
+    now = times[0] if stage.time is None else stage.time
+    return (
+        x,
+        middle + half * values / most,
+        float(CURVE.left + (now - times[0]) / span * (CURVE.right - CURVE.left)),
+    )
+
+
+def scale_bar(view: View, aspect: float, unit: float) -> ScaleBar:
+    """The bar of that length (m)."""
+    width = unit / view.half_height / MAIN.aspect(aspect) * 0.5 * (MAIN.right - MAIN.left)
+    return ScaleBar(unit, BAR_CENTER - width / 2, BAR_CENTER + width / 2, BAR_Y)
+
+
+def legend(stage: Stage) -> list[LegendItem]:
+    """What the signs mean; only those that are in the picture."""
+    entries: list[tuple[str, tuple[str, ...], str]] = []
+    if stage.magnetised.any():
+        used = min(int(stage.magnetised.sum()), len(style.SEGMENTS))
+        entries.append(("swatch", style.SEGMENTS[:used], "magnetic"))
+    if not stage.magnetised.all():
+        entries.append(("swatch", (style.UNMAGNETISED,), "unmagnetised"))
+    if len(stage.arrows):
+        entries.append(("arrow", (style.MAGNETISATION,), "magnetisation"))
+    if stage.ground is not None:
+        entries.append(("swatch", (style.GROUND_SHADOW,), "ground"))
+        entries.append(("arrow", (style.CONTACT,), "contact force"))
+    names = dict.fromkeys(p.name for p in stage.props if p.name)
+    for name in sorted(names, key=lambda name: name == "clamp"):
+        colours = (style.NORTH, style.SOUTH) if name.startswith("magnet") else ()
+        entries.append(("swatch", colours or (next(p.colour for p in stage.props if p.name == name),), name))
+    return [
+        LegendItem(
+            mark, colours, text, LEGEND_X + (i // ROWS) * LEGEND_COLUMN, LEGEND_TOP - (i % ROWS) * LEGEND_ROW
+        )
+        for i, (mark, colours, text) in enumerate(entries[: 2 * ROWS])
+    ]
+
+
+def main_view(shot: Shot, size: tuple[int, int], layout: Layout = PAGE) -> View:
+    """The view on a page of that width and height."""
+    return shot.view(layout.main.aspect(size[0] / size[1]))
