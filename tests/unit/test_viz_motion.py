@@ -295,7 +295,7 @@ def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
     X = np.stack(np.meshgrid(np.arange(40), np.arange(10), np.arange(4), indexing="ij"), axis=-1).reshape(
         -1, 3
     )
-    X = (X + [0.5, -4.5, -1.5]) * 0.5e-3
+    X = (X + np.array([0.5, -4.5, -1.5])) * 0.5e-3
     segment = (X[:, 0] > 0.01).astype(np.int32)
     result = SimpleNamespace(
         name="strip",

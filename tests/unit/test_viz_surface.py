@@ -87,13 +87,13 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
 
 def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
     cube = np.stack(np.meshgrid(*[np.arange(6.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    both = np.vstack([cube, cube + [9.0, 0.0, 0.0]])
+    both = np.vstack([cube, cube + np.array([9.0, 0.0, 0.0])])
     of = bodies(both, 1.0)
     np.testing.assert_array_equal(of, np.repeat([0, 1], len(cube)))
     points = np.array([[5.5, 2.0, 2.0], [8.5, 2.0, 2.0]])
     binding = PartedBinding(points, np.array([0, 1]), both, of)
-    moved = np.where(of[:, None] == 0, both, both + [0.0, 0.0, 7.0])
-    np.testing.assert_allclose(binding.at(moved), points + [[0, 0, 0], [0, 0, 7.0]], atol=1e-6)
+    moved = np.where(of[:, None] == 0, both, both + np.array([0.0, 0.0, 7.0]))
+    np.testing.assert_allclose(binding.at(moved), points + np.array([[0, 0, 0], [0, 0, 7.0]]), atol=1e-6)
 
 
 def test_spacing_is_that_of_whole_particles() -> None:
