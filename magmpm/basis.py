@@ -51,6 +51,13 @@ def clamp_last_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
     return moved[0], moved[1]
 
 
+def clamp_low_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
+    """Splines of a cell when the displacement is zero on its lower face: ``clamp_first_node`` with the stencil left where it is."""
+    zero = np.zeros_like(weights[..., 0])
+    moved = [np.stack([zero, v[..., 1] - v[..., 0], v[..., 2]], axis=-1) for v in (weights, slopes)]
+    return moved[0], moved[1]
+
+
 @dataclass(frozen=True)
 class Grid:
     """A box of cells. origin (3,) m: lower corner; spacing (3,) m: cell sizes; cells: number of cells along x, y, z."""

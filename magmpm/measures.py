@@ -6,8 +6,8 @@ import numpy as np
 
 from magmpm.basis import Array, spline_weights
 from magmpm.model import Model
+from magmpm.pieces import Line
 from magmpm.results import Result
-from magmpm.shapes import Line
 
 
 def section_weights(model: Model) -> Array:

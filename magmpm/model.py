@@ -15,6 +15,7 @@ from magmpm.basis import (
     Grid,
     clamp_first_node,
     clamp_last_node,
+    clamp_low_node,
     spline_slopes,
     spline_weights,
 )
@@ -27,8 +28,10 @@ from magmpm.bodies import (
     strip_grid,
     strip_particles,
 )
+from magmpm.mesh_bodies import ClampPlane, grid_of_parts, part_errors, part_particles
+from magmpm.pieces import Line
 from magmpm.scene import Scene
-from magmpm.shapes import Line, Strip
+from magmpm.shapes import Strip
 from magmpm.statics.panels import split_plane
 
 LINEAR_STIFFNESS = 5.0  # of G: what the linear modes of the volume part carry at most, see volume_modes
@@ -90,6 +93,7 @@ class Model:
     clamped_face: bool  # the grid's lower x face is at rest: node 0 along x is eliminated (basis.clamp_first_node)
     plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
     line: Line | None  # the undeformed axis of a straight body
+    order: tuple[int, int, int] = (0, 1, 2)  # reference axes that the grid's axes are: see statics.arrange
 
     @property
     def dof(self) -> int:
@@ -109,9 +113,12 @@ class Model:
 
 def build(scene: Scene) -> Model:
     """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds."""
-    grid, particles, section = _BODIES[scene.body.kind](scene)
+    grid, particles, section, planes = _BODIES[scene.body.kind](scene)
     shape = scene.body.shape
-    clamped_face = shape.clamp != "none" and scene.effects.feed is None  # what is fed, its guide holds
+    pieces = scene.pieces()
+    of = particles.segment
+    held = np.array([piece.held for piece in pieces])[of]
+    clamped_face = shape.clamp in {"base", "both"} and scene.effects.feed is None  # what is fed, its guide holds
     plane_strain = isinstance(shape, Strip) and shape.plane_strain
     xi = grid.locate(particles.position, particles.cell)
     weights, slopes = spline_weights(xi), spline_slopes(xi) / grid.spacing[None, :, None]
@@ -123,11 +130,14 @@ def build(scene: Scene) -> Model:
         weights[last, 0], slopes[last, 0] = clamp_last_node(weights[last, 0], slopes[last, 0])
     if plane_strain:  # the middle node of the one cell across stands for all: nothing varies along y
         weights[:, 1], slopes[:, 1] = np.array([0.0, 1.0, 0.0]), 0.0
-    pieces = scene.pieces()
-    held = np.array([piece.held for piece in pieces])
-    layout = _layout(grid, particles, weights, clamped_face=clamped_face, plane_strain=plane_strain)
+    for plane in planes:
+        row = (particles.cell[:, plane.axis] == plane.cell) & ~held
+        clamp = clamp_low_node if plane.lower else clamp_last_node
+        weights[row, plane.axis], slopes[row, plane.axis] = clamp(weights[row, plane.axis], slopes[row, plane.axis])
+    if planes:  # held particles see no node: they stay where they are, and the nodes beyond the plane carry nothing
+        weights[held], slopes[held] = 0.0, 0.0
+    layout = make_layout(grid, particles, weights, held, clamped_face=clamped_face, plane_strain=plane_strain)
     materials = [scene.segment_material(k) for k in range(len(pieces))]
-    of = particles.segment
     ratio = np.array([material.bulk_to_shear for material in materials])
     averaged = scene.solver.static.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
@@ -145,7 +155,7 @@ def build(scene: Scene) -> Model:
         effects=effects.collect(scene),
         modes=volume_modes(particles, layout.cell_first, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=section,
-        held=held[of],
+        held=held,
         clamped_face=clamped_face,
         plane_strain=plane_strain,
         line=shape.line,
@@ -154,7 +164,10 @@ def build(scene: Scene) -> Model:
     return model
 
 
-def _catheter(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:
+Shape = tuple[Grid, Particles, dict[str, float], list[ClampPlane]]
+
+
+def _catheter(scene: Scene) -> Shape:
     """Grid, particles and the section's errors of a catheter."""
     catheter = scene.body.catheter
     assert catheter is not None  # asked for by kind
@@ -167,10 +180,10 @@ def _catheter(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:
         segment_ends=np.cumsum(catheter.segment_lengths()),
         particles_per_cell=scene.resolution.particles_per_cell,
     )
-    return grid, particles, section_errors(particles, outer=outer, inner=inner, length=catheter.length)
+    return grid, particles, section_errors(particles, outer=outer, inner=inner, length=catheter.length), []
 
 
-def _strip(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:
+def _strip(scene: Scene) -> Shape:
     """Grid, particles and the section's errors of a strip."""
     strip = scene.body.strip
     assert strip is not None  # asked for by kind
@@ -186,12 +199,24 @@ def _strip(scene: Scene) -> tuple[Grid, Particles, dict[str, float]]:
     if strip.segments is None:  # pieces of a profile are for show: they cut no cells
         middle = (particles.cell[:, 0] + 0.5) * grid.spacing[0]
         particles = replace(particles, segment=np.searchsorted(ends, middle).astype(np.int32))
-    return grid, particles, strip_errors(particles, size)
+    return grid, particles, strip_errors(particles, size), []
 
 
-_BODIES: dict[str, Callable[[Scene], tuple[Grid, Particles, dict[str, float]]]] = {
+def _parts(scene: Scene) -> Shape:
+    """Grid, particles, their errors, and the planes on which STL parts are clamped."""
+    parts = scene.body.parts
+    assert parts is not None  # asked for by kind
+    triangles = parts.triangles()
+    spacing = parts.spacing or parts.thickness / scene.resolution.cells_across
+    grid, planes = grid_of_parts(triangles, [part.clamp for part in parts.meshes], spacing)
+    particles = part_particles(grid, triangles, scene.resolution.particles_per_cell)
+    return grid, particles, part_errors(particles, triangles), planes
+
+
+_BODIES: dict[str, Callable[[Scene], Shape]] = {
     "catheter": _catheter,
     "strip": _strip,
+    "parts": _parts,
 }
 
 
@@ -207,8 +232,8 @@ def _remanence(scene: Scene, particles: Particles) -> Array:
     return scene.materials[strip.material].remanence * directions[of]
 
 
-def _layout(
-    grid: Grid, particles: Particles, weights: Array, *, clamped_face: bool, plane_strain: bool
+def make_layout(
+    grid: Grid, particles: Particles, weights: Array, held: NDArray[np.bool_], *, clamped_face: bool, plane_strain: bool
 ) -> Layout:
     """Numbering of the unknowns. clamped_face: node 0 along x is eliminated (basis.clamp_first_node) and has none."""
     cell, segment = particles.cell, particles.segment
@@ -232,8 +257,11 @@ def _layout(
     slab = cell_plane // 2
     slab_first = np.searchsorted(slab, np.arange(slab.max() + 2))
     planes, nodes = grid.nodes[0] - int(clamped_face), int(start[-1])
-    idle = _idle(cell_first, cell_plane, cell_row, weights, (planes, nodes))
-    fixed = np.repeat(idle, 3, axis=1)
+    touched = _touched(cell_first, cell_plane, cell_row, weights, (planes, nodes))
+    fixed = np.repeat(~touched, 3, axis=1)  # nodes without material would be free to be anything
+    if held.any():
+        still = held[:, None, None] * weights
+        fixed |= np.repeat(_touched(cell_first, cell_plane, cell_row, still, (planes, nodes)), 3, axis=1)
     if plane_strain:
         fixed[:, 1::3] = True
     return Layout(
@@ -248,16 +276,16 @@ def _layout(
     )
 
 
-def _idle(
+def _touched(
     cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """Nodes (planes, nodes_per_plane) that no particle touches: their unknowns would be free to be anything."""
+    """Nodes (planes, nodes_per_plane) that some particle touches."""
     heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
     touched = np.zeros(shape, bool)
     for a, b, c in np.ndindex(3, 3, 3):
         on = heaviest[:, 0, a] & heaviest[:, 1, b] & heaviest[:, 2, c]
         touched[cell_plane[on] + a, cell_row[on, b] + c] = True
-    return ~touched
+    return touched
 
 
 def volume_modes(particles: Particles, cell_first: Index, ratio: Array) -> Array:

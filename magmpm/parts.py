@@ -156,7 +156,7 @@ class StaticOptions(Part):
         strict=True,
         ge=1,
         le=10_000,
-        description="Most Newton steps; 60 unless given.",
+        description="Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape to start from, ten times this.",
         examples=[60],
     )
     field_steps: int | None = Field(

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm.assembly import Parts
 from magmpm.basis import Array
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
@@ -76,6 +77,8 @@ class RodModel:
 def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodModel:
     """The rod of a scene. Elements end where segments do. extensible False leaves out stretch and shear (the pure elastica)."""
     body = scene.body.shape
+    if isinstance(body, Parts):
+        raise SolveError("parts are no rod")
     lengths = np.array(body.segment_lengths())
     counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
     of = np.repeat(np.arange(len(lengths)), counts)

@@ -38,7 +38,8 @@ from magmpm.parts import (
     Solver,
     StaticOptions,
 )
-from magmpm.shapes import CATHETER, PIECES_A_PERIOD, Body, Catheter, Piece, Segment, Strip
+from magmpm.pieces import Piece
+from magmpm.shapes import CATHETER, PIECES_A_PERIOD, Body, Catheter, Segment, Strip
 from magmpm.surroundings import IN_MOTION
 from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Angles

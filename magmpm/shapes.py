@@ -1,14 +1,15 @@
-"""The bodies a scene can name: catheter, strip. Each with its rules and documentation, as parts.py has them for the rest."""
+"""The bodies a scene can name: catheter, strip, and the parts of assembly.py; each with its rules and documentation."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
+from magmpm.assembly import Parts
 from magmpm.inputs import Key, Part, Quantity, fault
+from magmpm.pieces import Line, Piece
 from magmpm.vectors import Direction, Vector, three
 
 MAX_SEGMENTS = 1000
@@ -40,28 +41,6 @@ class Segment(Part):
     def magnetised(self) -> bool:
         """Whether it has a direction of magnetisation (its material may still have no remanence)."""
         return any(self.magnetization)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A piece of a body with one material: a segment of a catheter or strip, a part of an assembly.
-
-    magnetization: unit vector in the undeformed body, or zeros; held: it can't move.
-    """
-
-    name: str
-    at: Key  # where the scene's data describe it, below `body`
-    material_name: str
-    magnetization: Vector
-    held: bool = False
-
-
-@dataclass(frozen=True)
-class Line:
-    """A straight body along +x: base (3,) m, the centre of its base face; length m."""
-
-    base: Vector
-    length: float
 
 
 def segment_lengths(length: float, segments: tuple[Segment, ...]) -> list[float]:
@@ -355,6 +334,11 @@ STRIP = {
     "segments": [{"magnetization": [1, 0, 0]}],
 }
 
+PARTS = {
+    "unit": "mm",
+    "meshes": [{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}],
+}
+
 
 class Body(Part):
     """What moves: one of these."""
@@ -372,6 +356,10 @@ class Body(Part):
         examples=[STRIP],
     )
 
+    parts: Parts | None = Field(
+        default=None, description="STL meshes, one a part.", examples=[PARTS]
+    )
+
     @model_validator(mode="after")
     def _one(self) -> Body:
         named = [key for key in type(self).model_fields if getattr(self, key) is not None]
@@ -384,12 +372,12 @@ class Body(Part):
 
     @property
     def kind(self) -> str:
-        """catheter or strip."""
-        return "catheter" if self.catheter is not None else "strip"
+        """catheter, strip or parts."""
+        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
 
     @property
-    def shape(self) -> Catheter | Strip:
+    def shape(self) -> Catheter | Strip | Parts:
         """The body itself, whatever its kind."""
-        shape = self.catheter if self.catheter is not None else self.strip
+        shape = self.catheter or self.strip or self.parts
         assert shape is not None  # validated
         return shape

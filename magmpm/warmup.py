@@ -69,6 +69,8 @@ def _times(scene: Scene) -> NDArray[np.float64] | None:
 def _small(scene: Scene) -> Scene:
     """The scene on the coarsest grid."""
     data = {**scene.to_si(), "name": "compilation", "reference": None}
+    if data["body"]["parts"] is not None:
+        data["body"]["parts"]["spacing"] = None
     if scene.solver.dynamic is not None:
         short = {"duration": 1e-9, "output_every": None, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}

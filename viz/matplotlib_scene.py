@@ -131,13 +131,15 @@ class FlatPanel:
 
 def _body(panel: FlatPanel, picture: Picture) -> None:
     """Clamp, particles, axis and target."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 49)
-    rim = style.CLAMP_RADIUS * picture.diameter * np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
-    back = rim - np.array([style.CLAMP_THICKNESS * picture.diameter, 0.0, 0.0])
-    behind = panel.view.toward[0] >= 0
-    edge = [np.stack([rim[k], rim[k + 1], back[k + 1], back[k]]) for k in range(48)]
-    panel.faces(edge, style.CLAMP_EDGE, 2.0 if behind else 4.0)
-    panel.faces([rim if behind else back], style.CLAMP, 2.1 if behind else 4.1)
+    if picture.clamp is not None:
+        turn = np.linspace(0.0, 2.0 * np.pi, 49)
+        circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
+        rim = picture.clamp + style.CLAMP_RADIUS * picture.diameter * circle
+        back = rim - np.array([style.CLAMP_THICKNESS * picture.diameter, 0.0, 0.0])
+        behind = panel.view.toward[0] >= 0
+        edge = [np.stack([rim[k], rim[k + 1], back[k + 1], back[k]]) for k in range(48)]
+        panel.faces(edge, style.CLAMP_EDGE, 2.0 if behind else 4.0)
+        panel.faces([rim if behind else back], style.CLAMP, 2.1 if behind else 4.1)
     colours = style.segment_colours(picture.magnetised)[picture.particle_segment]
     colours *= brightness(outward(picture), panel.view, contrast=0.25)[:, None]
     panel.balls(picture.particles, style.BALL_WIDTH * picture.particle_size, colours, 3.0)

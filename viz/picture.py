@@ -31,6 +31,7 @@ class Picture:
     segment_remanence    (k, 3) T, deformed mean remanence F Br; zero length is an unmagnetised segment
     length, diameter     m, of the undeformed body
     centreline           (m, 3) m, deformed axis from clamp to tip, or shape (0, 3)
+    clamp                (3,) m, centre of the face that is held, normal to x; None for bodies held otherwise, or free
     target               (q, 3) m, wanted points, or None; target_name is what the legend calls them
     field                (3,) T, uniform field, zero if there is none
     gravity              (3,) m/s^2, or None
@@ -45,6 +46,7 @@ class Picture:
     length: float
     diameter: float
     centreline: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    clamp: np.ndarray | None = field(default_factory=lambda: np.zeros(3))
     target: np.ndarray | None = None
     target_name: str = "target"
     field: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -137,6 +139,7 @@ class Picture:
             length=length,
             diameter=diameter,
             centreline=np.asarray(result.centreline, dtype=float)[:, 1:4],
+            clamp=_clamp(result.scene["body"][kind]),
             target=None if target is None else np.asarray(target, dtype=float)[:, -3:],
             target_name=target_name,
             field=np.asarray(result.field, dtype=float),
@@ -145,6 +148,13 @@ class Picture:
             trial=trial,
             rms=rms,
         )
+
+
+def _clamp(shape: dict[str, Any]) -> np.ndarray | None:
+    """Centre (3,) m of the face that holds a straight body (its JSON), or None."""
+    if "meshes" in shape or shape.get("clamp", "base") == "none":
+        return None
+    return np.asarray(shape.get("position") or (0.0, 0.0, 0.0), dtype=float)
 
 
 def _size(body: dict[str, Any], reference: np.ndarray) -> tuple[float, float]:

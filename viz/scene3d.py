@@ -57,14 +57,15 @@ def _body(panel: PanelCanvas, picture: Picture) -> None:
     what, and nothing else.
     """
     thickness = style.CLAMP_THICKNESS * picture.diameter
-    plate = pv.Cylinder(
-        center=(-0.5 * thickness, 0, 0),
-        direction=(1, 0, 0),
-        radius=style.CLAMP_RADIUS * picture.diameter,
-        height=thickness,
-        resolution=48,
-    )
-    panel.solid(plate, style.CLAMP)
+    if picture.clamp is not None:
+        plate = pv.Cylinder(
+            center=picture.clamp - np.array([0.5 * thickness, 0, 0]),
+            direction=(1, 0, 0),
+            radius=style.CLAMP_RADIUS * picture.diameter,
+            height=thickness,
+            resolution=48,
+        )
+        panel.solid(plate, style.CLAMP)
     colours = style.segment_colours(picture.magnetised)[picture.particle_segment]
     colours *= brightness(outward(picture), panel.view, contrast=0.15)[:, None]
     panel.balls(picture.particles, style.BALL_WIDTH * picture.particle_size, colours)

@@ -15,14 +15,16 @@ from threadpoolctl import ThreadpoolController
 from magmpm import effects
 from magmpm.basis import Array
 from magmpm.errors import InputError, SolveError
-from magmpm.model import Model
+from magmpm.model import Index, Model
 from magmpm.rod import RodShape, solve_rod
+from magmpm.statics.arrange import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.start import from_rod, local_correction, straight, with_correction
 
 FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
 RAMP_STEPS = 8
+PATIENCE = 10  # times as many steps for a solve without a rod's shape, which may have to turn a body round: 100 to 300 in robots tried
 
 _controller: ThreadpoolController | None = None
 
@@ -59,8 +61,30 @@ def solve_static(
         )
     global _controller
     _controller = _controller or ThreadpoolController()
+    model, of = arranged(model)
     with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorisation are the threads
-        return _solve(model, correction, on_step)
+        try:
+            return _restored(model, _solve(model, correction, on_step), of)
+        except SolveError as error:
+            state = error.state
+            raise SolveError(
+                error.reason, _restored(model, state, of) if isinstance(state, Equilibrium) else state
+            ) from None
+
+
+def _restored(model: Model, found: Equilibrium, of: Index) -> Equilibrium:
+    """An equilibrium with its particles and reference axes as they were before statics.arrange."""
+    if model.order == (0, 1, 2):
+        return found
+    point = found.point
+    back, axes = np.argsort(of), np.argsort(model.order)
+    restored = replace(
+        point,
+        displacement=point.displacement[back],
+        position=point.position[back],
+        F=np.ascontiguousarray(point.F[back][:, :, axes]),
+    )
+    return replace(found, point=restored)
 
 
 def _solve(
@@ -72,7 +96,7 @@ def _solve(
 
     def newton(begin: Array) -> Minimum:
         return minimise(
-            energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+            energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step
         )
 
     if options.field_steps is not None or model.scene.body.shape.clamp != "base":
@@ -88,7 +112,7 @@ def _solve(
         try:
             found = newton(begin)
         except SolveError:
-            steps += options.max_steps
+            steps += _most_steps(model)
             continue
         steps += found.steps
         if _distance(model, found.point, rod) < FAR:
@@ -97,6 +121,11 @@ def _solve(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
     )
     return _ramp(model, RAMP_STEPS, on_step, warnings)
+
+
+def _most_steps(model: Model) -> int:
+    """Newton steps that one solve may take."""
+    return model.scene.solver.static.max_steps * (1 if model.line is not None else PATIENCE)
 
 
 def _distance(model: Model, point: Point, rod: RodShape) -> float:
@@ -124,7 +153,7 @@ def _ramp(
                 Energy(loaded),
                 grid,
                 tolerance=options.tolerance,
-                max_steps=options.max_steps,
+                max_steps=_most_steps(model),
                 on_step=on_step,
             )
         except SolveError as error:

@@ -138,8 +138,9 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
     x = model.plane_coordinates()
     d = np.zeros((layout.planes, layout.m))
     # A straight rod buckles towards +z, unless something tells it otherwise. Each attempt starts from another mix of bending.
-    d[:, 2::3] = (x**2)[:, None]
-    d[:, 1::3] = 1e-3 * attempt * (x**2)[:, None]
+    _, second, third = model.order
+    d[:, third::3] = (x**2)[:, None]
+    d[:, second::3] = 1e-3 * attempt * (x**2)[:, None]
     energy.free(d)
     for _ in range(40):
         d = solve(energy.panels, layout.split, d)

@@ -6,18 +6,19 @@ from magmpm.jit import kernel, prange
 
 
 @kernel
-def gather(cell_first, cell_plane, cell_row, weights, slopes, grid, displacement, F):
+def gather(cell_first, cell_plane, cell_row, weights, slopes, grid, rest, displacement, F):
     """Displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
 
     cell_first (cells + 1,), cell_plane (cells,), cell_row (cells, 3): see model.Layout; weights, slopes (n, 3, 3): axis, node;
-    slopes in 1/m; grid (planes, 3 nodes) coefficients in m; out: displacement (n, 3) m, F (n, 3, 3).
+    slopes in 1/m; grid (planes, 3 nodes) coefficients in m; rest (3, 3): F at rest, I but for renumbered axes (statics.arrange); out:
+    displacement (n, 3) m, F (n, 3, 3).
     """
     for cell in prange(len(cell_plane)):
         for p in range(cell_first[cell], cell_first[cell + 1]):
             for k in range(3):
                 displacement[p, k] = 0.0
                 for j in range(3):
-                    F[p, k, j] = 1.0 if k == j else 0.0
+                    F[p, k, j] = rest[k, j]
             for a in range(3):
                 plane = grid[cell_plane[cell] + a]
                 nx, dx = weights[p, 0, a], slopes[p, 0, a]

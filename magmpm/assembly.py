@@ -1,0 +1,166 @@
+"""Bodies made of STL parts: one mesh a part, each with its material, magnetisation and clamp."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
+
+from magmpm.basis import Array
+from magmpm.inputs import Part, Quantity, fault, folder_of
+from magmpm.meshes import (
+    PREFIX,
+    MeshError,
+    overlap_of,
+    pack_mesh,
+    read_stl,
+    thickness_of,
+    unpack_mesh,
+    volume_of,
+)
+from magmpm.pieces import Piece
+from magmpm.vectors import Direction
+
+MAX_PARTS = 1000
+UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
+MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
+LEAST_CELLS = 2  # through the thinnest part
+
+
+def _read_mesh(value: Any, info: ValidationInfo) -> Any:
+    """The mesh a path names, as the text a scene keeps; such a text is taken as it is."""
+    if not isinstance(value, (str, Path)):
+        raise fault("must be the path of an STL file", "write, say, `mesh: meshes/base.stl`")
+    try:
+        if isinstance(value, str) and value.startswith(PREFIX):
+            unpack_mesh(value)
+            return value
+        return pack_mesh(read_stl(folder_of(info) / value))
+    except MeshError as error:
+        raise fault(error.rule, error.remedy) from None
+
+
+class MeshPart(Part):
+    """One mesh with one material."""
+
+    mesh: Annotated[str, BeforeValidator(_read_mesh), WithJsonSchema({"type": "string"})] = Field(
+        description="Path, relative to this file, of an STL file: a closed surface.", examples=["meshes/base.stl"]
+    )
+    name: str = Field(
+        default="", max_length=100, description="What messages call it; the file's name unless given.", examples=["base"]
+    )
+    material: str = Field(description="A name from `materials`.", examples=["silicone"])
+    magnetization: Direction = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Direction in the undeformed part: [x, y, z], normalised, or "
+        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
+        examples=[[0, 0, 1]],
+    )
+    clamp: bool = Field(
+        default=False, strict=True, description="Whether the part is held; false unless given.", examples=[True]
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, data: Any) -> Any:
+        """A part without a name has its file's."""
+        if isinstance(data, Mapping) and not data.get("name"):
+            mesh = data.get("mesh")
+            if isinstance(mesh, (str, Path)) and not str(mesh).startswith(PREFIX):
+                return {**data, "name": Path(mesh).stem[:100]}
+        return data
+
+    @property
+    def volume(self) -> float:
+        """Volume in the mesh's unit cubed."""
+        return volume_of(unpack_mesh(self.mesh).triangles)
+
+
+class Parts(Part):
+    """Closed STL meshes, one a part. Parts that touch hold together."""
+
+    unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
+        description="Unit of the numbers in the STL files, which do not say it.", examples=["mm"]
+    )
+    spacing: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] | None = Field(
+        default=None,
+        description="Cell size; the thinnest part's thickness over `cells_across` unless given.",
+        examples=["0.5 mm"],
+    )
+    meshes: tuple[MeshPart, ...] = Field(
+        min_length=1,
+        max_length=MAX_PARTS,
+        description="The parts.",
+        examples=[[{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]],
+    )
+
+    @field_validator("meshes")
+    @classmethod
+    def _separate(cls, meshes: tuple[MeshPart, ...], info: ValidationInfo) -> tuple[MeshPart, ...]:
+        unit = info.data.get("unit")
+        for (i, one), (j, other) in itertools.combinations(enumerate(meshes), 2):
+            shared, smaller = overlap_of(one.mesh, other.mesh), min(one.volume, other.volume)
+            if shared > MAY_OVERLAP * smaller:
+                raise fault(
+                    f"parts must not overlap: {other.name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
+                    f"{one.name or f'part {i + 1}'}, {100 * shared / smaller:.2g} % of the smaller",
+                    "move or trim one of them; faces may touch",
+                    (j, "mesh"),
+                )
+        return meshes
+
+    @model_validator(mode="after")
+    def _some_move_and_none_is_too_thin(self) -> Parts:
+        if all(part.clamp for part in self.meshes):
+            raise fault("one part at least must be free to move", "leave out `clamp: true` of those that are", ("meshes",))
+        if self.spacing is not None:
+            for i, part in enumerate(self.meshes):
+                thickness = self.part_thickness(i)
+                if not part.clamp and thickness < LEAST_CELLS * self.spacing * (1 - 1e-6):
+                    raise fault(
+                        f"a part must be at least {LEAST_CELLS} cells thick: {part.name or f'part {i + 1}'} is "
+                        f"{1e3 * thickness:.3g} mm, {thickness / self.spacing:.2g} cells of {1e3 * self.spacing:.3g} mm",
+                        f"at most `spacing: {1e3 * thickness / LEAST_CELLS:.3g} mm`, or leave spacing out",
+                        ("spacing",),
+                    )
+        return self
+
+    def part_thickness(self, index: int) -> float:
+        """Thickness of a part, m: see meshes.thickness_of."""
+        return thickness_of(self.meshes[index].mesh) * UNITS[self.unit]
+
+    def triangles(self) -> list[Array]:
+        """Corners (f, 3, 3) m of each part's surface."""
+        return [unpack_mesh(part.mesh).triangles * UNITS[self.unit] for part in self.meshes]
+
+    @property
+    def thickness(self) -> float:
+        """Thickness of the thinnest part that can move, m."""
+        return min(self.part_thickness(i) for i, part in enumerate(self.meshes) if not part.clamp)
+
+    @property
+    def length(self) -> float:
+        """Longest side of the box around the parts, m."""
+        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes])
+        return float(np.ptp(vertices, axis=0).max()) * UNITS[self.unit]
+
+    @property
+    def line(self) -> None:
+        """Parts have no axis."""
+        return None
+
+    @property
+    def clamp(self) -> Literal["parts", "none"]:
+        """parts where some part is held."""
+        return "parts" if any(part.clamp for part in self.meshes) else "none"
+
+    def pieces(self) -> tuple[Piece, ...]:
+        """The parts, in the file's order."""
+        return tuple(
+            Piece(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization, part.clamp)
+            for i, part in enumerate(self.meshes)
+        )

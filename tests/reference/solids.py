@@ -1,0 +1,42 @@
+"""Closed meshes made from formulas, for tests of STL parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.meshes import Mesh
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
+    """A box between two corners: 12 triangles."""
+    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    return Mesh(np.array(low) + corner * (np.array(high) - np.array(low)), np.array(faces))
+
+
+def ball(centre: tuple[float, float, float], radius: float, rings: int = 12) -> Mesh:
+    """A ball of rings of triangles between two poles."""
+    polar = np.pi * np.arange(1, rings) / rings
+    around = np.pi * np.arange(2 * rings) / rings
+    p, a = np.meshgrid(polar, around, indexing="ij")
+    middle = np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=-1).reshape(-1, 3)
+    vertices = np.concatenate([middle, [[0, 0, 1], [0, 0, -1]]])
+    n, faces = 2 * rings, []
+    top, bottom = len(middle), len(middle) + 1
+    for k in range(n):
+        after = (k + 1) % n
+        faces.append((top, k, after))
+        faces.append((bottom, (rings - 2) * n + after, (rings - 2) * n + k))
+        for r in range(rings - 2):
+            a0, b0, a1, b1 = r * n + k, r * n + after, (r + 1) * n + k, (r + 1) * n + after
+            faces += [(a0, a1, b1), (a0, b1, b0)]
+    return Mesh(np.array(centre) + radius * vertices, np.array(faces))
+
+
+def turned(mesh: Mesh, axis: tuple[float, float, float], angle: float) -> Mesh:
+    """The mesh turned about the origin (Rodrigues' formula)."""
+    k = np.array(axis) / np.linalg.norm(axis)
+    K = np.cross(np.eye(3), k)
+    R = np.eye(3) + np.sin(angle) * -K + (1 - np.cos(angle)) * K @ K
+    return Mesh(mesh.vertices @ R.T, mesh.faces)
