@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long lint bench bench-sampler validate schema clean
+.PHONY: help setup design test test-long lint bench bench-sampler validate schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
+	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
 	@echo "make clean      remove the virtual environment and caches"
 
 # A virtual environment of its own. Debian ships venv apart from python3; virtualenv does as well.
@@ -54,6 +55,9 @@ validate: $(VENV)/.ready-test
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.schema
+
+gallery: $(VENV)/.ready
+	$(BIN)/python docs/gallery/build.py
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info

@@ -117,7 +117,7 @@ class MotionWriter:
 
         time: s, later than the last frame's; x (n, 3) m; v (n, 3) m/s; F (n, 3, 3); stress (n, 3, 3) Pa: first Piola-Kirchhoff stress,
         the effects' part included; energies: J, kinetic, elastic and each effect's potential; `total` is their sum unless given,
-        `dissipated` is not part of it. contacts: effect -> {force: (3,) N on the body, count: particles touching, deepest: m, the
+        `dissipated` is not part of it. contacts: effect -> {force: (3,) N on the body, count: particles touching, depth: m, deepest
         penetration}, or an object with these attributes, or the force alone. field: (3,) T, the outside field at the body, for pictures.
         Raises BudgetError, before anything is written, if the frame would not fit into max_disk or on the disk.
         """
@@ -252,7 +252,7 @@ class MotionWriter:
                     "t": time,
                     "effect": effect,
                     **{f"F{axis}": force[i] for i, axis in enumerate("xyz")},
-                    **{name: known.get(name, "") for name in ("count", "deepest")},
+                    **{name: known.get(name, "") for name in ("count", "depth")},
                 },
             )
 
@@ -348,7 +348,7 @@ def _of_object(contact: Any) -> dict[str, Any]:
     """An effect's report as a mapping; an array is the force alone."""
     if not hasattr(contact, "force"):
         return {"force": contact}
-    return {name: getattr(contact, name) for name in ("force", "count", "deepest") if hasattr(contact, name)}
+    return {name: getattr(contact, name) for name in ("force", "count", "depth") if hasattr(contact, name)}
 
 
 def _plain(value: Any) -> Any:
@@ -416,7 +416,7 @@ class Motion:
 
     times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
     (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
-    deepest} -> (rows,). scene: Scene.to_si() or None.
+    depth} -> (rows,). scene: Scene.to_si() or None.
     """
 
     folder: Path

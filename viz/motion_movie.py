@@ -25,6 +25,9 @@ MOST_FRAMES = 500
 _HOLD = 1.0  # s that the last moment stands
 _GIF_FRAMES = 40
 
+# Moments wider than this many times their height stand below one another.
+_STACKED = 2.8
+
 
 def chosen(frames: int, most: int = MOST_FRAMES) -> np.ndarray:
     """Numbers of at most `most` of so many frames, evenly spread, first and last among them."""
@@ -106,14 +109,16 @@ def sheet(
     """
     numbers = list(chosen(len(play), 3) if numbers is None else numbers)
     natural = _aspect(play)
-    across = len(numbers) if natural < 1.9 else 1
+    across = len(numbers) if natural < _STACKED else 1
+    if across == 1:  # a page's width, as the others are three panels wide
+        width = 2 * width // 3
     gap = round(0.008 * width)
     wide = (width - (across + 1) * gap) // across
     tall = round(wide / float(np.clip(natural, 0.8, 4.0)))
     stages = [play.stage(int(k)) for k in numbers]
     view = stage_layout.main_view(play.shot, (wide, tall), stage_layout.BARE)
     panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=stage_layout.BARE) for s in stages]
-    unit = round(0.0165 * width)  # pixels, a letter's height
+    unit = round((0.0165 if across > 1 else 0.022) * width)  # pixels, a letter's height
     rows = -(-len(panels) // across)
     head, foot = round(1.9 * unit), 4 * unit
     height = rows * (tall + head + gap) + foot

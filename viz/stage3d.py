@@ -34,7 +34,7 @@ def draw(
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
         canvas.panel(layout.field, around, reach=10.0).arrow(-0.5 * field, field, 0.2, style.FIELD)
-    image = canvas.image(fine=size[0] > style.TRIAL_SIZE[0])
+    image = canvas.image(fine=not layout.written or size[0] > style.TRIAL_SIZE[0])
     return stage_page.written_on(image, stage, view) if layout.written else image
 
 

@@ -73,7 +73,7 @@ def bending(
                 "ground": {
                     "force": np.array([0.0, 0.0, 1e3 * down]),
                     "count": int(1e6 * down),
-                    "deepest": down,
+                    "depth": down,
                 }
             },
             field=field,

@@ -1,0 +1,218 @@
+"""Builds the gallery: runs the scenes of data/scenes/gallery, draws them, and brings the pages' pictures and numbers up to date.
+
+    python docs/gallery/build.py [--fresh] [NAME ...]
+
+Results and movies go to runs/gallery/NAME; a poster of less than 300 kB to docs/images/gallery/NAME.png, and the movie beside it if it is
+smaller than 1 MiB. The page docs/gallery/NAME.md is made if it is missing, with the scene's leading comment as its text; in one that is
+there, only what stands between the marks `<!-- measured -->` and `<!-- /measured -->` is replaced. A scene whose result is of this very
+scene is not run again, unless --fresh says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from magmpm.cli import main as magmpm
+from magmpm.errors import InputError
+from magmpm.scene import load_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+POSTER_BYTES, MOVIE_BYTES = 300_000, 1024 * 1024
+BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
+
+
+def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
+    """The command. root: of the repository, or of a copy of its layout. Returns the exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", metavar="NAME", nargs="*", help="scenes, without .yaml [all]")
+    parser.add_argument("--fresh", action="store_true", help="run scenes again whose results are there")
+    options = parser.parse_args(arguments)
+    scenes = {path.stem: path for path in sorted((root / "data/scenes/gallery").glob("*.yaml"))}
+    unknown = [name for name in options.names if name not in scenes]
+    if unknown:
+        print(f"no such scene: {unknown[0]}; there are {', '.join(scenes)}", file=sys.stderr)
+        return 2
+    worst = 0
+    for name in options.names or scenes:
+        status = build(root, name, scenes[name], fresh=options.fresh)
+        worst = max(worst, status)
+    write_index(root, scenes)
+    return worst
+
+
+def build(root: Path, name: str, scene: Path, *, fresh: bool = False) -> int:
+    """Run and draw one scene, and bring its page up to date. Returns the exit status of what failed, or 0."""
+    results = root / "runs/gallery" / name
+    if fresh or not is_result_of(scene, results):
+        status = magmpm(["run", str(scene), "--out", str(results)])
+        if status:
+            return status
+    status = magmpm(["render", str(results)])
+    if status:
+        return status
+    images = root / "docs/images/gallery"
+    images.mkdir(parents=True, exist_ok=True)
+    moments = results / "moments.png"
+    (images / f"{name}.png").write_bytes(poster(moments if moments.exists() else results / "picture.png"))
+    movie = results / "movie.mp4"
+    beside = images / f"{name}.mp4"
+    beside.unlink(missing_ok=True)
+    if movie.exists() and movie.stat().st_size < MOVIE_BYTES:
+        shutil.copyfile(movie, beside)
+    write_page(root, name, scene, results)
+    return 0
+
+
+def is_result_of(scene: Path, results: Path) -> bool:
+    """Whether a folder holds the finished result of this very scene."""
+    try:
+        saved = json.loads((results / "result.json").read_text(encoding="utf-8"))
+        now = load_scene(scene).hash()
+    except (OSError, ValueError, InputError):
+        return False
+    return bool(saved.get("converged")) and saved.get("scene_hash") == now
+
+
+def poster(picture: Path, most: int = POSTER_BYTES) -> bytes:
+    """A PNG of at most so many bytes: fewer colours first, then smaller."""
+    with Image.open(picture) as opened:
+        image = opened.convert("RGB")
+    for share in (1.0, 0.85, 0.7, 0.55, 0.4):
+        sized = image.resize(
+            (round(share * image.width), round(share * image.height)), Image.Resampling.LANCZOS
+        )
+        stream = io.BytesIO()
+        sized.quantize(192, dither=Image.Dither.NONE).save(stream, format="PNG", optimize=True)
+        if stream.tell() <= most:
+            return stream.getvalue()
+    raise ValueError(f"{picture} does not fit into {most} bytes at 40 % of its size")
+
+
+def write_page(root: Path, name: str, scene: Path, results: Path) -> Path:
+    """The scene's page, with its numbers as they are now."""
+    page = root / "docs/gallery" / f"{name}.md"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    saved = json.loads((results / "result.json").read_text(encoding="utf-8"))
+    block = "\n".join([BEGIN, *measured(saved, results), END])
+    if page.exists() and BEGIN in (text := page.read_text(encoding="utf-8")):
+        before, rest = text.split(BEGIN, 1)
+        page.write_text(before + block + rest.split(END, 1)[1], encoding="utf-8")
+        return page
+    movie = root / "docs/images/gallery" / f"{name}.mp4"
+    lines = [
+        f"# {saved['name'][:1].upper()}{saved['name'][1:]}",
+        "",
+        leading_comment(scene),
+        "",
+        f"![{saved['name']}](../images/gallery/{name}.png)",
+        "",
+        *([f"[Movie](../images/gallery/{name}.mp4)", ""] if movie.exists() else []),
+        f"Run it with `magmpm run data/scenes/gallery/{name}.yaml --render`; all of the gallery with `make gallery`.",
+        "",
+        block,
+        "",
+    ]
+    page.write_text("\n".join(lines), encoding="utf-8")
+    return page
+
+
+def leading_comment(scene: Path) -> str:
+    """The text of the comment that a scene file begins with."""
+    lines = []
+    for line in scene.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)
+
+
+def measured(saved: dict[str, Any], results: Path) -> list[str]:
+    """A table of what was measured: from result.json, energies.csv and contacts.csv."""
+    seconds = saved["seconds"]
+    rows = [("particles", f"{saved['particles']:,}".replace(",", " "))]
+    if saved.get("formulation", "static") == "static":
+        rows.append(("Newton steps", str(saved["iterations"])))
+    else:
+        rate = saved["iterations"] * saved["particles"] / max(seconds["solve"], 1e-9) / 1e6
+        rows += [
+            (
+                "motion",
+                f"{saved['time']:g} s in {saved['iterations']} steps of {1e6 * saved['time_step']:.3g} µs",
+            ),
+            ("formulation", saved["formulation"]),
+            ("particle-steps a second, frames included", f"{rate:.1f} million"),
+        ]
+    rows += [
+        (
+            "time of the run",
+            f"{seconds['setup'] + seconds['solve']:.1f} s, and {seconds['compile']:.1f} s to load or compile",
+        ),
+        ("tip at the end (mm)", ", ".join(f"{1e3 * x:.2f}" for x in saved["tip"])),
+        ("det F at the end", f"{saved['min_det_F']:.3f} to {saved['max_det_F']:.3f}"),
+        *_from_tables(results),
+    ]
+    return ["| measured | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows)]
+
+
+def _from_tables(results: Path) -> list[tuple[str, str]]:
+    rows = []
+    energies = _table(results / "energies.csv")
+    if energies:
+        rows.append(
+            ("largest kinetic energy", f"{1e6 * max(float(row['kinetic']) for row in energies):.3g} µJ")
+        )
+    contacts = _table(results / "contacts.csv")
+    for effect in dict.fromkeys(row["effect"] for row in contacts):
+        of = [row for row in contacts if row["effect"] == effect]
+        force = max(sum(float(row[f"F{axis}"]) ** 2 for axis in "xyz") ** 0.5 for row in of)
+        depths = [float(row["depth"]) for row in of if row["depth"]]
+        deepest = f"; deepest {1e6 * max(depths):.3g} µm" if depths else ""
+        rows.append((f"largest contact force, {effect.replace('_', ' ')}", f"{1e3 * force:.3g} mN{deepest}"))
+    return rows
+
+
+def _table(path: Path) -> list[dict[str, str]]:
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def write_index(root: Path, scenes: dict[str, Path]) -> Path:
+    """docs/gallery/README.md: every page that is there, with its poster."""
+    lines = [
+        "# Gallery",
+        "",
+        "Every scene is in `data/scenes/gallery`; `make gallery` runs them all and draws these pictures.",
+        "",
+    ]
+    for name in scenes:
+        page = root / "docs/gallery" / f"{name}.md"
+        if page.exists():
+            title = page.read_text(encoding="utf-8").split("\n", 1)[0].lstrip("# ")
+            lines += [
+                f"## [{title}]({name}.md)",
+                "",
+                f"[![{title}](../images/gallery/{name}.png)]({name}.md)",
+                "",
+            ]
+    index = root / "docs/gallery/README.md"
+    index.parent.mkdir(parents=True, exist_ok=True)
+    index.write_text("\n".join(lines), encoding="utf-8")
+    return index
+
+
+if __name__ == "__main__":
+    sys.exit(main())
