@@ -107,7 +107,7 @@ class Parts(Part):
             if shared > MAY_OVERLAP * smaller:
                 raise fault(
                     f"parts must not overlap: {other.name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
-                    f"{one.name or f'part {i + 1}'}, {100 * shared / smaller:.2g} % of the smaller",
+                    f"{one.name or f'part {i + 1}'}, {100 * shared / smaller:.3g} % of the smaller",
                     "move or trim one of them; faces may touch",
                     (j, "mesh"),
                 )

@@ -29,7 +29,6 @@ Simulate magnetic soft catheters, and find the magnetisation that makes a wanted
 LATER = {
     "stability": "the hard cases, each with its measure and bound",
     "effects": "what each effect does to a scene and costs",
-    "import": "turns a robot of the magneticMPM format into a scene",
 }
 
 
@@ -122,6 +121,16 @@ def _parser() -> argparse.ArgumentParser:
     dashboard.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     dashboard.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
     dashboard.set_defaults(command=_dashboard)
+
+    robot = commands.add_parser(
+        "import",
+        help="a robot of the magneticMPM format becomes a scene",
+        description="Make a scene of a robot file of the magneticMPM format; its meshes stay where they are.",
+    )
+    robot.add_argument("robot", metavar="ROBOT", help="robot file; its meshes are in the folder `meshes` beside it")
+    robot.add_argument("-o", "--output", metavar="SCENE", type=Path, required=True, help="scene file to write")
+    robot.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    robot.set_defaults(command=_import)
 
     for name, purpose in LATER.items():
         commands.add_parser(name, help=f"{purpose} (not there yet)")
@@ -300,6 +309,22 @@ def _dashboard(options: argparse.Namespace) -> int:
     from magmpm.cli_design import dashboard
 
     return dashboard(Path(options.folder), options.port)
+
+
+def _import(options: argparse.Namespace) -> int:
+    from magmpm.robots import import_robot
+
+    scene, warnings = import_robot(options.robot, options.output)
+    pieces = scene.pieces()
+    held = sum(piece.held for piece in pieces)
+    summary = {"scene": str(options.output), "name": scene.name, "parts": len(pieces), "held": held, "warnings": warnings}
+    text = [
+        f"{scene.name}: {len(pieces)} parts, {held} held",
+        *(f"  warning  {warning}" for warning in warnings),
+        f"saved {options.output}; set its field, then: magmpm run {options.output}",
+    ]
+    _print(options, summary, "\n".join(text))
+    return 0
 
 
 def _later(name: str) -> int:

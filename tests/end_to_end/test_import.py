@@ -1,0 +1,175 @@
+"""Robots of the magneticMPM format: tiny ones made here, right and odd; and the real ones where they lie beside the project."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from reference.solids import box
+
+from magmpm.cli import main
+from magmpm.errors import InputError
+from magmpm.meshes import Mesh, write_stl
+from magmpm.model import build
+from magmpm.robots import import_robot
+from magmpm.scene import load_scene
+
+REAL = Path(__file__).parents[2].parent / "shared" / "robots"
+MESHES = {
+    "base.STL": box((0, 0, 10), (2, 2, 12)),
+    "robot - arm.STL": box((0, 0, 5), (2, 2, 10)),
+    "tip.STL": box((0, 0, 0), (2, 2, 5)),
+}
+
+
+def segment(mesh: str, vector: list[float], **more: Any) -> dict[str, Any]:
+    return {"mesh": mesh, "magnetisation_vector": vector, "density": 1882, "shear_modulus": 120000, "fixed": False, **more}
+
+
+def robot_file(folder: Path, meshes: dict[str, Mesh] | None = None, **changes: Any) -> Path:
+    """A robot of three boxes hanging from the uppermost; changes: keys of the file that are other, None leaves one out."""
+    (folder / "meshes").mkdir(parents=True, exist_ok=True)
+    for name, mesh in {**MESHES, **(meshes or {})}.items():
+        write_stl(mesh, folder / "meshes" / name)
+    content = {
+        "name": "Tiny",
+        "n_segments": 3,
+        "remenance": 0.138,
+        "segments": [
+            segment("base.STL", [0, 0, 0], density=927, fixed=True),
+            segment("robot - arm.STL", [0, 0, 1]),
+            segment("tip.STL", [0.8, 0, 0.6]),
+        ],
+        **changes,
+    }
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))
+    return path
+
+
+def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene_file = tmp_path / "scenes" / "tiny.yaml"
+    assert main(["import", str(robot_file(tmp_path / "robot")), "-o", str(scene_file), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["name"], told["parts"], told["held"], told["warnings"]) == ("Tiny", 3, 1, [])
+    text = scene_file.read_text()
+    assert "../robot/meshes/robot - arm.STL" in text  # meshes are found from the scene's folder
+    scene = load_scene(scene_file)
+    assert [piece.held for piece in scene.pieces()] == [True, False, False]
+    np.testing.assert_allclose(scene.segment_remanence(), [[0, 0, 0], [0, 0, 0.138], [0.1104, 0, 0.0828]], atol=1e-12)
+    assert [scene.segment_material(k).density for k in range(3)] == [927, 1882, 1882]
+    assert {m.bulk_to_shear for m in scene.materials.values()} == {20.0}
+    model = build(scene)
+    assert model.particles.volume.sum() == pytest.approx(48e-9, rel=1e-6)  # STL is single precision
+    assert main(["run", str(scene_file), "--json", "--out", str(tmp_path / "out")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["converged"]
+    # It hangs: the tip's centroid sinks by weight, rho g L^2/(2 E) = 7 um within the clamp's and the ends' effects.
+    assert 2e-6 < 2.5e-3 - result["tip"][2] < 12e-6
+
+
+def test_a_robot_that_nothing_holds_stands_on_the_ground(tmp_path: Path) -> None:
+    loose = [segment("robot - arm.STL", [0, 0, 1]), segment("tip.STL", [0, 0, 1])]
+    scene, _ = import_robot(robot_file(tmp_path, n_segments=2, segments=loose), tmp_path / "s.yaml")
+    assert scene.solver.dynamic is not None
+    assert scene.effects.ground is not None
+    assert scene.effects.ground.point[2] == 0.0
+    assert build(scene).free
+
+
+def test_odd_input_is_warned_of(tmp_path: Path) -> None:
+    odd = [
+        segment("base.STL", [0, 0, 0], fixed=True),
+        segment("robot - arm.STL", [0, 0, 2.0]),
+        segment("tip.STL", [0, 0.707, 0.707]),  # three decimals: nobody's mistake
+    ]
+    far = {"left over.STL": box((0, 0, 0), (1, 1, 1)), "tip.STL": box((0, 0, -5), (2, 2, 0))}
+    scene, warnings = import_robot(robot_file(tmp_path, far, segments=odd), tmp_path / "s.yaml")
+    assert warnings == [
+        "segments[1].magnetisation_vector: [0, 0, 2] has length 2; it is made one, so the remanence is 0.138 T, not 0.276 T",
+        "meshes: left over.STL: no segment uses it",
+        "segments[2].mesh: tip.STL touches no other segment: the nearest is 5 mm away",
+    ]
+    np.testing.assert_allclose(np.linalg.norm(scene.segment_remanence(), axis=1), [0, 0.138, 0.138])
+
+
+def test_remanence_spelt_well_is_taken_too(tmp_path: Path) -> None:
+    scene, _ = import_robot(robot_file(tmp_path, remenance=None, remanence=0.05), tmp_path / "s.yaml")
+    assert np.linalg.norm(scene.segment_remanence()[1]) == pytest.approx(0.05)
+
+
+def flipped(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+SEGMENTS = [segment("base.STL", [0, 0, 0], fixed=True), segment("robot - arm.STL", [0, 0, 1]), segment("tip.STL", [0, 0, 1])]
+
+
+def changed(index: int, **more: Any) -> list[dict[str, Any]]:
+    return [{**s, **more} if i == index else s for i, s in enumerate(SEGMENTS)]
+
+
+BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "missing file": (
+        {"segments": changed(1, mesh="robot - arn.STL")},
+        ["segments[1].mesh: received robot - arn.STL", "the file must be in", 'did you mean "robot - arm.STL"?'],
+    ),
+    "overlap": (
+        {"meshes": {"tip.STL": box((0, 0, 0), (2, 2, 6))}},
+        ["segments[2].mesh: received tip.STL", "shares 4 mm^3 with segments[1], robot - arm.STL: 20 % of the smaller", "trim"],
+    ),
+    "the same mesh twice": ({"segments": changed(2, mesh="base.STL")}, ["segments[2].mesh", "100 % of the smaller"]),
+    "inverted": ({"meshes": {"tip.STL": flipped(MESHES["tip.STL"])}}, ["segments[2].mesh", "face inward", "flip the normals"]),
+    "hole": (
+        {"meshes": {"tip.STL": Mesh(MESHES["tip.STL"].vertices, MESHES["tip.STL"].faces[1:])}},
+        ["segments[2].mesh", "watertight", "close the holes"],
+    ),
+    "density": ({"segments": changed(1, density=-5)}, ["segments[1].density: received -5", "greater than 0"]),
+    "stiffness": ({"segments": changed(1, shear_modulus=0)}, ["segments[1].shear_modulus: received 0", "greater than 0"]),
+    "vector of two": ({"segments": changed(1, magnetisation_vector=[0, 1])}, ["segments[1].magnetisation_vector", "a list of 3"]),
+    "no number": ({"segments": changed(1, magnetisation_vector=[0, 1, float("nan")])}, ["magnetisation_vector[2]", "finite"]),
+    "fixed is no yes or no": ({"segments": changed(0, fixed="maybe")}, ["segments[0].fixed", "must be true or false"]),
+    "all fixed": ({"segments": [{**s, "fixed": True} for s in SEGMENTS]}, ["one segment at least must be free"]),
+    "count": ({"n_segments": 4}, ["n_segments: received 4", "there are 3"]),
+    "unknown key": ({"colour": "red"}, ["colour", "remove"]),
+    "no remenance": ({"remenance": None}, ["remenance", "this key is required"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_would_make_a_wrong_robot_is_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 2, a message with file, key, value, rule and remedy, and no scene written."""
+    changes, says = BAD[name]
+    path = robot_file(tmp_path, **changes)
+    assert main(["import", str(path), "-o", str(tmp_path / "s.yaml")]) == 2
+    message = capsys.readouterr().err
+    missing = [phrase for phrase in [str(path), "\n  rule: ", "\n  remedy: ", *says] if phrase not in message]
+    assert not missing, f"not said: {missing}\nin:\n{message}"
+    assert not (tmp_path / "s.yaml").exists()
+
+
+def test_a_folder_without_meshes_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "r.yaml"
+    path.write_text(yaml.safe_dump({"name": "r", "n_segments": 1, "remenance": 0.1, "segments": [SEGMENTS[1]]}))
+    with pytest.raises(InputError, match=r"the folder .*meshes must be there"):
+        import_robot(path, tmp_path / "s.yaml")
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real robots are not beside the project")
+@pytest.mark.parametrize(
+    ("robot", "volume", "held", "odd"),
+    [("Tentacle/tentacleA", 1182.75, 1, 4), ("Tentacle/tentacleF", 1182.75, 1, 4), ("SmallScaleBot/SmallScaleBot", 1.02675, 0, 0)],
+)
+def test_real_robots(robot: str, volume: float, held: int, odd: int, tmp_path: Path) -> None:
+    """Volume (mm^3, sum of the meshes' as another program, trimesh, has it), the held part, and vectors that are not unit."""
+    scene, warnings = import_robot(REAL / f"{robot}.yaml", tmp_path / "s.yaml")
+    assert len(scene.pieces()) == 9
+    assert sum(piece.held for piece in scene.pieces()) == held
+    assert len([w for w in warnings if "magnetisation_vector" in w]) == odd == len(warnings)
+    model = build(scene)
+    assert 1e9 * model.particles.volume.sum() == pytest.approx(volume, rel=1e-4)
+    assert max(model.section.values()) < 1e-6
