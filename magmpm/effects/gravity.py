@@ -43,4 +43,4 @@ def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
         f[i] += rho * effect.gravity[i]
 
 
-register(DTYPE, energy=energy, force=force)
+register(DTYPE, wide=("force",), energy=energy, force=force)

@@ -23,7 +23,7 @@ In motion only:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,11 +34,14 @@ from magmpm.jit import FASTMATH
 HOOKS = ("energy", "stress", "force", "tangent", "softening", "rate_stress", "contact", "node")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
+_wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hooks that serve eight particles at a time
 
 
-def register(dtype: np.dtype[Any], **hooks: Callable[..., Any]) -> None:
+def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]) -> None:
     """Tell the kernels which compiled functions serve the effect whose parameters have this dtype.
 
+    wide: those of its hooks stress, force and rate_stress that are plain arithmetic (+ - * /, no branch on a particle's values, no array of
+    their own): motion calls them for eight particles at a time (magmpm.lane_views), which costs a fraction. They give the same numbers.
     Raises ValueError on an unknown hook, or if another effect has the same field names: they are what tells effects apart.
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):
@@ -46,6 +49,10 @@ def register(dtype: np.dtype[Any], **hooks: Callable[..., Any]) -> None:
     for name in hooks:
         if name not in HOOKS:
             raise ValueError(f"unknown hook {name!r}; hooks are {', '.join(HOOKS)}")
+    for name in wide:
+        if name not in hooks or name not in ("stress", "force", "rate_stress"):
+            raise ValueError(f"wide: {name!r} must be one of the effect's hooks stress, force or rate_stress")
+        _wide[name].add(dtype.names)
     for name, function in hooks.items():
         _registry[name][dtype.names] = function
 
@@ -55,8 +62,12 @@ def has_hook(hook: str, named: tuple[Any, ...]) -> bool:
     return any(records.dtype.names in _registry[hook] for records in named[::2])
 
 
-def _find(hook: str, effects: Any) -> Callable[..., Any] | None:
-    return _registry[hook].get(tuple(effects[0].dtype.fields))
+def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., Any] | None:
+    """The hook of the first of a tuple's effects; wide True or False: only if it serves eight particles at a time, or does not."""
+    names = tuple(effects[0].dtype.fields)
+    if wide is not None and (names in _wide[hook]) != wide:
+        return None
+    return _registry[hook].get(names)
 
 
 def add_energy(effects, step, magnet, rho, x, F):  # type: ignore[no-untyped-def]
@@ -110,7 +121,7 @@ _CASES = """
 def build(effects, step, {arguments}):
     if len(effects) == 0:
         return lambda effects, step, {arguments}: None
-    hook = find(name, effects)
+    hook = find(name, effects, wide)
     if hook is None:
         return lambda effects, step, {arguments}: stub(effects[2:], step, {arguments})
     def both(effects, step, {arguments}):
@@ -120,9 +131,9 @@ def build(effects, step, {arguments}):
 """
 
 
-def _walk(stub: Callable[..., Any], name: str, arguments: str) -> None:
-    """Overload a stub whose hook writes into its arguments."""
-    space: dict[str, Any] = {"find": _find, "name": name, "stub": stub}
+def _walk(stub: Callable[..., Any], name: str, arguments: str, wide: bool | None = None) -> None:
+    """Overload a stub whose hook writes into its arguments; wide: as in _find."""
+    space: dict[str, Any] = {"find": _find, "name": name, "stub": stub, "wide": wide}
     exec(_CASES.format(arguments=arguments), space)
     overload(stub, jit_options={"fastmath": FASTMATH}, strict=False)(space["build"])
 
@@ -134,6 +145,41 @@ _walk(add_softening, "softening", "magnet, rho, x, F, H, M")
 _walk(add_rate_stress, "rate_stress", "rho, F, dF, P")
 _walk(add_contact, "contact", "x, v, mass, dt, f")
 _walk(change_node, "node", "X, u, v, dt")
+
+
+# For eight particles at a time (transfer.lanes): first the effects whose hooks are wide, called once, then the others, lane by lane.
+
+
+def add_wide_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+    """add_stress of the wide hooks, on views of eight particles. Only within compiled code."""
+
+
+def add_wide_force(effects, step, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+    """add_force of the wide hooks, on views of eight particles. Only within compiled code."""
+
+
+def add_wide_rate_stress(effects, step, rho, F, dF, P):  # type: ignore[no-untyped-def]
+    """add_rate_stress of the wide hooks, on views of eight particles. Only within compiled code."""
+
+
+def add_narrow_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+    """add_stress of the other hooks. Only within compiled code."""
+
+
+def add_narrow_force(effects, step, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+    """add_force of the other hooks. Only within compiled code."""
+
+
+def add_narrow_rate_stress(effects, step, rho, F, dF, P):  # type: ignore[no-untyped-def]
+    """add_rate_stress of the other hooks. Only within compiled code."""
+
+
+_walk(add_wide_stress, "stress", "magnet, rho, x, F, P", wide=True)
+_walk(add_wide_force, "force", "magnet, rho, x, F, f", wide=True)
+_walk(add_wide_rate_stress, "rate_stress", "rho, F, dF, P", wide=True)
+_walk(add_narrow_stress, "stress", "magnet, rho, x, F, P", wide=False)
+_walk(add_narrow_force, "force", "magnet, rho, x, F, f", wide=False)
+_walk(add_narrow_rate_stress, "rate_stress", "rho, F, dF, P", wide=False)
 
 
 # Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect asks for them.
@@ -159,17 +205,23 @@ def has_node(effects):  # type: ignore[no-untyped-def]
     """Whether any effect changes nodes. Only within compiled code."""
 
 
-def _answer(stub: Callable[..., Any], name: str) -> None:
+def has_narrow(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect has to be called lane by lane. Only within compiled code."""
+
+
+def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = None) -> None:
     def build(effects):  # type: ignore[no-untyped-def]
-        if any(_find(name, effects[i:]) is not None for i in range(0, len(effects), 2)):
+        rest = [effects[i:] for i in range(0, len(effects), 2)]
+        if any(_find(name, part, wide) is not None for name in names for part in rest):
             return lambda effects: True
         return lambda effects: False
 
     overload(stub, strict=False)(build)
 
 
-_answer(has_stress, "stress")
-_answer(has_force, "force")
-_answer(has_rate_stress, "rate_stress")
-_answer(has_contact, "contact")
-_answer(has_node, "node")
+_answer(has_stress, ["stress"])
+_answer(has_force, ["force"])
+_answer(has_rate_stress, ["rate_stress"])
+_answer(has_contact, ["contact"])
+_answer(has_node, ["node"])
+_answer(has_narrow, ["stress", "force", "rate_stress", "contact"], wide=False)

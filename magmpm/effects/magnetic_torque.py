@@ -54,4 +54,4 @@ def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
             P[i, j] -= h[i] * magnet[j]
 
 
-register(DTYPE, energy=energy, stress=stress)
+register(DTYPE, wide=("stress",), energy=energy, stress=stress)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
-from magmpm.materials import cofactor, determinant
 from magmpm.scene import Scene
 
 PHASE = "force"
@@ -49,18 +48,31 @@ def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> 
 
 @compiled
 def rate_stress(effect, data, rho, F, dF, P):  # type: ignore[no-untyped-def]
-    """P += 2 eta J D F^-T, Pa."""
-    J = determinant(F)
-    cof, L = np.empty((3, 3)), np.zeros((3, 3))
-    cofactor(F, cof)
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                L[i, j] += dF[i, k] * cof[j, k] / J
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                P[i, j] += effect.viscosity * (L[i, k] + L[k, i]) * cof[k, j]
+    """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written out: it serves eight particles at a time."""
+    a, b, c, d, e, f, g, h, i = F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
+    cofactors = (
+        (e * i - f * h, f * g - d * i, d * h - e * g),
+        (c * h - b * i, a * i - c * g, b * g - a * h),
+        (b * f - c * e, c * d - a * f, a * e - b * d),
+    )
+    x, y, z = cofactors
+    scale = effect.viscosity / (a * x[0] + b * x[1] + c * x[2])  # eta / J; 2 D = L + L^T
+    xx = 2.0 * scale * (dF[0, 0] * x[0] + dF[0, 1] * x[1] + dF[0, 2] * x[2])
+    yy = 2.0 * scale * (dF[1, 0] * y[0] + dF[1, 1] * y[1] + dF[1, 2] * y[2])
+    zz = 2.0 * scale * (dF[2, 0] * z[0] + dF[2, 1] * z[1] + dF[2, 2] * z[2])
+    xy = scale * (
+        dF[0, 0] * y[0] + dF[0, 1] * y[1] + dF[0, 2] * y[2] + dF[1, 0] * x[0] + dF[1, 1] * x[1] + dF[1, 2] * x[2]
+    )
+    xz = scale * (
+        dF[0, 0] * z[0] + dF[0, 1] * z[1] + dF[0, 2] * z[2] + dF[2, 0] * x[0] + dF[2, 1] * x[1] + dF[2, 2] * x[2]
+    )
+    yz = scale * (
+        dF[1, 0] * z[0] + dF[1, 1] * z[1] + dF[1, 2] * z[2] + dF[2, 0] * y[0] + dF[2, 1] * y[1] + dF[2, 2] * y[2]
+    )
+    for k in range(3):
+        P[0, k] += xx * x[k] + xy * y[k] + xz * z[k]
+        P[1, k] += xy * x[k] + yy * y[k] + yz * z[k]
+        P[2, k] += xz * x[k] + yz * y[k] + zz * z[k]
 
 
-register(DTYPE, rate_stress=rate_stress)
+register(DTYPE, wide=("rate_stress",), rate_stress=rate_stress)

@@ -7,15 +7,20 @@ from __future__ import annotations
 
 from magmpm.effects.hooks import (
     add_contact,
-    add_force,
-    add_rate_stress,
-    add_stress,
+    add_narrow_force,
+    add_narrow_rate_stress,
+    add_narrow_stress,
+    add_wide_force,
+    add_wide_rate_stress,
+    add_wide_stress,
     has_contact,
     has_force,
+    has_narrow,
     has_rate_stress,
     has_stress,
 )
 from magmpm.jit import compiled
+from magmpm.lane_views import matrix, vector
 from magmpm.simd import cube_root_guess, load, store
 
 LANES = 8
@@ -71,27 +76,38 @@ def neo_hookean(F, at, J, shear, pressure, P):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_effects(effects, step, dt, group, cubes, magnet, density, volume):  # type: ignore[no-untyped-def]
-    """What the effects add to a group's stress P (Pa) and load f (N/m^3), lane by lane.
+def add_effects(effects, step, dt, group, parts, magnet, density, volume):  # type: ignore[no-untyped-def]
+    """What the effects add to a group's stress P (Pa) and load f (N/m^3).
 
-    cubes: F, P, dF/dt (3, 3, 8), x, v, f (3, 8) of the group; magnet (groups, 3, 8), density and volume (groups, 8).
+    parts: F, P, dF/dt (9 8,) and x, v, f (3 8,) of the group; magnet (groups, 3, 8), density and volume (groups, 8).
     """
-    F3, P3, dF3, x, v2, f2 = cubes
+    F, P, dF, x, _, f = parts
+    rho = load(density.reshape(-1), LANES * group)
+    m, at, deformed, out = vector(magnet.reshape(-1), 24 * group), vector(x, 0), matrix(F, 0), matrix(P, 0)
+    add_wide_stress(effects, step, m, rho, at, deformed, out)
+    add_wide_force(effects, step, m, rho, at, deformed, vector(f, 0))
+    add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
+    if has_narrow(effects):
+        _lane_by_lane(effects, step, dt, group, parts, magnet, density, volume)
+
+
+@compiled
+def _lane_by_lane(effects, step, dt, group, parts, magnet, density, volume):  # type: ignore[no-untyped-def]
+    """What the effects add whose hooks serve one particle."""
+    F, P, dF = parts[0].reshape(3, 3, LANES), parts[1].reshape(3, 3, LANES), parts[2].reshape(3, 3, LANES)
+    x, v, f = parts[3].reshape(3, LANES), parts[4].reshape(3, LANES), parts[5].reshape(3, LANES)
     for lane in range(LANES):
-        if volume[group, lane] == 0.0:  # a lane without a particle
+        V = volume[group, lane]
+        if V == 0.0:  # a lane without a particle
             continue
-        Fl, Pl, xl, fl = F3[:, :, lane], P3[:, :, lane], x[:, lane], f2[:, lane]
-        rho = density[group, lane]
-        if has_stress(effects):
-            add_stress(effects, step, magnet[group, :, lane], rho, xl, Fl, Pl)
-        if has_force(effects):
-            add_force(effects, step, magnet[group, :, lane], rho, xl, Fl, fl)
-        if has_rate_stress(effects):
-            add_rate_stress(effects, step, rho, Fl, dF3[:, :, lane], Pl)
+        rho, m = density[group, lane], magnet[group, :, lane]
+        place, deformed, force = x[:, lane], F[:, :, lane], f[:, lane]
+        add_narrow_stress(effects, step, m, rho, place, deformed, P[:, :, lane])
+        add_narrow_force(effects, step, m, rho, place, deformed, force)
+        add_narrow_rate_stress(effects, step, rho, deformed, dF[:, :, lane], P[:, :, lane])
         if has_contact(effects):
-            V = volume[group, lane]
             for i in range(3):
-                fl[i] *= V
-            add_contact(effects, step, xl, v2[:, lane], rho * V, dt, fl)
+                force[i] *= V
+            add_contact(effects, step, place, v[:, lane], rho * V, dt, force)
             for i in range(3):
-                fl[i] /= V
+                force[i] /= V

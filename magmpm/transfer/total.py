@@ -127,7 +127,7 @@ def advance(
     Returns the number of steps taken: fewer where some det F has become 0 or less, or is no number.
     """
     slabs = len(slab_first) - 1
-    flat_volume, flat_modes = volume.reshape(-1), modes.reshape(-1)
+    flat_volume, flat_modes, flat_reference = volume.reshape(-1), modes.reshape(-1), reference.reshape(-1)
     most = 1
     for cell in range(len(cell_node)):
         most = max(most, cell_group[cell + 1] - cell_group[cell])
@@ -137,7 +137,7 @@ def advance(
                 slab = 2 * half + colour
                 F, J, c = np.empty(72 * most), np.empty(8 * most), np.empty(4)
                 P, f, dF, rate, work = np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(72)
-                value = np.empty(24 * most)
+                value, x = np.empty(24 * most), np.empty(24)
                 least, bad = splat(np.inf), splat(0.0)
                 for cell in range(slab_first[slab], slab_first[slab + 1]):
                     first, last, node = cell_group[cell], cell_group[cell + 1], cell_node[cell]
@@ -164,12 +164,11 @@ def advance(
                         if has_rate_stress(effects) or has_contact(effects):
                             gather(v, node, along_x, along_y, splines, SPLINES * group, dF, rate)
                         if any_effect(effects):
-                            x = reference[group] + value[at // 3 : at // 3 + 24].reshape(3, 8)
-                            cubes = (
-                                F[at : at + 72].reshape(3, 3, 8), P.reshape(3, 3, 8), dF.reshape(3, 3, 8), x,
-                                rate.reshape(3, 8), f.reshape(3, 8),
-                            )  # fmt: skip
-                            add_effects(effects, step, dt, group, cubes, magnet, density, volume)
+                            for i in range(3):
+                                moved = load(value, at // 3 + 8 * i) + load(flat_reference, 24 * group + 8 * i)
+                                store(x, 8 * i, moved)
+                            parts = (F[at : at + 72], P, dF, x, rate, f)
+                            add_effects(effects, step, dt, group, parts, magnet, density, volume)
                         V = load(flat_volume, 8 * group)
                         for i in range(9):
                             store(P, 8 * i, load(P, 8 * i) * V)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.effects.hooks import change_node, has_node
+from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.jit import compiled, kernel, prange
 from magmpm.simd import (
     flag_unless_positive,
@@ -72,17 +72,15 @@ def _prepare(block, step, dt, h, x, v, C, F, volume, shear, bulk, magnet, densit
     if any_effect(effects):
         for i in range(3):
             store(place, 8 * i, strided(x, rows + i, 4))
-            store(velocity, 8 * i, strided(v, rows + i + 1, 4))
-            for k in range(3):
+            if has_contact(effects):
+                store(velocity, 8 * i, strided(v, rows + i + 1, 4))
+            for k in range(3 if has_rate_stress(effects) else 0):
                 rate = splat(0.0)
                 for m in range(3):
                     rate = rate + strided(C, columns + 4 * m + i + 1, 12) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
-        cubes = (
-            F[at : at + 72].reshape(3, 3, 8), P.reshape(3, 3, 8), dF.reshape(3, 3, 8), place.reshape(3, 8),
-            velocity.reshape(3, 8), f.reshape(3, 8),
-        )  # fmt: skip
-        add_effects(effects, step, dt, block, cubes, magnet, density, volume.reshape(-1, 8))
+        parts = (F[at : at + 72], P, dF, place, velocity, f)
+        add_effects(effects, step, dt, block, parts, magnet, density, volume.reshape(-1, 8))
     mass = load(density.reshape(-1), 8 * block) * V
     store_strided(out, 0, 16, mass)
     for i in range(3):
