@@ -56,10 +56,10 @@ class UpdatedMotion:
         self.C = np.zeros((len(order), 3, 4))
         self.x[:, :3], self.v[:, 1:] = x[source], v[source]
         self.C[:, :, 1:] = C[source].transpose(0, 2, 1)
-        self.F = _blocks(F.reshape(-1, 9)[source])
+        self.F = _blocks(F.reshape(-1, 9)[source]).reshape(-1)
         self.volume = np.where(real, model.particles.volume[source], 0.0)
-        self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source].reshape(-1, WIDTH)
-        self.magnet = _blocks(model.magnet[source])
+        self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
+        self.magnet = _blocks(model.magnet[source]).reshape(-1)
         nodes = int(np.prod(self.shape))
         self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
         self.fixed = self._fixed(nodes)
@@ -132,7 +132,7 @@ class UpdatedMotion:
 
     def kinetic_energy(self) -> float:
         """Of the particles' velocities, J."""
-        mass = self.density.reshape(-1) * self.volume
+        mass = self.density * self.volume
         return 0.5 * float(np.sum(mass[:, None] * self.v[:, 1:] ** 2))
 
     @property
@@ -151,6 +151,5 @@ class UpdatedMotion:
 
 
 def _blocks(rows: Array) -> Array:
-    """(n, k) values of particles as (n / 8, k, 8); flat for k = 9, as the kernel takes F."""
-    blocks = np.ascontiguousarray(rows.reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1))
-    return blocks.reshape(-1) if rows.shape[1] == 9 else blocks
+    """(n, k) values of particles as (n / 8, k, 8)."""
+    return np.ascontiguousarray(rows.reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1))

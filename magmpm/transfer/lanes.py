@@ -76,38 +76,39 @@ def neo_hookean(F, at, J, shear, pressure, P):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_effects(effects, step, dt, group, parts, magnet, density, volume):  # type: ignore[no-untyped-def]
+def add_effects(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume):  # type: ignore[no-untyped-def]
     """What the effects add to a group's stress P (Pa) and load f (N/m^3).
 
-    parts: F, P, dF/dt (9 8,) and x, v, f (3 8,) of the group; magnet (groups, 3, 8), density and volume (groups, 8).
+    F (9 8,) from index `at`; P, dF/dt (9 8,), x, v, f (3 8,) of the group; magnet (groups 3 8,), density and volume (groups 8,). Flat
+    arrays and no slices: counting references to them would cost as much as an effect.
     """
-    F, P, dF, x, _, f = parts
-    rho = load(density.reshape(-1), LANES * group)
-    m, at, deformed, out = vector(magnet.reshape(-1), 24 * group), vector(x, 0), matrix(F, 0), matrix(P, 0)
-    add_wide_stress(effects, step, m, rho, at, deformed, out)
-    add_wide_force(effects, step, m, rho, at, deformed, vector(f, 0))
+    rho = load(density, LANES * group)
+    m, place, deformed, out = vector(magnet, 24 * group), vector(x, 0), matrix(F, at), matrix(P, 0)
+    add_wide_stress(effects, step, m, rho, place, deformed, out)
+    add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
     if has_narrow(effects):
-        _lane_by_lane(effects, step, dt, group, parts, magnet, density, volume)
+        _lane_by_lane(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume)
 
 
 @compiled
-def _lane_by_lane(effects, step, dt, group, parts, magnet, density, volume):  # type: ignore[no-untyped-def]
+def _lane_by_lane(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume):  # type: ignore[no-untyped-def]
     """What the effects add whose hooks serve one particle."""
-    F, P, dF = parts[0].reshape(3, 3, LANES), parts[1].reshape(3, 3, LANES), parts[2].reshape(3, 3, LANES)
-    x, v, f = parts[3].reshape(3, LANES), parts[4].reshape(3, LANES), parts[5].reshape(3, LANES)
+    F3, P3, dF3 = F[at : at + 9 * LANES].reshape(3, 3, LANES), P.reshape(3, 3, LANES), dF.reshape(3, 3, LANES)
+    x2, v2, f2 = x.reshape(3, LANES), v.reshape(3, LANES), f.reshape(3, LANES)
+    magnets = magnet[24 * group : 24 * group + 24].reshape(3, LANES)
     for lane in range(LANES):
-        V = volume[group, lane]
+        V = volume[LANES * group + lane]
         if V == 0.0:  # a lane without a particle
             continue
-        rho, m = density[group, lane], magnet[group, :, lane]
-        place, deformed, force = x[:, lane], F[:, :, lane], f[:, lane]
-        add_narrow_stress(effects, step, m, rho, place, deformed, P[:, :, lane])
+        rho, m = density[LANES * group + lane], magnets[:, lane]
+        place, deformed, force = x2[:, lane], F3[:, :, lane], f2[:, lane]
+        add_narrow_stress(effects, step, m, rho, place, deformed, P3[:, :, lane])
         add_narrow_force(effects, step, m, rho, place, deformed, force)
-        add_narrow_rate_stress(effects, step, rho, deformed, dF[:, :, lane], P[:, :, lane])
+        add_narrow_rate_stress(effects, step, rho, deformed, dF3[:, :, lane], P3[:, :, lane])
         if has_contact(effects):
             for i in range(3):
                 force[i] *= V
-            add_contact(effects, step, place, v[:, lane], rho * V, dt, force)
+            add_contact(effects, step, place, v2[:, lane], rho * V, dt, force)
             for i in range(3):
                 force[i] /= V

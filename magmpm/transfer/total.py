@@ -23,8 +23,8 @@ SPLINES = 18 * LANES  # floats of a group's splines
 
 
 @compiled
-def gather(field, node, along_x, along_y, splines, first, gradient, value):  # type: ignore[no-untyped-def]
-    """Gradient (9 8,) and value (3 8,) of a nodal field (3 nodes,) at a group of particles.
+def gather(field, node, along_x, along_y, splines, first, gradient, to, value, at):  # type: ignore[no-untyped-def]
+    """Gradient (9 8,) and value (3 8,) of a nodal field (3 nodes,) at a group of particles, from indices `to` and `at` on.
 
     node: the cell's first node; along_x, along_y: nodes from one to the next along x and y; first: of the group in splines.
     """
@@ -52,10 +52,10 @@ def gather(field, node, along_x, along_y, splines, first, gradient, value):  # t
         x0, x1, x2 = x0 + dx * p0, x1 + dx * p1, x2 + dx * p2
         y0, y1, y2 = y0 + nx * q0, y1 + nx * q1, y2 + nx * q2
         z0, z1, z2 = z0 + nx * r0, z1 + nx * r1, z2 + nx * r2
-    store(gradient, 0, x0), store(gradient, 8, y0), store(gradient, 16, z0)
-    store(gradient, 24, x1), store(gradient, 32, y1), store(gradient, 40, z1)
-    store(gradient, 48, x2), store(gradient, 56, y2), store(gradient, 64, z2)
-    store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
+    store(gradient, to + 0, x0), store(gradient, to + 8, y0), store(gradient, to + 16, z0)
+    store(gradient, to + 24, x1), store(gradient, to + 32, y1), store(gradient, to + 40, z1)
+    store(gradient, to + 48, x2), store(gradient, to + 56, y2), store(gradient, to + 64, z2)
+    store(value, at + 0, u0), store(value, at + 8, u1), store(value, at + 16, u2)
 
 
 @compiled
@@ -127,7 +127,8 @@ def advance(
     Returns the number of steps taken: fewer where some det F has become 0 or less, or is no number.
     """
     slabs = len(slab_first) - 1
-    flat_volume, flat_modes, flat_reference = volume.reshape(-1), modes.reshape(-1), reference.reshape(-1)
+    flat_volume, flat_density, flat_modes = volume.reshape(-1), density.reshape(-1), modes.reshape(-1)
+    flat_reference, flat_magnet = reference.reshape(-1), magnet.reshape(-1)
     most = 1
     for cell in range(len(cell_node)):
         most = max(most, cell_group[cell + 1] - cell_group[cell])
@@ -144,11 +145,7 @@ def advance(
                     c[:] = 0.0
                     for group in range(first, last):
                         at = 72 * (group - first)
-                        here = F[at : at + 72]
-                        gather(
-                            u, node, along_x, along_y, splines, SPLINES * group, here,
-                            value[24 * (group - first) : 24 * (group - first) + 24],
-                        )  # fmt: skip
+                        gather(u, node, along_x, along_y, splines, SPLINES * group, F, at, value, at // 3)
                         for i in range(3):
                             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
                         det = determinant(F, at)
@@ -162,13 +159,14 @@ def advance(
                         neo_hookean(F, at, det, cell_shear[cell], change * cell_bulk[cell], P)
                         f[:] = 0.0
                         if has_rate_stress(effects) or has_contact(effects):
-                            gather(v, node, along_x, along_y, splines, SPLINES * group, dF, rate)
+                            gather(v, node, along_x, along_y, splines, SPLINES * group, dF, 0, rate, 0)
                         if any_effect(effects):
                             for i in range(3):
                                 moved = load(value, at // 3 + 8 * i) + load(flat_reference, 24 * group + 8 * i)
                                 store(x, 8 * i, moved)
-                            parts = (F[at : at + 72], P, dF, x, rate, f)
-                            add_effects(effects, step, dt, group, parts, magnet, density, volume)
+                            add_effects(
+                                effects, step, dt, group, F, at, P, dF, x, rate, f, flat_magnet, flat_density, flat_volume,
+                            )  # fmt: skip
                         V = load(flat_volume, 8 * group)
                         for i in range(9):
                             store(P, 8 * i, load(P, 8 * i) * V)
@@ -200,7 +198,7 @@ def at_particles(field, cell_group, cell_node, along_x, along_y, splines, partic
     for cell in prange(len(cell_node)):
         gradient, value = np.empty(72), np.empty(24)
         for group in range(cell_group[cell], cell_group[cell + 1]):
-            gather(field, cell_node[cell], along_x, along_y, splines, SPLINES * group, gradient, value)
+            gather(field, cell_node[cell], along_x, along_y, splines, SPLINES * group, gradient, 0, value, 0)
             for lane in range(LANES):
                 p = particle[group, lane]
                 if p >= 0:

@@ -79,9 +79,8 @@ def _prepare(block, step, dt, h, x, v, C, F, volume, shear, bulk, magnet, densit
                 for m in range(3):
                     rate = rate + strided(C, columns + 4 * m + i + 1, 12) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
-        parts = (F[at : at + 72], P, dF, place, velocity, f)
-        add_effects(effects, step, dt, block, parts, magnet, density, volume.reshape(-1, 8))
-    mass = load(density.reshape(-1), 8 * block) * V
+        add_effects(effects, step, dt, block, F, at, P, dF, place, velocity, f, magnet, density, volume)
+    mass = load(density, 8 * block) * V
     store_strided(out, 0, 16, mass)
     for i in range(3):
         p = mass * strided(v, rows + i + 1, 4) + dt * (V * load(f, 8 * i))
@@ -188,8 +187,7 @@ def advance(
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
     Flat arrays, changed in place: x, v (4 n,) rows [x, y, z, -] and [-, v]; C (12 n,) columns [-, dv/dx], 1/s; F (9 n,) in blocks of
-    eight. slab_first (slabs + 1,) first block of eight of each slab; volume, shear, bulk (n,), magnet (blocks, 3, 8), density
-    (blocks, 8); momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp: first node of the plane
+    eight. slab_first (slabs + 1,) first block of eight of each slab; volume, shear, bulk, density (n,), magnet (3 n,) in blocks of eight; momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp: first node of the plane
     before the clamped face, or -1; flat: nothing moves along y; low, fast (slabs,): smallest det F, largest speed along an axis in
     cells a step; drift: cells that particles may have moved since they were sorted.
     Returns steps taken, drift, and whether the motion broke: det F, or a particle that crosses a cell in one step.
