@@ -77,7 +77,7 @@ def _indexes(kind: Any, index: Any) -> bool:
         return False
     if kind.indices == 1:
         return isinstance(index, types.Integer)
-    return isinstance(index, types.BaseTuple) and len(index) == 2 and all(isinstance(t, types.Integer) for t in index)
+    return isinstance(index, (types.Tuple, types.UniTuple)) and [isinstance(t, types.Integer) for t in index] == [True, True]
 
 
 @type_callable(operator.getitem)

@@ -187,9 +187,10 @@ def advance(
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
     Flat arrays, changed in place: x, v (4 n,) rows [x, y, z, -] and [-, v]; C (12 n,) columns [-, dv/dx], 1/s; F (9 n,) in blocks of
-    eight. slab_first (slabs + 1,) first block of eight of each slab; volume, shear, bulk, density (n,), magnet (3 n,) in blocks of eight; momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp: first node of the plane
-    before the clamped face, or -1; flat: nothing moves along y; low, fast (slabs,): smallest det F, largest speed along an axis in
-    cells a step; drift: cells that particles may have moved since they were sorted.
+    eight. slab_first (slabs + 1,) first block of eight of each slab; volume, shear, bulk, density (n,), magnet (3 n,) in blocks of eight;
+    momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp: first node of the plane before the
+    clamped face, or -1; flat: nothing moves along y; low, fast (slabs,): smallest det F, largest speed along an axis in cells a step;
+    drift: cells that particles may have moved since they were sorted.
     Returns steps taken, drift, and whether the motion broke: det F, or a particle that crosses a cell in one step.
     """
     slabs = len(slab_first) - 1
