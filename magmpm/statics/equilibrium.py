@@ -23,6 +23,7 @@ from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.start import from_rod, local_correction, straight, with_correction
 
 FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
+FAR_STRIP = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1; branches are 1 apart
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps for a solve without a rod's shape, which may have to turn a body round: 100 to 300 in robots tried
 
@@ -115,7 +116,7 @@ def _solve(
             steps += _most_steps(model)
             continue
         steps += found.steps
-        if _distance(model, found.point, rod) < FAR:
+        if _distance(model, found.point, rod) < (FAR if model.scene.body.strip is None else FAR_STRIP):
             return Equilibrium(found.point, steps, True, local_correction(model, rod, found.point.grid), warnings)
     warnings.append(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
