@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.advice import Advice, Body
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -31,6 +32,18 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     """What kernels take, or () where the rate is zero."""
     settings = scene.effects.damping
     return parameters(settings.rate) if settings is not None and settings.rate > 0 else ()
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """What rate would settle the body soonest."""
+    if body.frequency is None:
+        return Advice(0.0, "moves no equilibrium; settles motion")
+    best = 2 * body.frequency
+    named = scene.effects.damping
+    says = f"moves no equilibrium; {best:.3g} 1/s settles its first bending soonest"
+    if named is not None:
+        says += f", {named.rate:.3g} 1/s is {named.rate / best:.2g} of that"
+    return Advice(0.0, says)
 
 
 @compiled

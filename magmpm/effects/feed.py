@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.advice import Advice, Body
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -33,6 +34,15 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     if settings is None:
         return ()
     return parameters(speed=settings.speed, exit=settings.exit, radius=scene.thickness)
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """How far it pushes."""
+    named = scene.effects.feed
+    if named is None or scene.solver.dynamic is None:
+        return Advice(None, "pushes the base through a guide at the speed it is given")
+    way = named.speed * scene.solver.dynamic.duration
+    return Advice(abs(way), f"pushes the base on by {1e3 * way:.3g} mm")
 
 
 @compiled

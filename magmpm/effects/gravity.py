@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.advice import Advice, Body, shift
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -27,6 +28,14 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     settings = scene.effects.gravity
     acceleration = strength * np.array(settings.acceleration if settings else (0.0, 0.0, 0.0))
     return parameters(acceleration) if acceleration.any() else ()
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """How far weight bends the body."""
+    if any(scene.materials[piece.material_name].density is None for piece in scene.pieces()):
+        return Advice(None, "not known: a material has no density")
+    moved = shift(scene, body, "gravity")
+    return Advice(moved, f"weight moves it by {100 * moved / scene.length:.2g} % of its length")
 
 
 @compiled

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from magmpm import contact as law
+from magmpm.advice import Advice, Body
 from magmpm.contact import Contact, push
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
@@ -58,6 +59,18 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
     """Largest stable step, s."""
     return law.stable_step(float(record["ground_stiffness"].max()))
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """Whether the body's rest, were the plane not there, would be through it."""
+    named = scene.effects.ground
+    if named is None:
+        return Advice(None, "no plane is given")
+    height = (body.rest(scene) - np.array(named.point)) @ np.array(named.normal) - body.half
+    low = float(height.min())
+    if low >= 0:
+        return Advice(0.0, f"the body comes to rest {1e3 * low:.3g} mm above it")
+    return Advice(-low, f"without it the body would come to rest {-1e3 * low:.3g} mm below it")
 
 
 @compiled

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.advice import Advice, Body, shift
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -33,6 +34,14 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     """What kernels take, or () where there is no field."""
     field = strength * np.array(scene.field.uniform)
     return parameters(field) if field.any() else ()
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """How far the field bends the body."""
+    if not any(scene.field.uniform) or not scene.magnetised_segments():
+        return Advice(0.0, "nothing to turn, or no field to turn it")
+    moved = shift(scene, body, "magnetic_torque")
+    return Advice(moved, f"the field moves it by {100 * moved / scene.length:.2g} % of its length")
 
 
 @compiled

@@ -7,12 +7,14 @@ What is touching sticks (no slip), and bodies feel each other when they come nea
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from magmpm.advice import Advice, Body
 from magmpm.scene import Scene
 
 PHASE = "contact"
@@ -21,6 +23,21 @@ PHASE = "contact"
 def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
     """Nothing for the kernels: the formulation does it."""
     return ()
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """Whether the body's rest, could it pass through itself, would."""
+    points = body.rest(scene)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = np.column_stack([s, 0 * s, 0 * s])
+    apart = 4 * math.pi * body.half  # a loop whose sides touch is longer
+    room = gap(points, along, size=2 * body.half, apart=apart, within=max(apart, 4 * body.half))
+    if room > 0:
+        clear = "nowhere near" if math.isinf(room) else f"{1e3 * room:.3g} mm from"
+        return Advice(0.0, f"at rest the body is {clear} itself; needs the updated formulation")
+    return Advice(
+        -room, f"at rest the body would be {-1e3 * room:.3g} mm through itself; needs the updated formulation"
+    )
 
 
 def gap(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.advice import Advice, Body
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -44,6 +45,19 @@ def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> 
     """
     steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
     return 0.9 / (2.0 * float(record["viscosity"].max()) / float(model.density.min()) * steep)
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """The damping ratio of the first bending."""
+    if body.frequency is None:
+        return Advice(0.0, "moves no equilibrium; losses in the material")
+    named = scene.effects.viscosity
+    softest = min(scene.materials[piece.material_name].shear_modulus for piece in scene.pieces())
+    critical = 2 * softest / body.frequency
+    if named is None:
+        return Advice(0.0, f"moves no equilibrium; {critical:.3g} Pa s damps its first bending critically")
+    ratio = named.viscosity / critical
+    return Advice(0.0, f"moves no equilibrium; damps its first bending by {100 * ratio:.2g} % of critical")
 
 
 @compiled

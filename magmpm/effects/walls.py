@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from magmpm import contact as law
 from magmpm import distance
+from magmpm.advice import Advice, Body
 from magmpm.contact import Contact, push
 from magmpm.curves import curve
 from magmpm.distance import Table, value
@@ -75,6 +76,18 @@ def _path(tube: Tube) -> NDArray[np.float64]:
 def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
     """Largest stable step, s."""
     return law.stable_step(float(record["walls_stiffness"].max()))
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """Whether the body's rest, were the wall not there, would be through it."""
+    named = scene.effects.walls
+    if named is None:
+        return Advice(None, "no lumen is given")
+    tube = named.tube
+    room = float((tube.radius - distance.to_path(body.rest(scene), _path(tube))).min()) - body.half
+    if room >= 0:
+        return Advice(0.0, f"the body comes to rest {1e3 * room:.3g} mm from it")
+    return Advice(-room, f"without it the body would come to rest {-1e3 * room:.3g} mm beyond it")
 
 
 @compiled
