@@ -25,10 +25,10 @@ Simulate magnetic soft catheters, and find the magnetisation that makes a wanted
   magmpm run data/scenes/five_segments.yaml --render    one shape, with its picture
   magmpm design data/studies/s_shape.yaml               the magnetisation that makes a shape
   magmpm accuracy data/scenes/five_segments.yaml        what accuracy costs in time
+  magmpm effects data/scenes/five_segments.yaml         what each effect would do here, and cost
 """
 LATER = {
     "stability": "the hard cases, each with its measure and bound",
-    "effects": "what each effect does to a scene and costs",
 }
 
 
@@ -99,6 +99,17 @@ def _parser() -> argparse.ArgumentParser:
     accuracy.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
     _common(accuracy, "runs/NAME, with the scene's name")
     accuracy.set_defaults(command=_accuracy)
+
+    table = commands.add_parser(
+        "effects",
+        help="what each effect does to a scene and costs",
+        description="For every effect, named in the scene or not: how far it moves the body's rest, by an estimate, and what it adds "
+        "to a time step.",
+    )
+    table.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
+    table.add_argument("--quick", action="store_true", help="leave out the costs, which are measured (and compiled for, once)")
+    table.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    table.set_defaults(command=_effects)
 
     render = commands.add_parser(
         "render",
@@ -278,6 +289,17 @@ def _accuracy(options: argparse.Namespace) -> int:
     ]
     summary = {**ladder.summary(), "files": [str(path) for path in files]}
     _print(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
+    return 0
+
+
+def _effects(options: argparse.Namespace) -> int:
+    from magmpm.scene import load_scene
+    from studies.effects_table import survey
+
+    scene = load_scene(options.scene)
+    with Progress(f"effects of {scene.name}") as progress:
+        table = survey(scene, measure=not options.quick, on_progress=progress.at)
+    _print(options, table.summary(), table.text())
     return 0
 
 

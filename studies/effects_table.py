@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from magmpm import effects
 from magmpm.basis import Array
+from magmpm.dynamics.run import formulation
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.errors import MagmpmError, SolveError
+from magmpm.inputs import validate
+from magmpm.model import build
+from magmpm.parts import Effects
 from magmpm.rod import rod_model, solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.surroundings import IN_MOTION
 
+Progress = Callable[[int, int, str], None]
+STILL = 1e-12  # s, a step in which nothing moves
+RUN, REPEATS = 0.03, 7  # s
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
 
 
@@ -108,9 +119,56 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": {"static": data["solver"]["static"]}, "reference": None})
 
 
-def survey(scene: Scene, *, measure: bool = True) -> Table:
-    """Every effect there is, in this scene. measure: time steps with and without each (seconds); else cost_percent is None."""
+def costs(scene: Scene, on_progress: Progress | None = None) -> dict[str, float]:
+    """Per cent that each effect by itself adds to a step of the scene's body, at the settings the scene or else its key's example has.
+
+    In the formulation the scene would take; kernels are compiled or loaded first. An effect with no part in a step has none.
+    """
+    data = at_rest(scene).to_si()
+    dynamic = getattr(scene.solver, "dynamic", None)
+    data["solver"]["dynamic"] = {"duration": 1.0} if dynamic is None else dynamic.model_dump(mode="json")
+    bare = Scene.from_si({**data, "effects": {}})
+    model = build(bare)
+    parts: dict[str, tuple[Array, ...]] = {"": ()}
+    for key, module in effects.every().items():
+        named = getattr(scene.effects, key)
+        try:
+            if named is None:
+                example = {key: (Effects.model_fields[key].examples or [{}])[0]}
+                named = getattr(validate(Effects, example, "example"), key)
+            alone = scene.model_copy(update={"effects": Effects(**{key: named})})
+            found = module.of_scene(alone, 1.0, np.zeros(1))
+        except MagmpmError:
+            continue
+        if found:
+            parts[key] = tuple(found)
+    kind = TotalMotion if formulation(scene if dynamic is not None else bare) == "total" else UpdatedMotion
+    spent = {}
+    for k, (key, found) in enumerate(parts.items()):
+        if on_progress is not None:
+            on_progress(k, len(parts), key or "no effect")
+        spent[key] = _seconds_a_step(kind(replace(model, effects=found)), found)
+    return {key: 100 * (spent[key] / spent[""] - 1) for key in parts if key}
+
+
+def _seconds_a_step(motion: TotalMotion | UpdatedMotion, found: tuple[Array, ...]) -> float:
+    """Least time of a step over REPEATS runs of a few steps, too short to move anything. The first, which may compile, is left out."""
+    motion.advance(1, STILL, found)
+    begun = perf_counter()
+    motion.advance(1, STILL, found)
+    steps = int(np.clip(RUN / (perf_counter() - begun), 2, 1000))
+    times = []
+    for _ in range(REPEATS):
+        begun = perf_counter()
+        motion.advance(steps, STILL, found)
+        times.append((perf_counter() - begun) / steps)
+    return min(times)
+
+
+def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None = None) -> Table:
+    """Every effect there is, in this scene. measure: time steps with and without each; else cost_percent is None."""
     body, rows = Estimates(scene), []
+    spent = costs(scene, on_progress) if measure else {}
     for key, module in effects.every().items():
         shift, says = None, "no estimate for this effect"
         if hasattr(module, "advice"):
@@ -121,5 +179,5 @@ def survey(scene: Scene, *, measure: bool = True) -> Table:
                 says = f"not known: {error.reason}"
             except MagmpmError as error:
                 says = f"not known: {str(error).splitlines()[0]}"
-        rows.append(Row(key, getattr(scene.effects, key) is not None, shift, None, says))
+        rows.append(Row(key, getattr(scene.effects, key) is not None, shift, spent.get(key), says))
     return Table(scene.name, scene.length, rows)
