@@ -35,6 +35,15 @@ class Table:
         """The splines that go through these values at the points."""
         return cls(origin, spacing, spline_filter(values, order=2, mode="mirror"))
 
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Distance (n,) m and its slope (n, 3) at points (n, 3) m; inf and 0 where the table does not reach."""
+        found, slopes = np.full(len(points), np.inf), np.zeros((len(points), 3))
+        flat, shape = self.coefficients.ravel(), self.coefficients.shape
+        place = (points - self.origin) / self.spacing
+        for n in np.flatnonzero(np.all((place >= 0.5) & (place < np.array(shape) - 1.5), axis=1)):
+            found[n], *slopes[n] = value(*place[n], self.spacing, shape[1], shape[2], flat)
+        return found, slopes
+
 
 def points_between(low: Array, high: Array, spacing: float) -> tuple[Array, float, tuple[int, int, int]]:
     """Origin, spacing and shape of a table over a box (m); the spacing is widened where it would take more than MOST_POINTS."""
@@ -163,33 +172,26 @@ def _crossings(corners, origin, spacing, inside):  # type: ignore[no-untyped-def
 
 
 @compiled
-def value(origin, spacing, shape, coefficients, x, slope):  # type: ignore[no-untyped-def]
-    """Distance (m) at x (3,) and its slope into slope (3,); inf where the table does not reach. coefficients flat, shape (3,)."""
-    w, s = np.empty((3, 3)), np.empty((3, 3))
-    i0, i1, i2 = 0, 0, 0
-    for axis in range(3):
-        at = (x[axis] - origin[axis]) / spacing
-        if not (0.5 <= at <= shape[axis] - 1.5):
-            return np.inf
-        i = int(np.floor(at + 0.5))
-        d = at - i
-        w[axis, 0], w[axis, 1], w[axis, 2] = 0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2
-        s[axis, 0], s[axis, 1], s[axis, 2] = (d - 0.5) / spacing, -2.0 * d / spacing, (d + 0.5) / spacing
-        if axis == 0:
-            i0 = i - 1
-        elif axis == 1:
-            i1 = i - 1
-        else:
-            i2 = i - 1
-    slope[0] = slope[1] = slope[2] = 0.0
-    total = 0.0
+def value(p, q, r, spacing, rows, columns, coefficients):  # type: ignore[no-untyped-def]
+    """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
+    than the last by as much. rows, columns: points along y and z; coefficients flat.
+
+    In scalars and tuples: small arrays in a particle loop, and views handed on, cost more than all the rest.
+    """
+    i, j, k = int(p + 0.5), int(q + 0.5), int(r + 0.5)
+    d, e, f = p - i, q - j, r - k
+    u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
+    v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
+    w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
+    du, dv, dw = (d - 0.5, -2.0 * d, d + 0.5), (e - 0.5, -2.0 * e, e + 0.5), (f - 0.5, -2.0 * f, f + 0.5)
+    total, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for a in range(3):
         for b in range(3):
-            first = ((i0 + a) * shape[1] + i1 + b) * shape[2] + i2
-            for c in range(3):
-                q = coefficients[first + c]
-                total += w[0, a] * w[1, b] * w[2, c] * q
-                slope[0] += s[0, a] * w[1, b] * w[2, c] * q
-                slope[1] += w[0, a] * s[1, b] * w[2, c] * q
-                slope[2] += w[0, a] * w[1, b] * s[2, c] * q
-    return total
+            first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
+            c0, c1, c2 = coefficients[first], coefficients[first + 1], coefficients[first + 2]
+            line = w[0] * c0 + w[1] * c1 + w[2] * c2
+            total += u[a] * v[b] * line
+            sx += du[a] * v[b] * line
+            sy += u[a] * dv[b] * line
+            sz += u[a] * v[b] * (dw[0] * c0 + dw[1] * c1 + dw[2] * c2)
+    return total, sx / spacing, sy / spacing, sz / spacing

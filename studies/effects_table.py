@@ -114,7 +114,7 @@ class Estimates:
 
 def at_rest(scene: Scene) -> Scene:
     """The scene's equilibrium: without what only motion has."""
-    data = scene.with_effects(**{}).to_si()
+    data = scene.to_si()
     data["effects"] = {key: value for key, value in data["effects"].items() if key not in IN_MOTION}
     return Scene.from_si({**data, "solver": {"static": data["solver"]["static"]}, "reference": None})
 

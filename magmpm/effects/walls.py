@@ -6,6 +6,7 @@ stiffness and what a body sinks in: see magmpm.contact. What lies beyond the tab
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Any
 
@@ -91,41 +92,43 @@ def advice(scene: Scene, body: Body) -> Advice:
 
 
 @compiled
-def depth(effect, data, x, slope):  # type: ignore[no-untyped-def]
-    """How far (m) the body's surface at a particle at x is beyond the wall, negative inside; slope (3,): of the distance, inwards."""
-    n = effect.walls_shape
-    s, o = effect.walls_spacing, effect.walls_origin
+def depth(effect, data, x):  # type: ignore[no-untyped-def]
+    """How far (m) the body's surface at a particle at x is beyond the wall, negative inside; slope of the distance, inwards."""
+    s = effect.walls_spacing
+    p, q, r = (
+        (x[0] - effect.walls_origin[0]) / s,
+        (x[1] - effect.walls_origin[1]) / s,
+        (x[2] - effect.walls_origin[2]) / s,
+    )
+    planes, rows, columns = effect.walls_shape[0], effect.walls_shape[1], effect.walls_shape[2]
+    if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
+        return -np.inf, 0.0, 0.0, 0.0
     # The nearest point's coefficient is within 2 s of the distance: most particles are done with it.
-    i = int(np.floor((x[0] - o[0]) / s + 0.5))
-    j = int(np.floor((x[1] - o[1]) / s + 0.5))
-    k = int(np.floor((x[2] - o[2]) / s + 0.5))
-    if not (0 <= i < n[0] and 0 <= j < n[1] and 0 <= k < n[2]):
-        return -np.inf
-    near = data[(i * n[1] + j) * n[2] + k]
+    near = data[(int(p + 0.5) * rows + int(q + 0.5)) * columns + int(r + 0.5)]
     if near > effect.walls_reach + 2.0 * s:
-        return effect.walls_reach - near
-    return effect.walls_reach - value(o, s, n, data, x, slope)
+        return effect.walls_reach - near, 0.0, 0.0, 0.0
+    distance, sx, sy, sz = value(p, q, r, s, rows, columns, data)
+    return effect.walls_reach - distance, sx, sy, sz
 
 
 @compiled
 def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
     """f += the wall's push and friction, N."""
-    n = np.empty(3)
-    beyond = depth(effect, data, x, n)
+    beyond, sx, sy, sz = depth(effect, data, x)
     if beyond > 0.0:
-        size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        size = math.sqrt(sx * sx + sy * sy + sz * sz)
         if size > 0.0:  # times the slope's size: the exact slope of the energy
             push(
-                beyond, n[0] / size, n[1] / size, n[2] / size, v, mass, dt,
+                beyond, sx / size, sy / size, sz / size, v, mass, dt,
                 effect.walls_stiffness * size, effect.walls_friction, f,
             )  # fmt: skip
 
 
 @compiled
 def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
-    count, deepest, squares, slope = 0, 0.0, 0.0, np.empty(3)
+    count, deepest, squares = 0, 0.0, 0.0
     for p in range(len(mass)):
-        beyond = depth(effect, data, x[p], slope)
+        beyond = depth(effect, data, x[p])[0]
         if beyond > 0.0:
             contact(effect, data, x[p], v[p], mass[p], dt, force)
             count, deepest = count + 1, max(deepest, beyond)

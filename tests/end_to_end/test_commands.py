@@ -148,7 +148,7 @@ def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureF
         assert (folder / "runs/small" / name).exists(), name
 
 
-@pytest.mark.parametrize("name", ["stability", "effects"])
+@pytest.mark.parametrize("name", ["stability"])
 def test_later_commands_say_so(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands of the contract that are not built yet end with status 2 and say it."""
     assert main([name, "--case", "anything"]) == 2

@@ -21,15 +21,6 @@ from magmpm.scene import Scene
 STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
 
 
-def values(table: distance.Table, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (n,) and its slope (n, 3) at points (n, 3)."""
-    found, slopes = np.empty(len(points)), np.zeros((len(points), 3))
-    shape, flat = np.array(table.coefficients.shape), table.coefficients.ravel()
-    for p, x in enumerate(points):
-        found[p] = distance.value(table.origin, table.spacing, shape, flat, x, slopes[p])
-    return found, slopes
-
-
 # distances
 
 
@@ -40,7 +31,7 @@ def test_a_straight_tube(rng: np.random.Generator) -> None:
     table = distance.tube(path, radius, radius / 6)
     angle, r = 2 * np.pi * rng.random(500), radius * rng.uniform(0.8, 1.2, 500)
     x = np.column_stack([rng.uniform(-5e-3, 20e-3, 500), r * np.cos(angle), r * np.sin(angle)])
-    d, slope = values(table, x)
+    d, slope = table.at(x)
     np.testing.assert_allclose(d, radius - r, rtol=0, atol=0.02 * (radius / 6) ** 2 / radius)
     inwards = -x * [0, 1, 1] / r[:, None]
     np.testing.assert_allclose(slope, inwards, rtol=0, atol=0.01)
@@ -75,7 +66,7 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     x = rng.uniform(-0.1, 1.1, (2000, 3)) * size
     beyond = np.maximum(-x, x - size)
     exact = -(np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0))
-    d, slope = values(table, x)
+    d, slope = table.at(x)
     near = np.isfinite(d) & (np.abs(exact) < 3 * spacing)
     assert near.sum() > 1000
     assert np.abs(d - exact)[near].max() < 0.2 * spacing
