@@ -57,20 +57,26 @@ def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):  # type: ignor
 
 def cell_size(scene: Scene) -> float:
     """Side of a grid cell across the body, m."""
+    parts = scene.body.parts
+    if parts is not None and parts.spacing is not None:
+        return parts.spacing
     return scene.thickness / scene.resolution.cells_across
 
 
 def reach(scene: Scene) -> float:
-    """How far the outermost particles are from the body's surface, m: a body touches when a particle is that near.
+    """How far the outermost particles are taken to be from the body's surface, m: a body touches when a particle is that near.
 
-    Of a flat face it is the outermost Gauss points' distance. Of a round catheter it is the least around the section, so that it may lie
-    on a plane at any angle without an overlap; where the particles lie deeper, it is let in by up to a quarter of a cell.
+    Of a strip's flat face it is the outermost Gauss points' distance. Of a round catheter it is the least around the section, so that it
+    may lie on a plane at any angle without an overlap; where the particles lie deeper, it is let in by up to a quarter of a cell. STL
+    parts, which are anything, touch at a tenth of a cell.
     """
     catheter, count = scene.body.catheter, scene.resolution.particles_per_cell
     if catheter is not None:
         return _reach_of_ring(
             catheter.diameter, catheter.inner_diameter, scene.resolution.cells_across, count
         )
+    if scene.body.parts is not None:
+        return 0.1 * cell_size(scene)
     return cell_size(scene) * (0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0))
 
 

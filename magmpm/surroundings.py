@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
+from magmpm.assembly import UNITS
+from magmpm.basis import Array
 from magmpm.curves import curve, tightest_bend
 from magmpm.inputs import Part, Quantity, fault, folder_of
+from magmpm.meshes import PREFIX, MeshError, pack_mesh, read_stl, unpack_mesh
 from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Direction, three
 
@@ -120,15 +124,67 @@ class Tube(Part):
         return self
 
 
-class Walls(Part):
-    """A lumen the body lies in."""
+def _read_surface(value: Any, info: ValidationInfo) -> Any:
+    """The mesh a path names, as the text a scene keeps; such a text is taken as it is."""
+    if not isinstance(value, (str, Path)):
+        raise fault("must be the path of an STL file", "write, say, `mesh: vessel.stl`")
+    try:
+        if isinstance(value, str) and value.startswith(PREFIX):
+            unpack_mesh(value)
+            return value
+        return pack_mesh(read_stl(folder_of(info) / value))
+    except MeshError as error:
+        raise fault(error.rule, error.remedy) from None
 
-    tube: Tube = Field(
-        description="The inside of a tube around a path.",
-        examples=[{"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}],
+
+class Surface(Part):
+    """The inside of a closed surface."""
+
+    mesh: Annotated[str, BeforeValidator(_read_surface), WithJsonSchema({"type": "string"})] = Field(
+        description="Path, relative to this file, of an STL file: a closed surface around the lumen.",
+        examples=["vessel.stl"],
+    )
+    unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
+        description="Unit of the numbers in the STL file, which does not say it.", examples=["mm"]
+    )
+
+    @property
+    def vertices(self) -> Array:
+        """(v, 3) m."""
+        return unpack_mesh(self.mesh).vertices * UNITS[self.unit]
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(f, 3)."""
+        return unpack_mesh(self.mesh).faces
+
+
+TUBE = {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
+
+
+class Walls(Part):
+    """A lumen the body lies in: a tube, or the inside of a surface."""
+
+    tube: Tube | None = Field(
+        default=None,
+        description="The inside of a tube around a path; give this or `surface`.",
+        examples=[TUBE],
+    )
+    surface: Surface | None = Field(
+        default=None,
+        description="The inside of an STL mesh; give this or `tube`.",
+        examples=[{"mesh": "vessel.stl", "unit": "mm"}],
     )
     friction: _Friction = _FRICTION
     stiffness: _Stiffness = _STIFFNESS
+
+    @model_validator(mode="after")
+    def _one_lumen(self) -> Walls:
+        if (self.tube is None) == (self.surface is None):
+            raise fault(
+                "give `tube` or `surface`, one of them", "write, say, `tube: {radius: 5 mm, path: vessel.csv}`"
+            )
+        return self
 
 
 class SelfContact(Part):

@@ -91,7 +91,7 @@ class Estimates:
     @cached_property
     def frequency(self) -> float | None:
         """Of a clamped rod with the mean compliance and mass of this one: 3.516 sqrt(E I / (m L^4)), rad/s."""
-        if self.line is None or not self.scene.body.shape.clamped:
+        if self.line is None or self.scene.body.shape.clamp == "none":
             return None
         heavy = self.scene.with_effects(gravity={"acceleration": [0.0, 0.0, -1.0]}) if self._dense else None
         if heavy is None:

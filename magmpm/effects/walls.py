@@ -23,7 +23,7 @@ from magmpm.effects.hooks import register
 from magmpm.errors import InputError
 from magmpm.jit import compiled
 from magmpm.scene import Scene
-from magmpm.surroundings import Tube
+from magmpm.surroundings import Surface, Tube
 
 PHASE = "contact"
 POINTS = 6  # of the table in a tube's radius
@@ -57,21 +57,45 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     if settings is None:
         return ()
     return parameters(
-        _table(settings.tube),
+        table_of(scene),
         friction=settings.friction,
         stiffness=law.penalty(scene, settings.stiffness),
         reach=law.reach(scene),
     )
 
 
+def table_of(scene: Scene) -> Table:
+    """Distances from the wall: of a tube true to 0.0006 of its radius, of a surface as fine as two points a cell of the body can tell."""
+    settings = scene.effects.walls
+    assert settings is not None  # asked for where it is named
+    if settings.tube is not None:
+        return _tube_table(settings.tube)
+    assert settings.surface is not None  # validated
+    return _surface_table(settings.surface, law.cell_size(scene) / 2)
+
+
 @lru_cache(maxsize=4)
-def _table(tube: Tube) -> Table:
-    """Distances from a tube's wall, true to 0.0006 of its radius."""
+def _tube_table(tube: Tube) -> Table:
     return distance.tube(_path(tube), tube.radius, tube.radius / POINTS)
 
 
 def _path(tube: Tube) -> NDArray[np.float64]:
     return curve(np.array(tube.path), tube.radius / POINTS / 4)
+
+
+@lru_cache(maxsize=4)
+def _surface_table(surface: Surface, spacing: float) -> Table:
+    return distance.surface(surface.vertices, surface.faces, spacing)
+
+
+def _room(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (n,) m of points (n, 3) m from the wall, negative beyond it."""
+    settings = scene.effects.walls
+    assert settings is not None  # asked for where it is named
+    if settings.tube is not None:  # exact, and past the table as well
+        return settings.tube.radius - distance.to_path(points, _path(settings.tube))
+    found, _ = table_of(scene).at(points)
+    return np.where(np.isfinite(found), found, -np.inf)
 
 
 def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
@@ -84,8 +108,7 @@ def advice(scene: Scene, body: Body) -> Advice:
     named = scene.effects.walls
     if named is None:
         return Advice(None, "no lumen is given")
-    tube = named.tube
-    room = float((tube.radius - distance.to_path(body.rest(scene), _path(tube))).min()) - body.half
+    room = float(_room(scene, body.rest(scene)).min()) - body.half
     if room >= 0:
         return Advice(0.0, f"the body comes to rest {1e3 * room:.3g} mm from it")
     return Advice(-room, f"without it the body would come to rest {-1e3 * room:.3g} mm beyond it")
@@ -152,13 +175,13 @@ def report(
 
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     """Raises InputError where the body begins beyond the wall."""
-    tube = model.scene.effects.walls.tube
-    out = distance.to_path(model.particles.position, _path(tube)) - tube.radius
+    out = -_room(model.scene, model.particles.position)
     if out.max() > law.cell_size(model.scene):  # less is an overlap, below
         place = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[out.argmax()])
+        far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
         raise InputError(
-            f"effects.walls: the body begins {1e3 * out.max():.3g} mm outside the tube, at ({place}) mm\n"
-            "  rule: the body must begin within the lumen\n  remedy: make the radius larger, or lay the path along the body"
+            f"effects.walls: the body begins {far}outside the lumen, at ({place}) mm\n"
+            "  rule: the body must begin within the lumen\n  remedy: make the lumen wider, or move it to the body"
         )
     x, mass = model.particles.position, model.density * model.particles.volume
     _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from magmpm.curves import curve, tightest_bend
 from magmpm.effects import ground, self_contact, walls
 from magmpm.errors import InputError
 from magmpm.inputs import validate
+from magmpm.meshes import Mesh, write_stl
 from magmpm.model import build
 from magmpm.parts import Effects
 from magmpm.scene import Scene
@@ -180,7 +182,7 @@ def test_a_body_outside_its_tube_is_refused() -> None:
     build(scene(walls=tube("3 mm", "0 mm")))
     build(scene(walls=tube("3 mm", "-1 mm")))  # just touching
     with pytest.raises(
-        InputError, match=r"effects.walls: the body begins .* mm outside the tube, at \(.*\n.*\n.*remedy"
+        InputError, match=r"effects.walls: the body begins .* mm outside the lumen, at \(.*\n.*\n.*remedy"
     ):
         build(scene(walls=tube("3 mm", "60 mm")))
     with pytest.raises(
@@ -188,6 +190,36 @@ def test_a_body_outside_its_tube_is_refused() -> None:
         match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider",
     ):
         build(scene(walls=tube("3 mm", "1.4 mm")))
+
+
+def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
+    """A box of STL around the catheter: the same laws, from the file's unit; too small or elsewhere, it is refused."""
+
+    def lumen(low: list[float], high: list[float], unit: str = "mm") -> dict[str, Any]:
+        vertices, faces = box(low, high)
+        write_stl(
+            Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / "box.stl"
+        )
+        return {"surface": {"mesh": str(tmp_path / "box.stl"), "unit": unit}}
+
+    model = build(scene(walls=lumen([-5, -3, -3], [20, 3, 3])))
+    record, data = model.effects
+    x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
+    told = [
+        walls.report(record, data, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)
+    ]
+    assert [t["count"] for t in told] == [0, 1, 1]
+    depth = 0.2e-3 + contact.reach(model.scene)
+    pushes = MASS * contact.penalty(model.scene, 1.0) * depth
+    np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
+    np.testing.assert_allclose(told[2]["force"], [0, pushes, 0], rtol=0, atol=0.02 * pushes)
+    with pytest.raises(InputError, match=r"the body begins .*outside the lumen"):
+        build(scene(walls=lumen([-5, -3, -3], [20, 3, 3], "um")))
+
+
+def outward(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)))
 
 
 # gaps
