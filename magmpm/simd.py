@@ -97,6 +97,19 @@ for _function, _instruction in (
     _operator(_function, _instruction)
 
 
+@type_callable(operator.neg)
+def _type_negative(context):  # type: ignore[no-untyped-def]
+    def of(a):  # type: ignore[no-untyped-def]
+        return lanes if a == lanes else None
+
+    return of
+
+
+@lower_builtin(operator.neg, lanes)  # type: ignore[untyped-decorator]
+def _negative(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    return builder.fneg(values[0])
+
+
 def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
     """Pointer to eight floats of a flat array."""
     data = context.make_array(signature.args[0])(context, builder, array).data
@@ -180,35 +193,74 @@ def store_folded(typing_context, array, index, value):  # type: ignore[no-untype
     return types.void(array, types.intp, lanes), generate
 
 
+def _transposed(builder: Any, rows: Any) -> Any:
+    """Eight registers of eight lanes, transposed in 24 shuffles."""
+
+    def stage(values: Any, pairs: Any, low: list[int], high: list[int]) -> Any:
+        out: list[Any] = [None] * WIDTH
+        for a, b in pairs:
+            out[a] = builder.shuffle_vector(values[a], values[b], _mask(low))
+            out[b] = builder.shuffle_vector(values[a], values[b], _mask(high))
+        return out
+
+    ones, twos, fours = ([(k, k + d) for k in range(WIDTH) if not k & d] for d in (1, 2, 4))
+    rows = stage(rows, ones, [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15])
+    rows = stage(rows, twos, [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15])
+    return stage(rows, fours, [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])
+
+
+def _row(context: Any, builder: Any, kind: Any, values: Any, lane: int) -> Any:
+    """Pointer to eight floats at array[index + lane * stride]; values: array, index, stride."""
+    data = context.make_array(kind)(context, builder, values[0]).data
+    at = builder.add(values[1], builder.mul(values[2], ir.Constant(values[2].type, lane)))
+    return builder.bitcast(builder.gep(data, [at]), _VECTOR.as_pointer())
+
+
 @intrinsic
-def strided(typing_context, array, index, stride):  # type: ignore[no-untyped-def]
-    """Lanes from array[index + stride * lane] of a flat contiguous array. Bounds are unchecked."""
+def store_rows(typing_context, array, index, stride, a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
+    """array[index + stride * lane + k] = that lane of the k-th argument: eight particles' values as a row for each particle."""
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        found = ir.Constant(_VECTOR, ir.Undefined)
-        at = values[1]
-        for lane in range(WIDTH):
-            found = builder.insert_element(found, builder.load(builder.gep(data, [at])), ir.Constant(ir.IntType(32), lane))
-            at = builder.add(at, values[2])
-        return found
-
-    return lanes(array, types.intp, types.intp), generate
-
-
-@intrinsic
-def store_strided(typing_context, array, index, stride, value):  # type: ignore[no-untyped-def]
-    """array[index + stride * lane] = each lane, in a flat contiguous array. Bounds are unchecked."""
-
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        at = values[1]
-        for lane in range(WIDTH):
-            builder.store(builder.extract_element(values[3], ir.Constant(ir.IntType(32), lane)), builder.gep(data, [at]))
-            at = builder.add(at, values[2])
+        for lane, row in enumerate(_transposed(builder, list(values[3:]))):
+            builder.store(row, _row(context, builder, signature.args[0], values, lane)).align = 8
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, types.intp, lanes), generate
+    return types.void(array, types.intp, types.intp, *[lanes] * WIDTH), generate
+
+
+@intrinsic
+def load_rows(typing_context, array, index, stride):  # type: ignore[no-untyped-def]
+    """Tuple of eight lanes, the k-th made of array[index + stride * lane + k]: what store_rows undoes."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        rows = [builder.load(_row(context, builder, signature.args[0], values, lane)) for lane in range(WIDTH)]
+        for row in rows:
+            row.align = 8
+        return context.make_tuple(builder, signature.return_type, _transposed(builder, rows))
+
+    return types.UniTuple(lanes, WIDTH)(array, types.intp, types.intp), generate
+
+
+@intrinsic
+def floor(typing_context, value):  # type: ignore[no-untyped-def]
+    """Largest whole number not above, lane by lane."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.floor.v8f64"), values)
+
+    return lanes(lanes), generate
+
+
+@intrinsic
+def magnitude(typing_context, value):  # type: ignore[no-untyped-def]
+    """|value|, lane by lane."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values)
+
+    return lanes(lanes), generate
 
 
 def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:

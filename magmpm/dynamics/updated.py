@@ -52,14 +52,11 @@ class UpdatedMotion:
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
         self.particle = order
-        self.x, self.v = np.zeros((len(order), 4)), np.zeros((len(order), 4))
-        self.C = np.zeros((len(order), 3, 4))
-        self.x[:, :3], self.v[:, 1:] = x[source], v[source]
-        self.C[:, :, 1:] = C[source].transpose(0, 2, 1)
-        self.F = _blocks(F.reshape(-1, 9)[source]).reshape(-1)
+        self.x, self.v = _blocks(x, source), _blocks(v, source)
+        self.C, self.F = _blocks(C.reshape(-1, 9), source), _blocks(F.reshape(-1, 9), source)
         self.volume = np.where(real, model.particles.volume[source], 0.0)
         self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
-        self.magnet = _blocks(model.magnet[source]).reshape(-1)
+        self.magnet = _blocks(model.magnet, source)
         nodes = int(np.prod(self.shape))
         self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
         self.fixed = self._fixed(nodes)
@@ -105,7 +102,7 @@ class UpdatedMotion:
             self.sort()
         taken, self.drift, broken = kernels.advance(
             steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first,
-            self.x.reshape(-1), self.v.reshape(-1), self.C.reshape(-1), self.F, self.volume, self.shear, self.bulk, self.magnet,
+            self.x, self.v, self.C, self.F, self.volume, self.shear, self.bulk, self.magnet,
             self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.model.plane_strain,
             self.low_det, self.fast, self.drift,
         )  # fmt: skip
@@ -117,23 +114,24 @@ class UpdatedMotion:
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""
-        F = self.F.reshape(-1, 9, WIDTH).transpose(0, 2, 1).reshape(-1, 3, 3)
-        return self._in_order(self.x[:, :3]), self._in_order(self.v[:, 1:]), self._in_order(F)
+        return self._in_order(self.x, 3), self._in_order(self.v, 3), self._in_order(self.F, 9).reshape(-1, 3, 3)
 
     def gradients(self) -> Array:
         """dv/dx (n, 3, 3) 1/s, in the model's order."""
-        return self._in_order(self.C[:, :, 1:].transpose(0, 2, 1))
+        return self._in_order(self.C, 9).reshape(-1, 3, 3)
 
-    def _in_order(self, rows: Array) -> Array:
+    def _in_order(self, blocks: Array, width: int) -> Array:
+        """(n, width) values in the model's order, of blocks as the kernel has them."""
+        rows = blocks.reshape(-1, width, WIDTH).transpose(0, 2, 1).reshape(-1, width)
         real = self.particle >= 0
-        out = np.empty((len(self.model.density), *rows.shape[1:]))
+        out = np.empty((len(self.model.density), width))
         out[self.particle[real]] = rows[real]
         return out
 
     def kinetic_energy(self) -> float:
         """Of the particles' velocities, J."""
         mass = self.density * self.volume
-        return 0.5 * float(np.sum(mass[:, None] * self.v[:, 1:] ** 2))
+        return 0.5 * float(np.sum(mass.reshape(-1, 1, WIDTH) * self.v.reshape(-1, 3, WIDTH) ** 2))
 
     @property
     def unknowns(self) -> int:
@@ -150,6 +148,6 @@ class UpdatedMotion:
         self.place(state["x"], state["v"], state["F"], state["C"])
 
 
-def _blocks(rows: Array) -> Array:
-    """(n, k) values of particles as (n / 8, k, 8)."""
-    return np.ascontiguousarray(rows.reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1))
+def _blocks(rows: Array, source: Index) -> Array:
+    """Values (n, k) of particles, taken in an order, in blocks of eight: flat, (n8 / 8, k, 8)."""
+    return np.ascontiguousarray(rows[source].reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1)).reshape(-1)

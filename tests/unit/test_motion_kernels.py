@@ -124,7 +124,7 @@ def test_no_number_stops_the_motion(kind: type[TotalMotion] | type[UpdatedMotion
     if isinstance(motion, TotalMotion):
         motion.v[3 * motion.packed.active[5]] = np.nan
     else:
-        motion.v[12, 1] = np.nan
+        motion.v[12] = np.nan
     taken, broken = motion.advance(5, 1e-9, ())
     assert broken
     assert taken <= 1
