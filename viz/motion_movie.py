@@ -116,8 +116,9 @@ def sheet(
     wide = (width - (across + 1) * gap) // across
     tall = round(wide / float(np.clip(natural, 0.8, 4.0)))
     stages = [play.stage(int(k)) for k in numbers]
-    view = stage_layout.main_view(play.shot, (wide, tall), stage_layout.BARE)
-    panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=stage_layout.BARE) for s in stages]
+    layout = stage_layout.bare((wide, tall))
+    view = stage_layout.main_view(play.shot, (wide, tall), layout)
+    panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=layout) for s in stages]
     unit = round((0.0165 if across > 1 else 0.022) * width)  # pixels, a letter's height
     rows = -(-len(panels) // across)
     head, foot = round(1.9 * unit), 4 * unit
@@ -145,7 +146,7 @@ def sheet(
 
 
 def _moment(stage: Stage) -> str:
-    text = "" if stage.time is None else f"t = {seconds(stage.time)}"
+    text = "" if stage.time is None else f"t = {seconds(stage.time, stage.duration)}"
     field = stage_layout.field_text(stage)
     return f"{text}    {field}" if field else text
 

@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from viz import scenery
+from viz import scenery, style
 from viz.camera import best_direction
 from viz.process import RenderError
-from viz.shapes import Surface, bar, tube
+from viz.shapes import Surface, bar, refined, tube
 from viz.stage import History, Shot, Stage
-from viz.surface import Binding, PartedBinding, around_particles, bodies, spacing
+from viz.surface import Binding, PartedBinding, around_particles, bodies, creased, spacing
 
 MOST_ARROWS = 16
 LOOKS = 60  # frames looked at to place the camera
@@ -42,6 +43,10 @@ class Body:
             np.bincount(self.part, minlength=parts), 1
         )
         self.magnetised = strongest > 1e-9 * max(float(strongest.max()), 1e-12)
+        held = [
+            bool(m.get("clamp")) for m in ((scene.get("body") or {}).get("parts") or {}).get("meshes") or ()
+        ]
+        self.held = np.array(held or [False] * parts)
         self.length = float(np.ptp(self.reference, axis=0).max()) + self.size
         sides = np.sort(np.ptp(self.reference, axis=0)) + self.size
         self.thickness = float(np.clip(sides[1], 0.06 * self.length, 0.12 * self.length))
@@ -64,9 +69,13 @@ class Body:
         return np.stack([centre - 0.5 * vector, vector], axis=1)
 
     def _bound(self, scene: Mapping[str, Any], volume: np.ndarray) -> tuple[Surface, Binding | PartedBinding]:
-        known = _known_shape(scene, self.size)
+        known = _known_shape(scene, self.size, int(self.part.max()) + 1)
         if known is not None:
             return known, Binding(known.points, self.reference)
+        meshes = (scene.get("body") or {}).get("parts")
+        if meshes is not None:
+            whole = _meshes(meshes, self.size)
+            return whole, PartedBinding(whole.points, whole.part_of_point, self.reference, self.part)
         separate = bodies(self.reference, self.size)
         surfaces = [
             around_particles(self.reference[of], volume[of], self.part[of])
@@ -94,10 +103,15 @@ class Body:
             edges = np.linspace(along.min(), along.max() * (1 + 1e-12) + 1e-300, count + 1)
             which = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, count - 1)
             pieces += [members[which == i] for i in range(count) if np.any(which == i)]
-        # Parts that are all arms of one ring, say, lie far apart: arrows are as long as their pieces are.
-        sizes = [np.linalg.norm(np.ptp(self.reference[p], axis=0)) for p in pieces]
-        typical = float(np.median(sizes)) if sizes else self.length
-        self._arrow_length = float(np.clip(0.9 * typical, 0.07 * self.length, 0.3 * self.length))
+        # As long as the pieces are, and so short that neighbours do not cross.
+        middles = np.array([self.reference[p].mean(axis=0) for p in pieces]).reshape(-1, 3)
+        sizes = [float(np.linalg.norm(np.ptp(self.reference[p], axis=0))) for p in pieces]
+        longest = 0.9 * float(np.median(sizes)) if sizes else self.length
+        if len(middles) > 1:
+            apart = np.asarray(cKDTree(middles).query(middles, k=2)[0])[:, 1]
+            longest = min(longest, max(0.95 * float(np.median(apart)), 0.07 * self.length))
+        self._arrow_length = float(np.clip(longest, 0.05 * self.length, 0.3 * self.length))
+        self.arrow_width = min(style.ARROW_WIDTH * self.thickness, 0.1 * self._arrow_length)
         nearest = [
             p[np.argsort(np.linalg.norm(self.reference[p] - self.reference[p].mean(axis=0), axis=1))[:8]]
             for p in pieces
@@ -105,7 +119,7 @@ class Body:
         return list(zip(pieces, nearest))
 
 
-def _known_shape(scene: Mapping[str, Any], step: float) -> Surface | None:
+def _known_shape(scene: Mapping[str, Any], step: float, parts: int) -> Surface | None:
     """The surface of a catheter or strip, sharp edges and all; None for a body of parts."""
     body = {name: shape for name, shape in (scene.get("body") or {}).items() if shape is not None}
     if "catheter" in body:
@@ -116,7 +130,9 @@ def _known_shape(scene: Mapping[str, Any], step: float) -> Surface | None:
         )
     if "strip" in body:
         c = body["strip"]
-        ends = np.cumsum(_lengths(c)) if c.get("segments") else np.array([float(c["length"])])
+        # A magnetisation that varies steadily comes in equal pieces.
+        even = float(c["length"]) / parts * np.arange(1, parts + 1)
+        ends = np.cumsum(_lengths(c)) if c.get("segments") else even
         return bar(
             ends.tolist(),
             float(c["width"]),
@@ -125,6 +141,19 @@ def _known_shape(scene: Mapping[str, Any], step: float) -> Surface | None:
             c.get("position") or (0.0, 0.0, 0.0),
         )
     return None
+
+
+def _meshes(parts: Mapping[str, Any], step: float) -> Surface:
+    """The surfaces of STL parts, with triangles of about two particles."""
+    from magmpm.assembly import UNITS
+    from magmpm.meshes import unpack_mesh
+
+    scale = UNITS[parts["unit"]]
+    surfaces = []
+    for k, part in enumerate(parts["meshes"]):
+        mesh = unpack_mesh(part["mesh"])
+        surfaces.append(refined(creased(mesh.vertices * scale, mesh.faces, k), 3 * step))
+    return Surface.joined(surfaces)
 
 
 def _lengths(shape: Mapping[str, Any]) -> np.ndarray:
@@ -152,6 +181,7 @@ class Play:
         self.gravity = _gravity(scene)
         known = np.isfinite(motion.fields).all(axis=1)
         self.history = History(motion.times[known], motion.fields[known]) if known.any() else None
+        self._touched = scenery.surfaces(scene)
         self._largest_force = max(
             (float(np.linalg.norm(_forces(c), axis=1).max(initial=0.0)) for c in motion.contacts.values()),
             default=0.0,
@@ -167,7 +197,7 @@ class Play:
         frame = self.motion[number]
         points = self.body.points(frame.position)
         magnetisation = frame.quantities.get("magnetisation", self.motion.remanence)
-        touching, force = self._contact(frame, points)
+        touching, forces = self._contact(frame, points)
         good = np.isfinite(points).all(axis=1)
         whole = good[self.body.surface.triangles].all(axis=1)
         return Stage(
@@ -175,18 +205,22 @@ class Play:
             triangles=self.body.surface.triangles[whole].astype(np.int32),
             part=self.body.surface.part[whole],
             magnetised=self.body.magnetised,
+            held=self.body.held,
             length=self.body.length,
             thickness=self.body.thickness,
+            arrow_width=self.body.arrow_width,
             arrows=np.nan_to_num(self.body.arrows(frame.position, magnetisation)),
             props=tuple(self._standing + self._sources(frame.time)),
             ground=self.ground,
             contact=touching,
-            contact_force=force,
+            forces=forces,
+            touches=self._largest_force > 0,
             trace=self._trace[: number + 1],
             field=frame.field,
             history=self.history,
             gravity=self.gravity,
             time=frame.time,
+            duration=float(np.ptp(self.motion.times)) or 1.0,
             pace=pace,
             title=self.title,
         )
@@ -195,36 +229,34 @@ class Play:
         props = scenery.sources(self._scene, time)
         return scenery.in_reach(props, self._around, 2.5 * self.body.length)
 
-    def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Where the surface touches the ground or is pushed, and the whole force on it as an arrow."""
-        total, active = np.zeros(3), False
-        for contact in self.motion.contacts.values():
+    def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
+        marks, arrows = [np.zeros((0, 3))], []
+        for effect, contact in self.motion.contacts.items():
             now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
-            if len(now):
-                total += _forces(contact)[now[0]]
-                active |= bool(np.any(_forces(contact)[now[0]]))
-        if not active or self.ground is None:
-            return np.zeros((0, 3)), None
-        near = self.ground.height(points) < 0.75 * self.body.size
-        if not near.any():
-            return np.zeros((0, 3)), None
-        touching = self.ground.dropped(points[near])
-        vector = total / max(self._largest_force, 1e-300) * 0.35 * self.body.length
-        return _spread(touching, self.body.size), np.stack([touching.mean(axis=0), vector])
+            if effect not in self._touched or not len(now) or not np.any(_forces(contact)[now[0]]):
+                continue
+            height = self._touched[effect].height(points)
+            touching = points[height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)]
+            marks.append(_spread(self._touched[effect].dropped(touching), self.body.size))
+            vector = _forces(contact)[now[0]] / self._largest_force * 0.35 * self.body.length
+            arrows.append(np.stack([marks[-1].mean(axis=0), vector]))
+        return np.vstack(marks), np.array(arrows).reshape(-1, 2, 3)
 
     def _looked_at(self) -> np.ndarray:
         """Numbers of frames spread over the motion."""
         return np.unique(np.linspace(0, len(self) - 1, LOOKS).round().astype(int))
 
     def _traced(self) -> np.ndarray:
-        """The way (frames, 3) m of a held body's free end, or of a free body's middle."""
+        """The way (frames, 3) m of a held catheter's or strip's free end, or of a free body's middle if it goes far; else nothing."""
         x = self.body.reference[:, 0]
-        end = x > x.max() - 1.5 * self.body.size
         kind: Mapping[str, Any] = next(
-            (s for s in (self._scene.get("body") or {}).values() if s is not None), {}
+            (shape for shape in (self._scene.get("body") or {}).values() if shape is not None), {}
         )
-        held = kind.get("clamp", "none") == "base"
-        members = end if held else np.ones(len(x), dtype=bool)
+        held = kind.get("clamp", "base" if "diameter" in kind else "none") == "base" or self.body.held.any()
+        if held and "meshes" in kind:
+            return np.zeros((0, 3))
+        members = x > x.max() - 1.5 * self.body.size if held else np.ones(len(x), dtype=bool)
         # Positions alone, a frame at a time: a motion may be larger than the memory.
         return np.array(
             [self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))]
@@ -247,7 +279,7 @@ class Play:
         framed = [points]
         for time in np.unique(self.motion.times[[0, -1]]):
             props = self._standing + self._sources(float(time))
-            framed += [p.points[:: max(len(p.points) // 50, 1)] for p in props if p.framed]
+            framed += [_near(p, points, 0.3 * self.body.length) for p in props if p.framed]
         if self.ground is not None:
             framed.append(self.ground.dropped(points))
         return Shot(np.vstack(framed), best_direction(points), margin, self.ground)
@@ -298,6 +330,15 @@ class _OneFrame:
 class _Moment:
     def __init__(self, position: np.ndarray, field: np.ndarray, quantities: dict[str, np.ndarray]) -> None:
         self.position, self.field, self.quantities, self.time = position, field, quantities, 0.0
+
+
+def _near(prop: scenery.Prop, points: np.ndarray, reach: float) -> np.ndarray:
+    """What of a prop must be seen: all of it, but of a wall only what is within reach (m) of the body's points."""
+    some = prop.points[:: max(len(prop.points) // 400, 1)]
+    if prop.name != "wall":
+        return some
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return some[((some > low) & (some < high)).all(axis=1)]
 
 
 def _forces(contact: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -62,9 +62,7 @@ def standing(scene: Mapping[str, Any], length: float) -> list[Prop]:
     props = [*_clamps(scene), *_walls(effects.get("walls") or {})]
     feed = effects.get("feed")
     if feed is not None:
-        radius = _diameter(scene, length)
-        low = float(feed.get("exit") or 0.0) - 0.35 * length
-        props.append(_guide(low, float(feed.get("exit") or 0.0), 0.75 * radius))
+        props.append(_guide(-0.05 * length, float(feed.get("exit") or 0.0), 0.75 * _diameter(scene, length)))
     return props
 
 
@@ -243,15 +241,8 @@ def _clamps(scene: Mapping[str, Any]) -> Iterator[Prop]:
 
 
 def _guide(low: float, high: float, radius: float) -> Prop:
-    shape = tube([high - low], radius, 0.0, high - low, AROUND)
-    return Prop(
-        "guide",
-        shape.points + np.array([low, 0.0, 0.0]),
-        shape.triangles,
-        style.WALL,
-        hollow=True,
-        framed=False,
-    )
+    points, triangles = swept(np.array([[low, 0.0, 0.0], [high, 0.0, 0.0]]), radius, AROUND)
+    return Prop("guide", points, triangles, style.CLAMP, hollow=True, framed=False)
 
 
 def swept(path: np.ndarray, radius: float | np.ndarray, around: int = 32) -> tuple[np.ndarray, np.ndarray]:
@@ -271,10 +262,43 @@ def swept(path: np.ndarray, radius: float | np.ndarray, around: int = 32) -> tup
 
 
 def _walls(walls: Mapping[str, Any]) -> Iterator[Prop]:
-    """A lumen: a tube around a path, or a surface from a file."""
-    lumen = walls.get("tube") or {}
-    path = lumen.get("path") or lumen.get("points")
-    if path is not None and not isinstance(path, str):
-        radius = lumen.get("radius") or 0.5 * float(lumen.get("diameter") or 0.0)
-        points, triangles = swept(np.asarray(path, dtype=float)[:, -3:], np.asarray(radius, dtype=float))
+    """A lumen: a tube around a path."""
+    wall = tube_wall(walls)
+    if wall is not None:
+        points, triangles = swept(wall.path, wall.radius)
         yield Prop("wall", points, triangles, style.WALL, hollow=True)
+
+
+@dataclass(frozen=True)
+class TubeWall:
+    """The inside of a tube of that radius (m) around a path (n, 3) m."""
+
+    path: np.ndarray
+    radius: float
+
+    def height(self, points: np.ndarray) -> np.ndarray:
+        """(n,) m from points (n, 3) m to the wall, within it."""
+        from scipy.spatial import cKDTree
+
+        return np.asarray(self.radius - np.asarray(cKDTree(self.path).query(points)[0]))
+
+    def dropped(self, points: np.ndarray) -> np.ndarray:
+        """The points themselves: marks of contact stand on the body."""
+        return points
+
+
+def tube_wall(walls: Mapping[str, Any]) -> TubeWall | None:
+    """The tube of a scene's walls (their JSON), or None."""
+    from magmpm.curves import curve
+
+    lumen = walls.get("tube")
+    if not lumen:
+        return None
+    points, radius = np.asarray(lumen["path"], dtype=float), float(lumen["radius"])
+    return TubeWall(curve(points, 0.1 * radius), radius)
+
+
+def surfaces(scene: Mapping[str, Any]) -> dict[str, Plane | TubeWall]:
+    """What the body may touch, by effect."""
+    plane, wall = ground(scene), tube_wall((scene.get("effects") or {}).get("walls") or {})
+    return {name: s for name, s in (("ground", plane), ("walls", wall)) if s is not None}

@@ -30,11 +30,12 @@ class Stage:
     held                              (k,) bool: parts that cannot move
     arrows            (a, 2, 3) m, start and vector of magnetisation arrows
     props             what stands around; ground: the plane, or None
-    contact           (c, 3) m, where the body touches; contact_force (2, 3) m: start and vector of the force on it, or None
+    contact           (c, 3) m, where the body touches; forces (f, 2, 3) m: starts and vectors of the forces on it
+    touches           whether it touches anything at some time of the motion
     trace             (t, 3) m, the way its tip or middle has gone
-    length, thickness m, of the undeformed body: they size arrows and marks
+    length, thickness m, of the undeformed body: they size marks; arrow_width: m, of the magnetisation's arrows
     field             (3,) T now, or None if unknown; history over the motion, or None
-    time              s, or None for a body at rest; pace: how many times slower than life the movie is, or None
+    time              s, or None for a body at rest; duration: s, of the motion; pace: how many times slower than life the movie is, or None
     """
 
     points: np.ndarray
@@ -43,24 +44,30 @@ class Stage:
     magnetised: np.ndarray
     length: float
     thickness: float
+    arrow_width: float = 0.0
     held: np.ndarray | None = None
     arrows: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
     props: tuple[Prop, ...] = ()
     ground: Plane | None = None
     contact: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    contact_force: np.ndarray | None = None
+    forces: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    touches: bool = False
     trace: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     field: np.ndarray | None = None
     history: History | None = None
     gravity: np.ndarray | None = None
     time: float | None = None
+    duration: float = 1.0
     pace: float | None = None
     title: str = ""
 
     @property
     def colours(self) -> np.ndarray:
         """Colour (m, 3) in 0..1 of each triangle."""
-        return style.segment_colours(self.magnetised)[self.part]
+        colours = style.segment_colours(self.magnetised)
+        if self.held is not None:
+            colours[self.held] = style.rgb(style.HELD)
+        return np.asarray(colours[self.part])
 
     @property
     def unit(self) -> float:
@@ -71,12 +78,14 @@ class Stage:
         """The time, and the movie's pace."""
         if self.time is None:
             return ""
-        return f"t = {seconds(self.time)}" + (f"   {slower(self.pace)}" if self.pace else "")
+        return f"t = {seconds(self.time, self.duration)}" + (f"   {slower(self.pace)}" if self.pace else "")
 
 
-def seconds(time: float) -> str:
-    """A time in s as text with its unit: "12 ms", "0.25 s"."""
-    return f"{time:.3f} s" if abs(time) < 10 else f"{time:.2f} s"
+def seconds(time: float, duration: float = 1.0) -> str:
+    """A time in s as text with its unit and the digits that a motion of that duration (s) calls for: "12.5 ms", "0.250 s"."""
+    unit, name = next((u for u in ((1.0, "s"), (1e-3, "ms")) if duration >= 0.05 * u[0]), (1e-6, "µs"))
+    digits = 3 if duration < unit else 2 if duration < 20 * unit else 1
+    return f"{time / unit:.{digits}f} {name}"
 
 
 def slower(pace: float) -> str:

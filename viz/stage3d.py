@@ -20,7 +20,8 @@ def draw(
     main = canvas.panel(layout.main, view, shot.reach)
     _floor(main, stage, shot)
     for prop in stage.props:
-        main.surface(prop.points, prop.triangles, prop.colour, only_far_side=prop.hollow)
+        smooth = normals(prop.points, prop.triangles)
+        main.surface(prop.points, prop.triangles, prop.colour, normals=smooth, only_far_side=prop.hollow)
     points = stage.points.astype(float)
     main.surface(
         points, stage.triangles, stage.colours, normals=normals(points, stage.triangles), glossy=True
@@ -40,17 +41,21 @@ def draw(
 
 def _signs(panel: PanelCanvas, stage: Stage, lift: float) -> None:
     """Arrows and marks, moved towards the camera so that the body does not hide them."""
-    width, halo = style.ARROW_WIDTH * stage.thickness, style.ARROW_HALO * stage.thickness
+    width, halo = stage.arrow_width, 0.35 * stage.arrow_width
+    strong = 1.3 * style.ARROW_WIDTH * stage.thickness
     if len(stage.trace) > 1:
         pairs = np.stack([stage.trace[:-1], stage.trace[1:]], axis=1)
         panel.lines(pairs, style.TRACE, 2.0)
     for start, vector in stage.arrows:
         if np.linalg.norm(vector) > 2 * width:
             panel.arrow(panel.view.lift(start, lift), vector, width, style.MAGNETISATION, halo=halo)
-    if stage.contact_force is not None:
-        start, vector = stage.contact_force
-        if np.linalg.norm(vector) > 2 * width:
-            panel.arrow(panel.view.lift(start, 1.2 * lift), vector, 1.3 * width, style.CONTACT, halo=halo)
+    if len(stage.contact):
+        # On the ground just above the shadow, elsewhere on the body.
+        height = 8e-3 * stage.length if stage.ground is not None else 0.1 * stage.thickness
+        panel.balls(panel.view.lift(stage.contact, height), 0.1 * stage.thickness, style.CONTACT, lit=False)
+    for start, vector in stage.forces:
+        if np.linalg.norm(vector) > 2 * strong:
+            panel.arrow(panel.view.lift(start, 1.2 * lift), vector, strong, style.CONTACT, halo=0.3 * strong)
 
 
 def _floor(panel: PanelCanvas, stage: Stage, shot: Shot) -> None:

@@ -74,16 +74,19 @@ def _solids(panel: FlatPanel, stage: Stage) -> None:
 
 
 def _signs(panel: FlatPanel, stage: Stage) -> None:
-    width = style.ARROW_WIDTH * stage.thickness
+    width, strong = stage.arrow_width, 1.3 * style.ARROW_WIDTH * stage.thickness
     if len(stage.trace) > 1:
         panel.lines(np.stack([stage.trace[:-1], stage.trace[1:]], axis=1), style.TRACE, 2.0, 2.5)
     for start, vector in stage.arrows:
         if np.linalg.norm(vector) > 2 * width:
             panel.arrow(start, vector, width, style.MAGNETISATION, halo=True)
-    if stage.contact_force is not None:
-        start, vector = stage.contact_force
-        if np.linalg.norm(vector) > 2 * width:
-            panel.arrow(start, vector, 1.3 * width, style.CONTACT, halo=True)
+    if len(stage.contact):
+        panel.balls(
+            stage.contact, 0.1 * stage.thickness, style.CONTACT, 1.3 if stage.ground is not None else 3.5
+        )
+    for start, vector in stage.forces:
+        if np.linalg.norm(vector) > 2 * strong:
+            panel.arrow(start, vector, strong, style.CONTACT, halo=True)
 
 
 def _floor(panel: FlatPanel, stage: Stage, shot: Shot) -> None:
@@ -96,5 +99,3 @@ def _floor(panel: FlatPanel, stage: Stage, shot: Shot) -> None:
         PolyCollection(list(flat), facecolors=shade, edgecolors=shade, linewidths=0.3, zorder=1.2),
         autolim=False,
     )
-    if len(stage.contact):
-        panel.balls(stage.contact, 0.1 * stage.thickness, style.CONTACT, 1.3)

@@ -42,8 +42,17 @@ class Layout:
 
 
 PAGE = Layout(MAIN, COMPASS, FIELD, written=True)
-# A panel of a sheet: the sheet writes its text.
-BARE = Layout(Panel(0.0, 0.0, 1.0, 1.0), None, Panel(0.0, 0.78, 0.13, 0.98), written=False)
+
+
+def bare(size: tuple[int, int]) -> Layout:
+    """A panel of a sheet, of that width and height: nothing is written, and the field's arrow stands in its upper left corner."""
+    edge = min(0.17, 0.22 * size[0] / size[1])
+    return Layout(
+        Panel(0.0, 0.0, 1.0, 1.0),
+        None,
+        Panel(0.01, 0.98 - edge, 0.01 + edge * size[1] / size[0], 0.98),
+        written=False,
+    )
 
 
 @dataclass(frozen=True)
@@ -132,15 +141,19 @@ def scale_bar(view: View, aspect: float, unit: float) -> ScaleBar:
 def legend(stage: Stage) -> list[LegendItem]:
     """What the signs mean; only those that are in the picture."""
     entries: list[tuple[str, tuple[str, ...], str]] = []
-    if stage.magnetised.any():
+    held = np.zeros(len(stage.magnetised), dtype=bool) if stage.held is None else stage.held
+    if (stage.magnetised & ~held).any():
         used = min(int(stage.magnetised.sum()), len(style.SEGMENTS))
         entries.append(("swatch", style.SEGMENTS[:used], "magnetic"))
-    if not stage.magnetised.all():
+    if not (stage.magnetised | held).all():
         entries.append(("swatch", (style.UNMAGNETISED,), "unmagnetised"))
+    if held.any():
+        entries.append(("swatch", (style.HELD,), "held"))
     if len(stage.arrows):
         entries.append(("arrow", (style.MAGNETISATION,), "magnetisation"))
     if stage.ground is not None:
         entries.append(("swatch", (style.GROUND_SHADOW,), "ground"))
+    if stage.touches:
         entries.append(("arrow", (style.CONTACT,), "contact force"))
     names = dict.fromkeys(p.name for p in stage.props if p.name)
     for name in sorted(names, key=lambda name: name == "clamp"):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage, sparse
+from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from viz.shapes import Surface
@@ -99,6 +100,34 @@ def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarr
         quads.append(np.where(outward[:, None], quad, quad[:, ::-1]))
     quad = np.vstack(quads)
     return points, np.vstack([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+
+
+def creased(points: np.ndarray, triangles: np.ndarray, part: int, angle: float = 40.0) -> Surface:
+    """A closed mesh (n, 3) m, (m, 3), whose points are split where neighbouring triangles meet at more than angle (degrees).
+
+    So that edges of a drawing stay sharp where normals are averaged over a point's triangles.
+    """
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    face = np.cross(b - a, c - a)
+    face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
+    count = len(triangles)
+    edge = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    of = np.tile(np.arange(count), 3)
+    first, second = (np.concatenate([3 * np.arange(count) + (i + k) % 3 for i in range(3)]) for k in (0, 1))
+    order = np.lexsort(np.sort(edge, axis=1).T)
+    one, other = order[:-1], order[1:]
+    pair = (np.sort(edge[one], axis=1) == np.sort(edge[other], axis=1)).all(axis=1)
+    one, other = one[pair], other[pair]
+    smooth = np.einsum("ij,ij->i", face[of[one]], face[of[other]]) > np.cos(np.radians(angle))
+    one, other = one[smooth], other[smooth]
+    # Neighbours run along their common edge in opposite directions.
+    rows = np.concatenate([first[one], second[one]])
+    columns = np.concatenate([second[other], first[other]])
+    graph = sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(3 * count, 3 * count))
+    number, corner = csgraph.connected_components(graph, directed=False)
+    split = np.zeros((number, 3))
+    split[corner] = points[triangles.ravel()]
+    return Surface(split, corner.reshape(-1, 3), np.full(count, part))
 
 
 class Binding:

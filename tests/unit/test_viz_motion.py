@@ -105,11 +105,10 @@ def test_a_magnetisation_that_turns_gets_several_arrows(tmp_path: Path) -> None:
 def test_contact_is_shown_when_there_is_some(play: Play) -> None:
     above, below = play.stage(2), play.stage(6)
     assert len(above.contact) == 0
-    assert above.contact_force is None
+    assert len(above.forces) == 0
     assert len(below.contact) > 3
     np.testing.assert_allclose(below.contact[:, 2], -0.006)
-    assert below.contact_force is not None
-    start, vector = below.contact_force
+    ((start, vector),) = below.forces
     assert vector[2] > 0
     assert vector[:2] == pytest.approx(0.0)
     assert start[2] == pytest.approx(-0.006)
