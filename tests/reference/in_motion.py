@@ -1,0 +1,139 @@
+"""Bodies set in motion for tests: started by hand, moved by the solver's own kernels, measured from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from reference.scenes import rod_scene
+from scipy.optimize import brentq
+
+from magmpm.dynamics.run import begin
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.model import Model, build
+from magmpm.scene import Scene
+
+Motion = TotalMotion | UpdatedMotion
+Velocity = Callable[[np.ndarray], np.ndarray]
+
+
+def moving(scene: Scene, effects: Mapping[str, Any] | None = None, **dynamic: Any) -> Scene:
+    """The scene with solver.dynamic (duration 1 s unless given), and more effects."""
+    data = scene.to_si()
+    data["solver"] = {**data["solver"], "dynamic": {"duration": 1.0, **dynamic}}
+    data["effects"] = {**data["effects"], **(effects or {})}
+    return Scene.from_si(data)
+
+
+def free_rod(effects: Mapping[str, Any] | None = None, formulation: str = "total", **rod: Any) -> Scene:
+    """A catheter that nothing holds, to be moved."""
+    data = rod_scene(**rod).to_si()
+    data["body"]["catheter"]["clamp"] = "none"
+    return moving(Scene.from_si(data), effects, formulation=formulation)
+
+
+def set_off(scene: Scene, velocity: Velocity) -> tuple[Motion, float]:
+    """The undeformed body with velocity(x) (m, 3) m/s at points x (m, 3) m; and its chosen time step, s."""
+    moved = begin(build(scene))
+    motion = moved.motion
+    if isinstance(motion, TotalMotion):
+        free = motion.packed.inverse_mass > 0
+        motion.v[:] = np.where(free, velocity(motion.packed.node_place).ravel(), 0.0)
+    else:
+        x = motion.model.particles.position
+        step = 1e-6 * np.eye(3)
+        slope = np.stack([(velocity(x + d) - velocity(x - d)) / 2e-6 for d in step], axis=2)
+        motion.place(x, velocity(x), np.tile(np.eye(3), (len(x), 1, 1)), slope)
+    return motion, moved.dt
+
+
+def advance(motion: Motion, steps: int, dt: float) -> None:
+    """So many steps, with the model's effects; sorted where that is due."""
+    taken = 0
+    while taken < steps:
+        gone, broken = motion.advance(steps - taken, dt, motion.model.effects)
+        taken += gone
+        if broken:
+            raise AssertionError(f"the motion broke after {taken} steps")
+
+
+class Quantities(NamedTuple):
+    """Momentum (3,) kg m/s and angular momentum about the origin (3,) kg m^2/s."""
+
+    momentum: np.ndarray
+    spin: np.ndarray
+
+
+def quantities(motion: Motion) -> Quantities:
+    """Of the grid's nodes in the total formulation, of the particles in the updated one, the affine part of their motion included.
+
+    Particle p's affine momentum is m C D with D = diag(h^2)/4 (Jiang et al., ACM Trans. Graph. 34 (2015) 51).
+    """
+    if isinstance(motion, TotalMotion):
+        p = motion.packed
+        v = motion.v.reshape(-1, 3)
+        return _quantities(p.node_mass, p.node_place + motion.u.reshape(-1, 3), v)
+    model = motion.model
+    x, v, _ = motion.particles()
+    mass = model.density * model.particles.volume
+    found = _quantities(mass, x, v)
+    affine = np.einsum("n,nij,j->ij", mass, motion.gradients(), model.grid.spacing**2 / 4)  # v_i x_j
+    skew = affine - affine.T
+    return Quantities(found.momentum, found.spin + np.array([skew[2, 1], skew[0, 2], skew[1, 0]]))
+
+
+def _quantities(mass: np.ndarray, x: np.ndarray, v: np.ndarray) -> Quantities:
+    return Quantities(mass @ v, mass @ np.cross(x, v))
+
+
+def tip_height(model: Model) -> Callable[[np.ndarray], float]:
+    """Measures the mean z of the particles of the last cell along x."""
+    last = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
+    share = model.particles.volume * last
+    share /= share.sum()
+    return lambda x: float(share @ x[:, 2])
+
+
+FIRST = 1.8751040687119611  # first root of cos(z) cosh(z) = -1
+
+
+def cantilever_mode(x: np.ndarray, length: float) -> np.ndarray:
+    """First mode of an Euler-Bernoulli cantilever, 2 at its tip; x (m,) m from the clamp, 0 before it."""
+    z = FIRST * np.clip(x, 0.0, None) / length
+    s = (np.sinh(FIRST) - np.sin(FIRST)) / (np.cosh(FIRST) + np.cos(FIRST))
+    return np.cosh(z) - np.cos(z) - s * (np.sinh(z) - np.sin(z))
+
+
+def euler_bernoulli(length: float, radius: float, young: float, density: float) -> float:
+    """First angular frequency of a round solid cantilever, 1/s: z^2 sqrt(E I / (rho A)) / L^2."""
+    return float(FIRST**2 * np.sqrt(young / density) * (radius / 2) / length**2)
+
+
+def timoshenko(length: float, radius: float, young: float, shear: float, density: float) -> float:
+    """The same with rotary inertia and shear, 1/s. Shear coefficient 6 (1 + nu) / (7 + 6 nu) of a disc (Cowper, J. Appl. Mech. 33 (1966)).
+
+    Frequency equation of Huang, J. Appl. Mech. 28 (1961) 579, clamped-free: with b^2 = rho A L^4 w^2/(E I), r^2 = I/(A L^2),
+    s^2 = E I/(k A G L^2), 2 + (b^2 (r^2 - s^2)^2 + 2) cosh(b p) cos(b q) - b (r^2 + s^2)/sqrt(1 - b^2 r^2 s^2) sinh(b p) sin(b q) = 0.
+    """
+    nu = young / (2 * shear) - 1
+    k = 6 * (1 + nu) / (7 + 6 * nu)
+    r2 = radius**2 / 4 / length**2
+    s2 = r2 * young / (k * shear)
+
+    def residual(b: float) -> float:
+        root = np.sqrt((r2 - s2) ** 2 + 4 / b**2)
+        p, q = np.sqrt((root - r2 - s2) / 2), np.sqrt((root + r2 + s2) / 2)
+        last = b * (r2 + s2) / np.sqrt(1 - b**2 * r2 * s2) * np.sinh(b * p) * np.sin(b * q)
+        return float(2 + (b**2 * (r2 - s2) ** 2 + 2) * np.cosh(b * p) * np.cos(b * q) - last)
+
+    b = brentq(residual, 0.3 * FIRST**2, 1.1 * FIRST**2, xtol=1e-12)
+    return float(b * np.sqrt(young / density) * (radius / 2) / length**2)
+
+
+def angular_frequency(times: np.ndarray, height: np.ndarray) -> float:
+    """Of a swing about zero, 1/s, from its first zero to its last."""
+    i = np.flatnonzero(height[:-1] * height[1:] < 0)
+    zero = times[i] - height[i] * (times[i + 1] - times[i]) / (height[i + 1] - height[i])
+    return float(np.pi * (len(zero) - 1) / (zero[-1] - zero[0]))

@@ -1,0 +1,32 @@
+"""A motion that damping brings to rest ends at the equilibrium that statics finds by Newton's method."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference.in_motion import moving
+from reference.scenes import field_for_load, rod_scene
+
+from magmpm.dynamics.run import move
+from magmpm.model import build
+from magmpm.simulate import run
+
+LENGTH, DIAMETER = 40e-3, 4e-3
+
+
+def test_settled_total_formulation_is_statics() -> None:
+    """The tip rises by half of L: every particle within 0.2 % of L, and the same elastic energy to 1e-3.
+
+    Damping of twice the first frequency leaves exp(-30 t) of the motion: 1e-4 after 0.3 s.
+    """
+    field = field_for_load(2.0, np.pi / 2, length=LENGTH, diameter=DIAMETER)
+    still = run(rod_scene(field=field))
+    scene = moving(rod_scene(field=field), {"damping": {"rate": 60.0}}, duration=0.3)
+    moved = move(build(scene))
+    assert still.tip[2] > 0.4 * LENGTH
+    far = np.linalg.norm(moved.x - still.particle_position, axis=1)
+    assert far.max() < 0.2e-2 * LENGTH
+    energy = moved.energies["elastic"] + moved.energies["magnetic_torque"]
+    rest = moved.motion.model.particles
+    unloaded = -float(np.array(field) @ (moved.motion.model.magnet.T @ rest.volume)) / (4e-7 * np.pi)
+    assert energy - unloaded == pytest.approx(still.energy, rel=1e-3)
