@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from viz import style
-from viz.shapes import Surface, bar, lofted, tube
+from viz.shapes import Surface, bar, lofted, refined, tube
 
 AROUND = 48
 
@@ -262,11 +262,13 @@ def swept(path: np.ndarray, radius: float | np.ndarray, around: int = 32) -> tup
 
 
 def _walls(walls: Mapping[str, Any]) -> Iterator[Prop]:
-    """A lumen: a tube around a path."""
-    wall = tube_wall(walls)
-    if wall is not None:
+    """A lumen: a tube around a path, or a closed surface."""
+    wall = wall_of(walls)
+    if isinstance(wall, TubeWall):
         points, triangles = swept(wall.path, wall.radius)
         yield Prop("wall", points, triangles, style.WALL, hollow=True)
+    elif wall is not None:
+        yield Prop("wall", wall.points, wall.triangles, style.WALL, hollow=True)
 
 
 @dataclass(frozen=True)
@@ -278,27 +280,58 @@ class TubeWall:
 
     def height(self, points: np.ndarray) -> np.ndarray:
         """(n,) m from points (n, 3) m to the wall, within it."""
-        from scipy.spatial import cKDTree
-
-        return np.asarray(self.radius - np.asarray(cKDTree(self.path).query(points)[0]))
+        return np.asarray(self.radius - _distance(points, self.path))
 
     def dropped(self, points: np.ndarray) -> np.ndarray:
         """The points themselves: marks of contact stand on the body."""
         return points
 
 
-def tube_wall(walls: Mapping[str, Any]) -> TubeWall | None:
-    """The tube of a scene's walls (their JSON), or None."""
-    from magmpm.curves import curve
+@dataclass(frozen=True)
+class SurfaceWall:
+    """The inside of a closed surface: points (n, 3) m, near enough to each other to measure distances by, and triangles (m, 3)."""
 
-    lumen = walls.get("tube")
-    if not lumen:
-        return None
-    points, radius = np.asarray(lumen["path"], dtype=float), float(lumen["radius"])
-    return TubeWall(curve(points, 0.1 * radius), radius)
+    points: np.ndarray
+    triangles: np.ndarray
+
+    def height(self, points: np.ndarray) -> np.ndarray:
+        """(n,) m from points (n, 3) m to the wall's nearest point."""
+        return _distance(points, self.points)
+
+    def dropped(self, points: np.ndarray) -> np.ndarray:
+        """The points themselves: marks of contact stand on the body."""
+        return points
 
 
-def surfaces(scene: Mapping[str, Any]) -> dict[str, Plane | TubeWall]:
+def _distance(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    from scipy.spatial import cKDTree  # not in the drawing process, which imports this file as well
+
+    good = np.isfinite(points).all(axis=1)
+    away = np.full(len(points), np.inf)
+    away[good] = cKDTree(others).query(points[good])[0]
+    return away
+
+
+def wall_of(walls: Mapping[str, Any]) -> TubeWall | SurfaceWall | None:
+    """The lumen of a scene's walls (their JSON), or None."""
+    if walls.get("tube"):
+        from magmpm.curves import curve
+
+        points, radius = np.asarray(walls["tube"]["path"], dtype=float), float(walls["tube"]["radius"])
+        return TubeWall(curve(points, 0.1 * radius), radius)
+    if walls.get("surface"):
+        from magmpm.assembly import UNITS
+        from magmpm.meshes import unpack_mesh
+        from viz.surface import creased
+
+        mesh, scale = unpack_mesh(walls["surface"]["mesh"]), UNITS[walls["surface"]["unit"]]
+        shape = creased(mesh.vertices * scale, mesh.faces, 0)
+        fine = refined(shape, 0.01 * float(np.ptp(shape.points, axis=0).max()), 60_000)
+        return SurfaceWall(fine.points, fine.triangles)
+    return None
+
+
+def surfaces(scene: Mapping[str, Any]) -> dict[str, Plane | TubeWall | SurfaceWall]:
     """What the body may touch, by effect."""
-    plane, wall = ground(scene), tube_wall((scene.get("effects") or {}).get("walls") or {})
+    plane, wall = ground(scene), wall_of((scene.get("effects") or {}).get("walls") or {})
     return {name: s for name, s in (("ground", plane), ("walls", wall)) if s is not None}

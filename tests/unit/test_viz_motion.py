@@ -195,6 +195,46 @@ def test_a_block_has_its_edges_where_the_scene_says() -> None:
     )
 
 
+def test_a_lumen_is_drawn_and_its_distance_known() -> None:
+    """The same tube as a path and as a mesh: heights agree with the distance to the wall, within the facets' size."""
+    from magmpm.meshes import Mesh, pack_mesh
+    from viz.shapes import tube
+
+    shape = tube([0.06], 0.005, 0.0, 0.06)
+    mesh = pack_mesh(Mesh(1e3 * shape.points, shape.triangles))
+    lumens = [
+        {"tube": {"radius": 0.005, "path": [[0, 0, 0], [0.06, 0, 0]]}},
+        {"surface": {"mesh": mesh, "unit": "mm"}},
+    ]
+    points = np.array([[0.03, 0.0, 0.0035], [0.02, -0.0045, 0.0], [0.03, 0.0, 0.0]])
+    for walls in lumens:
+        (wall,) = scenery.standing({"effects": {"walls": walls}}, 0.04)
+        assert wall.hollow
+        np.testing.assert_allclose(np.ptp(wall.points, axis=0), [0.06, 0.01, 0.01], rtol=0.01)
+        height = scenery.surfaces({"effects": {"walls": walls}})["walls"].height(points)
+        np.testing.assert_allclose(height, [0.0015, 0.0005, 0.005], atol=1e-4)
+
+
+def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
+    """Of a welded rod: points of the two end circles are split into side and end, those of the side are not."""
+    from viz.surface import creased
+
+    turn = 2 * np.pi * np.arange(24) / 24
+    circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
+    points = np.vstack([circle, circle + np.eye(3)[0], [[0, 0, 0], [1, 0, 0]]])
+    k, after = np.arange(24), (np.arange(24) + 1) % 24
+    sides = np.vstack([np.stack([k, 24 + after, 24 + k], axis=1), np.stack([k, after, 24 + after], axis=1)])
+    ends = np.vstack(
+        [
+            np.stack([np.full(24, 48), after, k], axis=1),
+            np.stack([np.full(24, 49), 24 + k, 24 + after], axis=1),
+        ]
+    )
+    surface = creased(points, np.vstack([sides[:, ::-1], ends]), 3)
+    assert len(surface.points) == 2 * 24 + 2 * 24 + 2
+    assert set(surface.part) == {3}
+
+
 def test_a_far_magnet_does_not_make_the_body_a_speck(tmp_path: Path) -> None:
     far = {**MAGNET, "position": [0.5, 0.0, 0.0]}
     near, away = played(tmp_path / "near"), played(tmp_path / "far", scene(field={"magnet": [far]}))
