@@ -191,6 +191,13 @@ class Scene(Part):
                 ("reference", "centreline"),
             )
         self._profile_is_resolved()
+        if from_file(info) and self.solver.dynamic is None and self.body.shape.clamp == "none":
+            where = ("meshes",) if self.body.kind == "parts" else ("clamp",)
+            raise fault(
+                "equilibrium needs a body that is held somewhere",
+                "clamp it, or let it move: `solver: {dynamic: {duration: 0.5 s}}`",
+                ("body", self.body.kind, *where),
+            )
         self._motion_has_its_solver()
         self._feed_can_push()
         if from_file(info) and self.effects.magnetic_torque is not None:

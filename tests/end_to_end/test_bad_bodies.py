@@ -1,0 +1,170 @@
+"""Broken strips and STL parts: each refused before the run with file, line, key, value received, rule and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from bad_scenes import BadScene
+from reference.solids import box
+
+from magmpm.cli import main
+from magmpm.errors import InputError
+from magmpm.meshes import Mesh, write_stl
+from magmpm.scene import load_scene
+
+# ruff: noqa: E501  (a case a line reads best)
+# fmt: off
+
+STRIP = """\
+name: probe
+materials:
+  magnetic: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}
+body:
+  strip:
+    length: 10 mm
+    width: 4 mm
+    thickness: 1 mm
+    material: magnetic
+    clamp: base
+    position: [0 mm, 0 mm, 1 mm]
+    plane_strain: false
+    magnetization_profile:
+      harmonic: {periods: 1, phase: 45 deg, plane: xz, turn: cw}
+field: {uniform: [0 mT, 6 mT, 8 mT]}
+effects: {magnetic_torque: {}}
+resolution: {cells_across: 2}
+"""
+PROFILE = "    magnetization_profile:\n      harmonic: {periods: 1, phase: 45 deg, plane: xz, turn: cw}\n"
+
+PARTS = """\
+name: probe
+materials:
+  magnetic: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}
+body:
+  parts:
+    unit: mm
+    spacing: 0.5 mm
+    meshes:
+      - {mesh: base.stl, material: magnetic, clamp: true}
+      - {mesh: arm.stl, material: magnetic, magnetization: [1, 0, 0]}
+field: {uniform: [0 mT, 6 mT, 8 mT]}
+effects: {magnetic_torque: {}}
+"""
+
+
+def edit(name: str, old: str, new: str, key: str, received: str, *says: str, line: int | None = None) -> BadScene:
+    return BadScene(name, ((old, new),), key, received, says, line=line)
+
+
+STRIPS = [
+    edit("bare thickness", "thickness: 1 mm", "thickness: 1", "body.strip.thickness", "1", "a length needs a unit"),
+    edit("thicker than long", "thickness: 1 mm", "thickness: 11 mm", "body.strip.thickness", '"11 mm"', "the length must be 1 to 500 times the thickness"),
+    edit("a wire", "width: 4 mm", "width: 0.4 mm", "body.strip.thickness", '"1 mm"', "the width must be 0.5 to 500 times the thickness", line=8),
+    edit("clamped at the tip", "clamp: base", "clamp: tip", "body.strip.clamp", '"tip"', "'base', 'both' or 'none'"),
+    edit("free, in equilibrium", "clamp: base", "clamp: none", "body.strip.clamp", '"none"', "equilibrium needs a body that is held", "dynamic"),
+    edit("placed in a plane", "[0 mm, 0 mm, 1 mm]", "[0 mm, 1 mm]", "body.strip.position", "[", "a list of 3"),
+    edit("maybe plane strain", "plane_strain: false", "plane_strain: maybe", "body.strip.plane_strain", '"maybe"', "must be true or false"),
+    edit("segments and a profile", PROFILE, PROFILE + "    segments: [{magnetization: [1, 0, 0]}]\n", "body.strip", "{", "`segments` or `magnetization_profile`, one of them", line=5),
+    edit("no magnetisation at all", PROFILE, "", "body.strip", "{", "`segments` or `magnetization_profile`, one of them", line=5),
+    edit("segments too long", PROFILE, "    segments: [{length: 8 mm}, {length: 3 mm}]\n", "body.strip.segments", "[", "must sum to the strip's length", "11 mm, the strip 10 mm"),
+    edit("two pitches", "{periods: 1,", "{periods: 1, wavelength: 10 mm,", "body.strip.magnetization_profile.harmonic", "{", "give `wavelength` or `periods`, one of them"),
+    edit("no pitch", "{periods: 1, ", "{", "body.strip.magnetization_profile.harmonic", "{", "give `wavelength` or `periods`, one of them"),
+    edit("no turns", "periods: 1,", "periods: 0,", "body.strip.magnetization_profile.harmonic.periods", "0", "must be greater than 0"),
+    edit("turns finer than cells", "periods: 1,", "periods: 4,", "resolution.cells_across", "2", "at least 8 cells long, and is 5", "raise cells_across to 4", line=17),
+    edit("a plane of the fourth dimension", "plane: xz", "plane: xw", "body.strip.magnetization_profile.harmonic.plane", '"xw"', "'xz', 'xy' or 'yz'"),
+    edit("turned left", "turn: cw", "turn: left", "body.strip.magnetization_profile.harmonic.turn", '"left"', "'ccw' or 'cw'"),
+    edit("another material", "material: magnetic\n", "material: magnetc\n", "body.strip.material", '"magnetc"', 'did you mean "magnetic"?'),
+    edit("two bodies", "body:\n", "body:\n  catheter: {length: 40 mm, diameter: 4 mm, material: magnetic, segments: [{}]}\n", "body", "{", "one of the keys catheter, strip, parts", "keep one", line=4),
+    edit("a misspelt body", "  strip:\n", "  stripe:\n", "body.stripe", "{", 'did you mean "strip"?'),
+]
+
+ASSEMBLIES = [
+    edit("no unit", "    unit: mm\n", "", "body.parts.unit", "nothing", "this key is required", "mm", line=5),
+    edit("feet", "unit: mm", "unit: feet", "body.parts.unit", '"feet"', "'mm'", "'inch'"),
+    edit("missing mesh", "mesh: arm.stl", "mesh: arms.stl", "body.parts.meshes[1].mesh", '"arms.stl"', "can't be read", "relative to the scene file"),
+    edit("no mesh at all", "mesh: arm.stl", "mesh: probe.yaml", "body.parts.meshes[1].mesh", '"probe.yaml"', "must be an STL mesh"),
+    edit("an open mesh", "mesh: arm.stl", "mesh: open.stl", "body.parts.meshes[1].mesh", '"open.stl"', "must be watertight", "3 edges", "close the holes"),
+    edit("an inverted mesh", "mesh: arm.stl", "mesh: inverted.stl", "body.parts.meshes[1].mesh", '"inverted.stl"', "its volume is negative", "flip the normals"),
+    edit("a mesh of two minds", "mesh: arm.stl", "mesh: mixed.stl", "body.parts.meshes[1].mesh", '"mixed.stl"', "face opposite ways", "consistent"),
+    edit("no mass", "mesh: arm.stl", "mesh: flat.stl", "body.parts.meshes[1].mesh", '"flat.stl"', "no mass", "export the solid part"),
+    edit("an overlap", "mesh: arm.stl", "mesh: shifted.stl", "body.parts.meshes[1].mesh", '"shifted.stl"', "must not overlap", "shifted shares 0.5 mm^3 with base, 50 % of the smaller"),
+    edit("a thin part", "mesh: arm.stl", "mesh: sheet.stl", "body.parts.spacing", '"0.5 mm"', "sheet is 0.2 mm, 0.4 cells of 0.5 mm", "at most `spacing: 0.1 mm`", line=7),
+    edit("nothing held, in equilibrium", ", clamp: true", "", "body.parts.meshes", "[", "equilibrium needs a body that is held", line=8),
+    edit("nothing free", "magnetization: [1, 0, 0]", "magnetization: [1, 0, 0], clamp: true", "body.parts.meshes", "[", "one part at least must be free", line=8),
+    edit("held perhaps", "clamp: true", "clamp: perhaps", "body.parts.meshes[0].clamp", '"perhaps"', "must be true or false"),
+    edit("negative density", "density: 1882", "density: -1882", "materials.magnetic.density", '"-1882 kg/m^3"', "must be greater than 0"),
+    edit("softer than stable", "bulk_to_shear: 20", "bulk_to_shear: 0.5", "materials.magnetic.bulk_to_shear", "0.5", "must be greater than 2/3"),
+]
+# fmt: on
+
+
+def meshes(folder: Path) -> None:
+    """The meshes that the scenes name, good and bad, in mm."""
+    arm = box((0, 0, 0), (3, 1, 1))
+    mixed = arm.faces.copy()
+    mixed[0] = mixed[0, ::-1]
+    solids = {
+        "base": box((-1, 0, 0), (0, 1, 1)),
+        "arm": arm,
+        "open": Mesh(arm.vertices, arm.faces[1:]),
+        "inverted": Mesh(arm.vertices, arm.faces[:, ::-1]),
+        "mixed": Mesh(arm.vertices, mixed),
+        "shifted": box((-0.5, 0, 0), (3, 1, 1)),
+        "sheet": box((0, 0, 0), (3, 1, 0.2)),
+    }
+    for name, mesh in solids.items():
+        write_stl(mesh, folder / f"{name}.stl")
+    # Two triangles back to back: closed, and nothing between them.
+    lines = [f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet" for corners in (
+        "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0", "vertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0")]  # fmt: skip
+    (folder / "flat.stl").write_text("solid flat\n" + "\n".join(lines) + "\nendsolid flat\n")
+
+
+@pytest.mark.parametrize("good", [STRIP, PARTS], ids=["strip", "parts"])
+def test_the_good_ones_are_good(good: str, tmp_path: Path) -> None:
+    meshes(tmp_path)
+    (tmp_path / "probe.yaml").write_text(good)
+    assert load_scene(tmp_path / "probe.yaml").warnings() == []
+
+
+@pytest.mark.parametrize(
+    ("good", "case"),
+    [(STRIP, case) for case in STRIPS] + [(PARTS, case) for case in ASSEMBLIES],
+    ids=lambda value: value.name.replace(" ", "-") if isinstance(value, BadScene) else "",
+)
+def test_what_is_wrong_is_said(good: str, case: BadScene, tmp_path: Path) -> None:
+    meshes(tmp_path)
+    ((old, new),) = case.edits
+    assert good.count(old) == 1, f"{old!r} stands {good.count(old)} times in the good scene"
+    path = tmp_path / "probe.yaml"
+    path.write_text(good.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    message = str(caught.value)
+    same = next((n for n, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), 0)
+    line = case.line or 1 + good[: good.index(old)].count("\n") + new[:same].count("\n")
+    phrases = [f"{path}:{line}: {case.key}: received {case.received}", "\n  rule: ", "\n  remedy: ", *case.says]
+    missing = [phrase for phrase in phrases if phrase not in message]
+    assert not missing, f"not said: {missing}\nin:\n{message}"
+    assert "problems in" not in message, f"one mistake, one problem:\n{message}"
+
+
+def test_the_command_says_it_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    meshes(tmp_path)
+    path = tmp_path / "probe.yaml"
+    path.write_text(PARTS.replace("arm.stl", "open.stl"))
+    assert main(["run", str(path)]) == 2
+    assert "watertight" in capsys.readouterr().err
+
+
+def test_a_part_far_from_the_others_is_refused_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A part in other units than the rest ends up far away: the box around all has too many cells."""
+    meshes(tmp_path)
+    write_stl(box((5000, 4000, 3000), (5003, 4001, 3001)), tmp_path / "arm.stl")
+    path = tmp_path / "probe.yaml"
+    path.write_text(PARTS)
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert "the box around all parts" in message
+    assert "check units and places of the parts" in message
