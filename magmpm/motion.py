@@ -131,7 +131,7 @@ class MotionWriter:
         needed = self.frame_size
         at = f"after {self.frames} frames, before the one at t = {time:g} s"
         remedy = (
-            "remedy: a larger output_every writes fewer frames; a larger resolution.cell or fewer cells_across makes them smaller; "
+            "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across make them smaller; "
             f"what was written so far is whole: {self.path}"
         )
         if self.max_disk is not None and self.size + needed > self.max_disk:
