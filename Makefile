@@ -23,11 +23,11 @@ $(BIN)/python:
 
 setup: $(VENV)/.ready
 $(VENV)/.ready: setup.cfg pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,cmaes,dashboard]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,magnets,cmaes,dashboard]'
 	@touch $@
 
 $(VENV)/.ready-test: $(VENV)/.ready
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,cmaes,dashboard,test]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,magnets,cmaes,dashboard,test]'
 	@touch $@
 
 design: $(VENV)/.ready

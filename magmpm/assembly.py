@@ -23,7 +23,7 @@ from magmpm.meshes import (
     volume_of,
 )
 from magmpm.pieces import Piece
-from magmpm.vectors import Direction
+from magmpm.vectors import Direction, Vector
 
 MAX_PARTS = 1000
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
@@ -147,6 +147,12 @@ class Parts(Part):
         """Longest side of the box around the parts, m."""
         vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes])
         return float(np.ptp(vertices, axis=0).max()) * UNITS[self.unit]
+
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around the parts, m."""
+        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes]) * UNITS[self.unit]
+        (x0, y0, z0), (x1, y1, z1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+        return (x0, y0, z0), (x1, y1, z1)
 
     @property
     def line(self) -> None:

@@ -32,8 +32,10 @@ from magmpm.yamlfile import Document, Key, read_yaml
 __all__ = [
     "Acceleration",
     "Angle",
+    "Current",
     "Density",
     "FluxDensity",
+    "Frequency",
     "Length",
     "Part",
     "Pressure",
@@ -138,6 +140,8 @@ FluxDensity = Annotated[float, Quantity("flux density")]
 Angle = Annotated[float, Quantity("angle")]
 Acceleration = Annotated[float, Quantity("acceleration")]
 Time = Annotated[float, Quantity("time")]
+Frequency = Annotated[float, Quantity("frequency")]
+Current = Annotated[float, Quantity("current")]
 
 
 def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = None) -> M:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm import effects
+from magmpm import effects, fields
 from magmpm.basis import (
     Array,
     Grid,
@@ -84,7 +84,7 @@ class Model:
     slopes: Array  # (n, 3, 3) 1/m
     shear: Array  # (n,) Pa
     bulk: Array  # (n,) Pa
-    magnet: Array  # (n, 3) T, remanence in the undeformed body
+    magnet: Array  # (n, 3) T, remanence in the undeformed body; a fourth column where an effect marks particles (effects.marked)
     density: Array  # (n,) kg/m^3
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
     modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
@@ -138,6 +138,8 @@ def build(scene: Scene) -> Model:
         weights[held], slopes[held] = 0.0, 0.0
     layout = make_layout(grid, particles, weights, held, clamped_face=clamped_face, plane_strain=plane_strain)
     materials = [scene.segment_material(k) for k in range(len(pieces))]
+    if scene.effects.in_a_field:
+        fields.of(scene).check_at_rest(particles.position, moving=not scene.static)
     ratio = np.array([material.bulk_to_shear for material in materials])
     averaged = scene.solver.static.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
@@ -150,7 +152,7 @@ def build(scene: Scene) -> Model:
         slopes=slopes,
         shear=shear[of],
         bulk=(shear * ratio)[of],
-        magnet=_remanence(scene, particles),
+        magnet=effects.marked(scene, particles, _remanence(scene, particles)),
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=effects.collect(scene),
         modes=volume_modes(particles, layout.cell_first, ratio[of]) if averaged else np.zeros((len(of), 0)),

@@ -74,7 +74,7 @@ class MotionWriter:
         if unknown:
             raise InputError(f"quantities: received {unknown[0]!r}; must be among {', '.join(QUANTITIES)}")
         self.reference = np.array(model.particles.position, dtype=float)
-        self.magnet = np.array(model.magnet, dtype=float)
+        self.magnet = np.array(model.magnet[:, :3], dtype=float)
         if resume_at is not None and self.path.exists():
             self.frames = self._resume(resume_at)
         else:

@@ -1,4 +1,4 @@
-"""The parts of a scene (bodies are in shapes.py): materials, field, effects, solver; each with its rules and documentation.
+"""The parts of a scene (bodies: shapes.py, fields: field_parts.py): materials, effects, solver; their rules and documentation.
 
 The descriptions and examples are what editors show (scene.schema.json) and what error messages quote.
 """
@@ -56,24 +56,30 @@ class Material(Part):
         return ratio
 
 
-_Component = Annotated[float, Quantity("flux density", at_least="-20 T", at_most="20 T")]
 _AccelerationComponent = Annotated[
     float, Quantity("acceleration", at_least="-1e4 m/s^2", at_most="1e4 m/s^2")
 ]
 
 
-class FieldSource(Part):
-    """The outside magnetic field."""
-
-    uniform: Annotated[tuple[_Component, _Component, _Component], three("[0 mT, 6 mT, 8 mT]")] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Flux density, the same everywhere: [x, y, z].",
-        examples=[["0 mT", "6 mT", "8 mT"]],
-    )
-
-
 class MagneticTorque(Part):
     """The outside field turns the magnetised segments. No settings."""
+
+
+class MagneticForce(Part):
+    """An outside field that varies in space pulls the magnetised segments. No settings."""
+
+
+class MagneticInteraction(Part):
+    """The magnetised segments turn and pull each other."""
+
+    blocks_across: int = Field(
+        default=3,
+        strict=True,
+        ge=1,
+        le=5,
+        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.",
+        examples=[3],
+    )
 
 
 class Gravity(Part):
@@ -92,12 +98,21 @@ class Gravity(Part):
 class Effects(Part):
     """What is simulated: an effect that is not named costs nothing."""
 
-    not_there_yet: ClassVar[Mapping[str, str]] = {
-        "magnetic_force": "the pull of a field gradient",
-        "magnetic_interaction": "segments acting on each other",
-    }
+    @property
+    def in_a_field(self) -> bool:
+        """Whether an effect of the outside field is named."""
+        return self.magnetic_torque is not None or self.magnetic_force is not None
+
     magnetic_torque: MagneticTorque | None = Field(
         default=None, description="The outside field turns the magnetised segments: {}.", examples=[{}]
+    )
+    magnetic_force: MagneticForce | None = Field(
+        default=None,
+        description="A field that varies in space pulls the magnetised segments: {}. A uniform field does not pull.",
+        examples=[{}],
+    )
+    magnetic_interaction: MagneticInteraction | None = Field(
+        default=None, description="The magnetised segments turn and pull each other: {}.", examples=[{}]
     )
     gravity: Gravity | None = Field(
         default=None, description="Weight: {} for 9.81 m/s^2 along -z.", examples=[{}]

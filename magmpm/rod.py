@@ -20,10 +20,12 @@ for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from magmpm import fields
 from magmpm.assembly import Parts
 from magmpm.basis import Array
 from magmpm.effects.magnetic_torque import MU0
@@ -33,6 +35,10 @@ from magmpm.scene import Scene
 from magmpm.sections import section_of
 
 ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
+LEAST_FOLLOWED = 6  # load steps in a field that depends on the shape
+MOST_TURNS = 40  # of a fixed point
+FOLLOWED = 1e-4  # of the length: as near as a start has to be
+Surroundings = Callable[[Array, Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,7 @@ class RodModel:
     """A scene as a rod: per element (n) lengths, stiffnesses and loads. SI.
 
     twist_bend (n, 3) N m^2; compliance (n, 3) 1/N; moment (n, 3) A m: A Br/mu0 per length in the frame; axial_moment (n,) A m;
-    weight (n + 1, 3) N: weight beyond each frame; poisson (n,).
+    weight (n + 1, 3) N: weight beyond each frame; field (n + 1, 3) T: at each frame.
     """
 
     length: Array
@@ -99,7 +105,7 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
         compliance=section.compliance[of] if extensible else np.zeros((len(of), 3)),
         moment=magnetised[of],
         weight=beyond[:, None] * acceleration,
-        field=np.array(scene.field.uniform),
+        field=np.tile(fields.places(scene.field)[0]["uniform"], (len(of) + 1, 1)),
     )
 
 
@@ -110,11 +116,41 @@ def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     direction of negative curvature where the straight continuation has become unstable.
     Raises SolveError if a step does not converge.
     """
-    return solve_rod_model(rod_model(scene, elements, extensible=extensible))
+    rod = rod_model(scene, elements, extensible=extensible)
+    surroundings = _surroundings(scene, rod) if scene.field.varies and scene.effects.in_a_field else None
+    return solve_rod_model(rod, surroundings=surroundings)
 
 
-def solve_rod_model(rod: RodModel, loads: Array | None = None) -> RodShape:
-    """Equilibrium at the last of the load factors `loads` (default: as many equal steps as the load asks for)."""
+def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
+    """Field and pull of a field that varies, along the rod's axis. Within a section it is taken as the same everywhere."""
+    source = fields.of(scene)
+    line = scene.body.shape.line
+    assert line is not None  # only straight bodies are rods
+    base = np.array(line.base)
+    pulls = scene.effects.magnetic_force is not None
+
+    def along(position: Array, frames: Array) -> tuple[Array, Array]:
+        field, force = source.at(base + position), np.zeros((len(rod.length), 3))
+        if pulls:
+            gradient = source.gradient(base + position)
+            for side in (slice(None, -1), slice(1, None)):
+                moment = np.einsum("kij,kj->ki", frames[side], rod.moment)
+                force += np.einsum("kji,kj->ki", gradient[side], moment) * rod.length[:, None] / 2
+        return field, force
+
+    return along
+
+
+def solve_rod_model(
+    rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None
+) -> RodShape:
+    """Equilibrium at the last of the load factors `loads` (default: as many equal steps as the load asks for).
+
+    surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
+    where these depend on the shape: they are held while the rod relaxes, and found again, until the shape stays (FOLLOWED of its length).
+    """
+    if surroundings is not None:
+        return _follow(rod, surroundings)
     n = len(rod.length)
     quaternions = np.zeros((n + 1, 4))
     quaternions[:, 0] = 1.0
@@ -143,10 +179,50 @@ def solve_rod_model(rod: RodModel, loads: Array | None = None) -> RodShape:
     return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)
 
 
+def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
+    """Equilibrium where field and pull depend on the shape: a fixed point at each step of the load."""
+    n = len(rod.length)
+    s = np.concatenate([[0.0], np.cumsum(rod.length)])
+    position, frames = s[:, None] * np.array([1.0, 0.0, 0.0]), np.tile(np.eye(3), (n + 1, 1, 1))
+    field, force = surroundings(position, frames)
+    first = replace(rod, field=field, weight=rod.weight + _beyond(force))
+    quaternions = np.zeros((n + 1, 4))
+    quaternions[:, 0] = 1.0
+    loads, total = np.linspace(0.0, 1.0, max(_steps(first), LEAST_FOLLOWED) + 1)[1:], 0
+    for factor in loads:
+        for turn in range(MOST_TURNS):
+            here = replace(rod, field=factor * field, weight=factor * (rod.weight + _beyond(force)))
+            status, steps, energy, stable = relax(
+                quaternions, rod.length, rod.twist_bend, rod.compliance, rod.moment, here.field, here.weight
+            )
+            total += steps
+            before = position
+            position, frames, curvature, strain = frames_of(
+                quaternions, rod.length, rod.compliance, rod.moment, here.field, here.weight
+            )
+            if status != 0 or not np.isfinite(position).all():
+                break
+            new_field, new_force = surroundings(position, frames)
+            share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # a rod that swings from side to side is stopped half-way
+            field, force = field + share * (new_field - field), force + share * (new_force - force)
+            if np.abs(position - before).max() < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
+                break
+        else:
+            status = 1
+        if status != 0:
+            raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies")
+    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)
+
+
+def _beyond(force: Array) -> Array:
+    """Sum of the elements' forces (n, 3) beyond each frame, (n + 1, 3)."""
+    return np.concatenate([np.cumsum(force[::-1], axis=0)[::-1], np.zeros((1, 3))])
+
+
 def _steps(rod: RodModel) -> int:
     """Load steps: one for each unit of load over bending stiffness, B A Br L^2/(mu0 E I) + rho g A L^3/(E I), within 3 to 30."""
     total = rod.length.sum()
     bending = rod.twist_bend[:, 1].min()
-    magnetic = np.linalg.norm(rod.moment, axis=1).max() * np.linalg.norm(rod.field) * total**2
+    magnetic = np.linalg.norm(rod.moment, axis=1).max() * np.linalg.norm(rod.field, axis=1).max() * total**2
     load = (magnetic + np.linalg.norm(rod.weight[0]) * total**2) / bending
     return int(np.clip(np.ceil(load), 3, 30))

@@ -1,7 +1,7 @@
 """Compiled parts of the rod: energy, derivatives, block-tridiagonal Newton. The formulas stand in magmpm.rod.
 
 Unknowns are rotations d_k (3) of frames 1 .. n about their own axes, q_k -> q_k exp(d_k / 2). Shapes: q (n + 1, 4) unit quaternions, scalar
-first; length (n,); D, C, moment (n, 3); field (3,); weight (n + 1, 3).
+first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _energy(q, length, D, C, moment, field, weight):
             total += 2.0 / length[e] * D[e, i] * z[i + 1] ** 2
         for side in range(2):
             _matrix(q[e + side], R)
-            _to_frame(R, field, b)
+            _to_frame(R, field[e + side], b)
             _to_frame(R, weight[e + side], w)
             density = b[0] * moment[e, 0] + b[1] * moment[e, 1] + b[2] * moment[e, 2] + w[0]
             for i in range(3):
@@ -148,7 +148,7 @@ def _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
         _add_bending(q[e], q[e + 1], length[e], D[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e], work)
         for side in range(2):
             _matrix(q[e + side], R)
-            _to_frame(R, field, b)
+            _to_frame(R, field[e + side], b)
             _to_frame(R, weight[e + side], w)
             _add_potential(0.5 * length[e], b, w, moment[e], C[e], g[e + side], Hd[e + side])
 
@@ -317,13 +317,14 @@ def frames_of(q, length, C, moment, field, weight):
     n = len(length)
     position, frames = np.zeros((n + 1, 3)), np.empty((n + 1, 3, 3))
     curvature, strain, count = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1)
-    R, z, b, w, v, mid, pull = (
+    R, z, b, w, v, mid, pull, around = (
         np.empty((3, 3)),
         np.empty(4),
         np.empty(3),
         np.empty(3),
         np.empty(3),
         np.empty(4),
+        np.empty(3),
         np.empty(3),
     )
     for k in range(n + 1):
@@ -349,7 +350,8 @@ def frames_of(q, length, C, moment, field, weight):
                         R[i, j] = frames[side, i, j]
             for i in range(3):
                 pull[i] = 0.5 * (weight[side, i] + weight[other, i])
-            _to_frame(R, field, b)
+                around[i] = 0.5 * (field[side, i] + field[other, i])
+            _to_frame(R, around, b)
             _to_frame(R, pull, w)
             for i in range(3):
                 v[i] = (1.0 if i == 0 else 0.0) + C[e, i] * (w[i] + moment[e, 0] * b[i])

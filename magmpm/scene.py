@@ -27,10 +27,10 @@ from pydantic import (
 )
 
 from magmpm.errors import InputError
+from magmpm.field_parts import FieldSource
 from magmpm.inputs import Key, Part, fault, folder_of, from_file, read_yaml, validate
 from magmpm.parts import (
     Effects,
-    FieldSource,
     Gravity,
     MagneticTorque,
     Material,
@@ -67,6 +67,10 @@ __all__ = [
 K = TypeVar("K")
 V = TypeVar("V")
 
+NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.without_energy)
+    "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
+    "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic, where either may act alone",
+)
 _FORBIDDEN = frozenset('/\\<>:"|?*')  # in a folder's name, on some system or other
 
 
@@ -200,8 +204,13 @@ class Scene(Part):
             )
         self._motion_has_its_solver()
         self._feed_can_push()
-        if from_file(info) and self.effects.magnetic_torque is not None:
-            self._magnetic_torque_acts()
+        self._field_suits_the_solver()
+        if from_file(info):
+            if (missing := self.without_energy()) is not None:
+                raise fault(*NO_ENERGY, ("effects", missing))
+            for effect in ("magnetic_torque", "magnetic_force"):
+                if getattr(self.effects, effect) is not None:
+                    self._field_acts(effect)
         return self
 
     def _profile_is_resolved(self) -> None:
@@ -257,22 +266,47 @@ class Scene(Part):
                 ("effects", "feed", "speed"),
             )
 
-    def _magnetic_torque_acts(self) -> None:
-        """A file that asks for magnetic torque must have something to turn and something to turn it.
+    def _field_suits_the_solver(self) -> None:
+        """Equilibrium has one field, the one at the end of the schedule, and is a minimum of one energy."""
+        if not self.static:
+            return
+        over = self.field.over_time
+        if over is not None and over.endless is not None:
+            count = {"rotation": "turns", "oscillation": "cycles"}[over.endless]
+            raise fault(
+                "a static solve takes the field at the end of its schedule, and this has no end",
+                f"add `{count}` to say when it stops, or ask for motion with solver.dynamic",
+                ("field", "over_time", over.endless),
+            )
+
+    def without_energy(self) -> str | None:
+        """In a field that varies in space, which of torque and force is missing from an equilibrium; None where all is well."""
+        torque, force = self.effects.magnetic_torque, self.effects.magnetic_force
+        if not self.static or not self.field.varies or (torque is None) == (force is None):
+            return None
+        return "magnetic_torque" if torque is None else "magnetic_force"
+
+    @property
+    def static(self) -> bool:
+        """Whether equilibrium is sought, rather than motion."""
+        return getattr(self.solver, "dynamic", None) is None
+
+    def _field_acts(self, effect: str) -> None:
+        """A file that asks for an outside field's torque or force must have something to turn and something to turn it.
 
         Only asked of files: a study or a test may well set the field or all magnetisations to zero.
         """
         if "field" not in self.model_fields_set:
             raise fault(
-                "magnetic_torque needs a field",
-                "add, say, `field: {uniform: [0 mT, 6 mT, 8 mT]}`, or do not name magnetic_torque",
+                f"{effect} needs a field",
+                f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}",
                 ("field",),
             )
         if not self.magnetised_segments():
             raise fault(
-                "magnetic_torque needs a segment with a magnetization whose material has a remanence",
+                f"{effect} needs a segment with a magnetization whose material has a remanence",
                 "give a segment, say, `magnetization: [1, 0, 0]`, and its material `remanence: 138 mT`",
-                ("effects", "magnetic_torque"),
+                ("effects", effect),
             )
 
     # what the scene says, put together
@@ -302,6 +336,15 @@ class Scene(Part):
         shape = self.body.shape
         return shape.diameter if isinstance(shape, Catheter) else shape.thickness
 
+    @property
+    def anchored(self) -> bool:
+        """Whether it is held at its base alone, and so stays within its length of it."""
+        return getattr(self.body.shape, "clamp", None) == "base"
+
+    def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Lower and upper corner of the box around the undeformed body, m."""
+        return self.body.shape.box()
+
     def segment_material(self, index: int) -> Material:
         """The material of a piece (a segment or part)."""
         return self.materials[self.pieces()[index].material_name]
@@ -323,9 +366,16 @@ class Scene(Part):
     def warnings(self) -> list[str]:
         """What the author may not have meant: one sentence each."""
         found = []
-        if self.effects.magnetic_torque is None and (any(self.field.uniform) and self.magnetised_segments()):
+        torque, force = self.effects.magnetic_torque, self.effects.magnetic_force
+        if torque is None and force is None and self.field.acts and self.magnetised_segments():
             found.append("effects: magnetic_torque is not named, so the field does nothing")
-        if self.effects.magnetic_torque is None and self.effects.gravity is None:
+        elif torque is None and force is not None and self.field.varies:
+            found.append("effects: magnetic_torque is not named, so the field pulls the segments but does not turn them")
+        elif force is None and self.field.varies and self.magnetised_segments():
+            found.append("effects: magnetic_force is not named, so the field turns the segments but does not pull them")
+        if force is not None and not self.field.varies:
+            found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
+        if not any(effect is not None for _, effect in self.effects):
             found.append("effects: none is named, so nothing moves")
         used = {piece.material_name for piece in self.pieces()}
         catheter, across = self.body.catheter, self.resolution.cells_across
@@ -381,10 +431,10 @@ class Scene(Part):
         return Scene.from_si(data)
 
     def with_field(self, uniform: ArrayLike) -> Scene:
-        """The scene in this uniform field, (3,) T. Raises InputError."""
-        return Scene.from_si(
-            {**self.to_si(), "field": {"uniform": np.asarray(uniform, dtype=float).tolist()}}
-        )
+        """The scene in this uniform field, (3,) T; other sources and the schedule stay. Raises InputError."""
+        data = self.to_si()
+        changed = {**data["field"], "uniform": np.asarray(uniform, dtype=float).tolist()}
+        return Scene.from_si({**data, "field": changed})
 
     def with_cells(self, cells_across: int) -> Scene:
         """The scene with this many cells across the diameter. Raises InputError."""

@@ -136,6 +136,10 @@ class Catheter(Part):
         """Whether any of it is held."""
         return self.clamp != "none"
 
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around it, m."""
+        return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
+
     def pieces(self) -> tuple[Piece, ...]:
         """Its segments, base to tip."""
         return segment_pieces("catheter", self.material, self.segments)
@@ -305,6 +309,11 @@ class Strip(Part):
     def clamped(self) -> bool:
         """Whether any of it is held."""
         return self.clamp != "none"
+
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around it, m."""
+        (x, y, z), w, t = self.position, self.width / 2, self.thickness / 2
+        return (x, y - w, z - t), (x + self.length, y + w, z + t)
 
     def pieces(self) -> tuple[Piece, ...]:
         """Its segments, or equal pieces of its profile, base to tip."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm import measures
+from magmpm import fields, measures
 from magmpm.basis import Array
 from magmpm.dynamics.run import Moved, move
 from magmpm.errors import SolveError
@@ -80,7 +80,7 @@ def _moved_result(model: Model, moved: Moved, seconds: dict[str, float], finishe
     J = np.linalg.det(moved.F)
     axis = measures.axis_of_particles(model, moved.x)
     return Result(
-        **_particles(model, moved.x, moved.F),
+        **_particles(model, moved.x, moved.F, moved.time),
         grid_correction=np.zeros((0, 0)),
         centreline=axis,
         tip=axis[-1, 1:] if len(axis) else measures.piece_means(model, moved.x)[-1],
@@ -91,7 +91,7 @@ def _moved_result(model: Model, moved: Moved, seconds: dict[str, float], finishe
         max_det_F=float(J.max()),
         energy=sum(moved.energies.values()) - moved.energies["kinetic"],
         seconds=seconds,
-        warnings=model.scene.warnings() + moved.warnings,
+        warnings=_warnings(model.scene) + moved.warnings,
         time=moved.time,
         time_step=moved.dt,
         stable_steps=moved.stable.named,
@@ -119,10 +119,16 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _particles(model: Model, position: Array, F: Array) -> dict[str, Any]:
-    """What every result says: the scene, and the particles as they are."""
+def _warnings(scene: Scene) -> list[str]:
+    """What the author may not have meant, and what there is to say about the field's map."""
+    return scene.warnings() + (fields.of(scene).warnings if scene.effects.in_a_field else [])
+
+
+def _particles(model: Model, position: Array, F: Array, time: float | None) -> dict[str, Any]:
+    """What every result says: the scene, and the particles as they are; the field at the body's centre and a time (s; statics: None)."""
     scene, particles = model.scene, model.particles
-    field = np.array(scene.field.uniform) if scene.effects.magnetic_torque is not None else np.zeros(3)
+    centre = particles.volume @ position / particles.volume.sum()
+    outside = fields.of(scene).at(centre, time)[0] if scene.effects.in_a_field else np.zeros(3)
     return {
         "name": scene.name,
         "scene": scene.to_si(),
@@ -133,8 +139,8 @@ def _particles(model: Model, position: Array, F: Array) -> dict[str, Any]:
         "particle_segment": particles.segment,
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.piece_means(model, position),
-        "segment_remanence": measures.piece_means(model, np.einsum("nij,nj->ni", F, model.magnet)),
-        "field": field,
+        "segment_remanence": measures.piece_means(model, np.einsum("nij,nj->ni", F, model.magnet[:, :3])),
+        "field": outside,
         "particles": len(position),
         "section": model.section,
         "versions": _versions(),
@@ -145,7 +151,7 @@ def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Resu
     scene, point = model.scene, found.point
     position = point.position
     return Result(
-        **_particles(model, position, point.F),
+        **_particles(model, position, point.F, None),
         grid_correction=found.correction,
         centreline=measures.centreline(model, point.grid),
         tip=measures.tip(model, point.grid, position),
@@ -156,5 +162,5 @@ def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Resu
         max_det_F=point.max_det_F,
         energy=point.energy,
         seconds=seconds,
-        warnings=scene.warnings() + found.warnings,
+        warnings=_warnings(scene) + found.warnings,
     )

@@ -35,7 +35,7 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
     path = Path(path)
     order: list[int] | None = None
     rows: list[list[float]] = []
-    for number, line in enumerate(_lines(path), start=1):
+    for number, line in enumerate(read_lines(path, _START), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         cells = [cell.strip() for cell in line.split(",")]
@@ -80,14 +80,15 @@ def _row(cells: list[str], order: list[int], place: str, received: str) -> list[
     raise TableError(place, received=received, rule=rule, remedy=remedy)
 
 
-def _lines(path: Path) -> list[str]:
+def read_lines(path: Path, start: str) -> list[str]:
+    """Lines of a text file; `start` says how one begins, for messages. Raises TableError."""
     rule, remedy = "the table must be a readable text file", "check the path and its permissions"
     try:
         return path.read_bytes().decode("utf-8-sig").splitlines()
     except FileNotFoundError:
         reason, remedy = "no such file", "check the path; it is relative to the file that names it"
     except UnicodeDecodeError:
-        reason, remedy = "not a text file", _START
+        reason, remedy = "not a text file", start
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)

@@ -80,6 +80,23 @@ KINDS = {
         Kind("speed", "m/s", "5 mm/s", {"m/s": Fraction(1), "cm/s": Fraction(1, 100), "mm/s": Fraction(1, 1000)}),
         Kind("viscosity", "Pa s", "5 Pa s", {"Pa s": Fraction(1), "Pa*s": Fraction(1), "mPa s": Fraction(1, 1000)}),
         Kind("size", "B", "2 GB", _powers("B", none=0, k=3, M=6, G=9, T=12)),
+        Kind(
+            "frequency",
+            "Hz",
+            "2 Hz",
+            {**_powers("Hz", none=0, k=3, m=-3), "1/s": Fraction(1)},
+        ),
+        Kind("current", "A", "2 A", _powers("A", none=0, k=3, m=-3)),
+        Kind(
+            "magnetic moment",
+            "A*m^2",
+            "0.5 A*m^2",
+            {
+                unit: Fraction(1, scale)
+                for scale, prefix in ((1, ""), (1000, "m"))
+                for unit in (f"{prefix}A*m^2", f"{prefix}A m^2", f"{prefix}A m²")
+            },
+        ),
     )
 }
 
@@ -163,6 +180,8 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     # an angle has no dimension for pint, and neither has a percentage: ask for a unit of angle by name
     if kind.name == "angle" and not names <= _ANGLES:
         same = False
+    if kind.name == "frequency" and names & (_ANGLES | _ANGULAR):  # 1 rad/s is not 1 Hz
+        same = False
     if not same:
         rule = f'{a(kind.name)} is due here, and "{unit}" is not a unit of {kind.name}'
         raise BadQuantity(rule, _nearest_unit(unit, kind) or write)
@@ -171,6 +190,7 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
 
 
 _ANGLES = {"radian", "degree", "turn", "arcminute", "arcsecond", "grade", "milliradian", "microradian"}
+_ANGULAR = {"revolutions_per_minute", "revolutions_per_second", "count_per_second"}
 
 
 def _factor(unit: str, kind: Kind) -> Fraction:

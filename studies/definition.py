@@ -243,7 +243,7 @@ def _check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     elif not scene.magnetised_segments():
         rule = "the scene of a study must have a magnetised segment"
         remedy = "give the segments that may be magnetised a direction, say, `magnetization: [1, 0, 0]`"
-    elif file.vary.field is None and not any(scene.field.uniform):
+    elif file.vary.field is None and not scene.field.acts:
         rule = "the field of the scene must not be zero while the study does not vary it"
         remedy = "give the scene a field, or add `field: {max: 10 mT}` to `vary`"
     else:

@@ -122,7 +122,7 @@ class SearchSpace:
         return found
 
     def field(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
-        """The uniform field, (3,) T."""
+        """The uniform part of the field, (3,) T."""
         if self.field_max is None:
             return np.array(self.scene.field.uniform, dtype=float)
         strength = 1e-3 * parameters[FIELD[0]]

@@ -50,6 +50,9 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
         if getattr(model.scene.effects, key) is None:
             continue
         named = module.of_scene(model.scene, 1.0, np.array([time]))
+        if named and hasattr(module, "shared_energy"):
+            found[key] = effects.shared_energy(named, model, x, F)
+            continue
         if named and has_hook("energy", named):
             each = np.empty(len(x))
             _energies(named, model.magnet, model.density, x, F, each)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm import fields
 from magmpm.basis import Array
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.model import Model
@@ -60,6 +61,14 @@ def look(model: Model, x: Array, v: Array) -> Trouble | None:
             "hold the body (clamp, ground, walls), or shorten solver.dynamic.duration",
         )  # fmt: skip
     return None
+
+
+def astray(model: Model, x: Array, time: float) -> Trouble | None:
+    """Whether the body has come into a magnet, or to where the field is not known."""
+    if not model.scene.effects.in_a_field:
+        return None
+    found = fields.of(model.scene).trouble(x, time)
+    return None if found is None else Trouble(found[0], -1, found[2])
 
 
 class EnergyBalance:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from magmpm.parts import Effects
 from magmpm.scene import Scene
 
+Array = NDArray[np.float64]
 PHASES = ("force", "damping", "contact", "constraint")  # the order in which hooks of a kind are called
 
 
@@ -53,3 +54,40 @@ def check(model: Any) -> None:
             named = module.of_scene(model.scene, 1.0, None)
             if named:
                 module.check(*named, model)
+def marked(scene: Scene, particles: Any, magnet: Array) -> Array:
+    """Remanence (n, 3) T of bodies.Particles, with one more column where an effect tells particles apart (magnetic_interaction)."""
+    for key, module in every().items():
+        if getattr(scene.effects, key) is not None and hasattr(module, "marks"):
+            return np.column_stack([magnet, module.marks(scene, particles, magnet)])
+    return magnet
+
+
+def refresh(named: tuple[NDArray[Any], ...], body: Any, x: Array, F: Array) -> None:
+    """Bring tables that depend on the body's shape up to date, in place. body: a Model; x (n, 3) m, F (n, 3, 3) of its particles."""
+    for module, data in _refreshed(named):
+        module.refresh(data, *_particles(body), x, F)
+
+
+def shared_energy(named: tuple[NDArray[Any], ...], body: Any, x: Array, F: Array) -> float:
+    """Energy of effects in which every particle feels all others, J; their energy hooks count loads that stand still instead."""
+    return sum(module.shared_energy(*_particles(body), x, F) for module, _ in _refreshed(named))
+
+
+def _refreshed(named: tuple[NDArray[Any], ...]) -> list[tuple[ModuleType, Array]]:
+    """Effects whose table depends on the body's shape, and the table."""
+    modules = [module for module in every().values() if hasattr(module, "refresh")]
+    pairs = zip(named[::2], named[1::2], strict=True)
+    return [(module, data) for record, data in pairs for module in modules if record.dtype == module.DTYPE]
+
+
+def _particles(body: Any) -> tuple[Array, NDArray[np.int32], Array, Array]:
+    """Mark, segment, volume m^3 and remanence T of a model's particles."""
+    return body.magnet[:, -1], body.particles.segment, body.particles.volume, body.magnet[:, :3]
+
+
+def feels_itself(scene: Scene) -> bool:
+    """Whether an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
+    return any(
+        getattr(scene.effects, key) is not None and hasattr(module, "refresh") and module.of_scene(scene, 1.0, None)
+        for key, module in every().items()
+    )

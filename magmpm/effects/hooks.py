@@ -70,6 +70,19 @@ def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., An
     return _registry[hook].get(names)
 
 
+def any_softening(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect has a softening: known while compiling, so that what depends on it is left out. Only within compiled code."""
+
+
+@overload(any_softening, jit_options={"fastmath": FASTMATH})
+def _any_softening(effects):  # type: ignore[no-untyped-def]
+    if len(effects) == 0:
+        return lambda effects: False
+    if _find("softening", effects) is not None:
+        return lambda effects: True
+    return lambda effects: any_softening(effects[2:])
+
+
 def add_energy(effects, step, magnet, rho, x, F):  # type: ignore[no-untyped-def]
     """Sum of the effects' potential energies, J/m^3. Only within compiled code; step: which of an effect's records counts."""
 

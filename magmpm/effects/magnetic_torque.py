@@ -1,6 +1,8 @@
-"""magnetic_torque: a uniform outside field turns hard-magnetic material.
+"""magnetic_torque: an outside field turns hard-magnetic material.
 
-W = -(1/mu0) B . (F Br), so P = -(1/mu0) B (x) Br: constant, with no tangent and, in a uniform field, no net force.
+W = -(1/mu0) B . (F Br), so P = -(1/mu0) B (x) Br. In a uniform field that is constant, with no tangent and no net force: kernels take
+it as it is. In a field that varies in space, B is that of the particle's place; what W does as the place changes is magnetic_force, and
+the two together are the derivatives of one energy, which this effect counts.
 The Cauchy stress it makes is not symmetric; its skew part is the torque density (1/mu0) (F Br) x B.
 Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
 """
@@ -12,8 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm import fields
 from magmpm.advice import Advice, Body, shift
 from magmpm.effects.hooks import NO_DATA, register
+from magmpm.fields.evaluate import PLACE
+from magmpm.fields.evaluate import field as field_at
 from magmpm.jit import compiled
 from magmpm.scene import Scene
 
@@ -21,24 +26,32 @@ PHASE = "force"
 
 MU0 = 4e-7 * np.pi  # T m/A
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
+VARYING = np.dtype([*PLACE, ("turns", np.int8)])
 
 
 def parameters(field: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
-    """What kernels take. field (3,) T."""
-    record = np.zeros(1, DTYPE)
-    record["field_over_mu0"] = np.asarray(field) / MU0
+    """What kernels take. field (3,) T, or (k, 3) for k steps."""
+    field = np.atleast_2d(np.asarray(field, dtype=float))
+    record = np.zeros(len(field), DTYPE)
+    record["field_over_mu0"] = field / MU0
     return record, NO_DATA
 
 
 def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
     """What kernels take, or () where there is no field."""
-    field = strength * np.array(scene.field.uniform)
-    return parameters(field) if field.any() else ()
+    if strength == 0.0 or not scene.field.acts:
+        return ()
+    if scene.field.varies:
+        return fields.records(scene.field, VARYING, times, strength), fields.of(scene).data
+    uniform = fields.places(scene.field, times, strength)["uniform"]
+    # One set of kernels for all of a motion: a schedule that is at zero for some steps stays.
+    changes = times is not None and scene.field.over_time is not None
+    return parameters(uniform) if uniform.any() or changes else ()
 
 
 def advice(scene: Scene, body: Body) -> Advice:
     """How far the field bends the body."""
-    if not any(scene.field.uniform) or not scene.magnetised_segments():
+    if not scene.field.acts or not scene.magnetised_segments():
         return Advice(0.0, "nothing to turn, or no field to turn it")
     moved = shift(scene, body, "magnetic_torque")
     return Advice(moved, f"the field moves it by {100 * moved / scene.length:.2g} % of its length")
@@ -63,4 +76,30 @@ def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
             P[i, j] -= h[i] * magnet[j]
 
 
+@compiled
+def varying_energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+    """-(1/mu0) B(x) . (F Br), J/m^3."""
+    if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
+        return 0.0
+    b0, b1, b2 = field_at(effect, data, x)
+    total = b0 * (F[0, 0] * magnet[0] + F[0, 1] * magnet[1] + F[0, 2] * magnet[2])
+    total += b1 * (F[1, 0] * magnet[0] + F[1, 1] * magnet[1] + F[1, 2] * magnet[2])
+    total += b2 * (F[2, 0] * magnet[0] + F[2, 1] * magnet[1] + F[2, 2] * magnet[2])
+    return -total / MU0
+
+
+@compiled
+def varying_stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+    """P -= (1/mu0) B(x) (x) Br, Pa."""
+    if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
+        return
+    b0, b1, b2 = field_at(effect, data, x)
+    for j in range(3):
+        m = magnet[j] / MU0
+        P[0, j] -= b0 * m
+        P[1, j] -= b1 * m
+        P[2, j] -= b2 * m
+
+
 register(DTYPE, wide=("stress",), energy=energy, stress=stress)
+register(VARYING, energy=varying_energy, stress=varying_stress)

@@ -12,15 +12,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from magmpm import effects
+from magmpm import effects, fields
 from magmpm.basis import Array
 from magmpm.errors import InputError, SolveError
 from magmpm.model import Index, Model
 from magmpm.rod import RodShape, solve_rod
+from magmpm.scene import NO_ENERGY
 from magmpm.statics.arrange import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.start import from_rod, local_correction, straight, with_correction
+from magmpm.statics.together import Together, minimise_together
+from magmpm.wording import report
 
 FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
 FAR_STRIP = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1; branches are 1 apart
@@ -60,6 +63,9 @@ def solve_static(
             f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is held somewhere; "
             "name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
         )
+    missing = model.scene.without_energy()
+    if missing is not None:
+        raise InputError(report(f"effects.{missing}", received="nothing", rule=NO_ENERGY[0], remedy=NO_ENERGY[1]))
     global _controller
     _controller = _controller or ThreadpoolController()
     model, of = arranged(model)
@@ -91,6 +97,44 @@ def _restored(model: Model, found: Equilibrium, of: Index) -> Equilibrium:
 def _solve(
     model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
+    itself = effects.feels_itself(model.scene)
+    try:
+        found = (_settle if itself else _branch)(model, correction, on_step)
+    except SolveError as error:
+        at = error.state.point if isinstance(error.state, Equilibrium) else error.state
+        raise _astray(model, at, error.state) or error from None
+    astray = _astray(model, found.point, replace(found, converged=False))
+    if astray is not None:
+        raise astray
+    return found
+
+
+def _astray(model: Model, point: object, state: object) -> SolveError | None:
+    """What to say where a solve has led into a magnet, or to where the field is not known; None elsewhere."""
+    if not isinstance(point, Point) or not model.scene.effects.in_a_field:
+        return None
+    found = fields.of(model.scene).trouble(point.position)
+    return None if found is None else SolveError(f"{found[0]}; {found[2]}", state)
+
+
+def _settle(
+    model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
+) -> Equilibrium:
+    """Equilibrium where the body's magnets act on each other, from the one where they do not."""
+    options = model.scene.solver.static
+    energy = Together(model)
+    alone = energy.alone.model
+    found = _branch(alone, correction, on_step)
+    settled = minimise_together(
+        energy, found.point.grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+    )
+    return replace(found, point=settled.point, steps=found.steps + settled.steps)
+
+
+def _branch(
+    model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
+) -> Equilibrium:
+    """Equilibrium on the branch that grows from zero load."""
     options = model.scene.solver.static
     warnings: list[str] = []
     energy = Energy(model)

@@ -94,6 +94,12 @@ def _expected_shift(energy: Energy, point: Point) -> float:
 
 def _step(energy: Energy, point: Point, shift: float) -> tuple[Array, Array, float]:
     """Residual, Newton direction and the shift it took (at least `shift`), in units of the largest diagonal entry."""
+    residual, shift = factored(energy, point, shift)
+    return residual, -solve(energy.panels, energy.model.layout.split, residual), shift
+
+
+def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, float]:
+    """Residual, and the shift (at least `shift`) with which the tangent could be factored; the energy's panels hold the factors."""
     layout = energy.model.layout
     while True:
         residual, panels = energy.tangent(point)
@@ -101,7 +107,7 @@ def _step(energy: Energy, point: Point, shift: float) -> tuple[Array, Array, flo
             diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
             diagonal += shift * diagonal.max()
         if factor(panels, layout.split) < 0:
-            return residual, -solve(panels, layout.split, residual), shift
+            return residual, shift
         shift = max(FIRST_SHIFT, 10.0 * shift)
         if shift > LARGEST_SHIFT:
             raise SolveError(

@@ -79,11 +79,12 @@ def neo_hookean(F, at, J, shear, pressure, P):  # type: ignore[no-untyped-def]
 def add_effects(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume):  # type: ignore[no-untyped-def]
     """What the effects add to a group's stress P (Pa) and load f (N/m^3).
 
-    F (9 8,) from index `at`; P, dF/dt (9 8,), x, v, f (3 8,) of the group; magnet (groups 3 8,), density and volume (groups 8,). Flat
+    F (9 8,) from index `at`; P, dF/dt (9 8,), x, v, f (3 8,) of the group; magnet (groups 3 8,), or (groups 4 8,) where an effect marks
+    particles (effects.marked); density and volume (groups 8,). Flat
     arrays and no slices: counting references to them would cost as much as an effect.
     """
     rho = load(density, LANES * group)
-    m, place, deformed, out = vector(magnet, 24 * group), vector(x, 0), matrix(F, at), matrix(P, 0)
+    m, place, deformed, out = vector(magnet, LANES * (len(magnet) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
     add_wide_stress(effects, step, m, rho, place, deformed, out)
     add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
@@ -96,7 +97,8 @@ def _lane_by_lane(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, densi
     """What the effects add whose hooks serve one particle."""
     F3, P3, dF3 = F[at : at + 9 * LANES].reshape(3, 3, LANES), P.reshape(3, 3, LANES), dF.reshape(3, 3, LANES)
     x2, v2, f2 = x.reshape(3, LANES), v.reshape(3, LANES), f.reshape(3, LANES)
-    magnets = magnet[24 * group : 24 * group + 24].reshape(3, LANES)
+    columns = len(magnet) // len(density)
+    magnets = magnet[LANES * columns * group : LANES * columns * (group + 1)].reshape(columns, LANES)
     for lane in range(LANES):
         V = volume[LANES * group + lane]
         if V == 0.0:  # a lane without a particle

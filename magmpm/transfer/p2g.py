@@ -8,7 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.effects.hooks import add_energy, add_force, add_stress, add_tangent
+from magmpm.effects.hooks import (
+    add_energy,
+    add_force,
+    add_softening,
+    add_stress,
+    add_tangent,
+    any_softening,
+)
 from magmpm.fortran import call
 from magmpm.jit import compiled, kernel, prange
 from magmpm.materials import (
@@ -157,6 +164,34 @@ def _particle_products(q, volume, A, G, T):
 
 
 @compiled
+def _particle_softening(q, volume, weights, H, M, G, T):
+    """What place adds to a particle's products: its splines N are a fourth row of G, and W depends on x = X + sum N c as well.
+
+    d2W/dc_a dc_b = N_a H N_b + N_a M grad N_b + (N_b M grad N_a)^T: row q + 3 of T, and more for rows q .. q + 2.
+    """
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                G[q + 3, 9 * a + 3 * b + c] = weights[0, a] * weights[1, b] * weights[2, c]
+    for i in range(3):
+        for k in range(3):
+            h, m0, m1, m2 = (
+                volume * H[i, k],
+                volume * M[i, 3 * k],
+                volume * M[i, 3 * k + 1],
+                volume * M[i, 3 * k + 2],
+            )
+            for node in range(STENCIL):
+                T[q + 3, i, k, node] = (
+                    h * G[q + 3, node] + m0 * G[q, node] + m1 * G[q + 1, node] + m2 * G[q + 2, node]
+                )
+            for j in range(3):
+                m = volume * M[k, 3 * i + j]
+                for node in range(STENCIL):
+                    T[q + j, i, k, node] += m * G[q + 3, node]
+
+
+@compiled
 def _cell_tangent(
     first,
     last,
@@ -180,12 +215,13 @@ def _cell_tangent(
 
     K = sum over particles and J of dN/dX_J(node) T(J, i, k, other): one matrix product, left to BLAS.
     """
-    G, T, A, P, cof, f, b, c, letters, sizes, factors = work
+    G, T, A, P, H, M, cof, f, b, c, letters, sizes, factors = work
+    rows_each = 4 if any_softening(effects) else 3
     _volume_moments(first, last, volume, modes, F, c)
     r[:] = 0.0
     b[:] = 0.0
     for p in range(first, last):
-        q = 3 * (p - first)
+        q = rows_each * (p - first)
         J = determinant(F[p])
         pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
         cofactor(F[p], cof)
@@ -198,6 +234,10 @@ def _cell_tangent(
         _particle_gradients(weights[p], slopes[p], G[q : q + 3])
         _add_residual(weights[p], G[q : q + 3], P, f, volume[p], r)
         _particle_products(q, volume[p], A, G, T)
+        if any_softening(effects):
+            H[:], M[:] = 0.0, 0.0
+            add_softening(effects, 0, magnet[p], density[p], x[p], F[p], H, M)
+            _particle_softening(q, volume[p], weights[p], H, M, G, T)
         for k in range(3 if len(c) > 0 else 0):
             for node in range(STENCIL):
                 change = volume[p] * (
@@ -205,7 +245,7 @@ def _cell_tangent(
                 )
                 for mode in range(len(c)):
                     b[mode, k, node] += modes[p, mode] * change
-    sizes[2] = 3 * (last - first)
+    sizes[2] = rows_each * (last - first)
     plain, trans = letters[0:].ctypes.data, letters[1:].ctypes.data
     rows, nodes, count = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data
     one, zero = factors[0:].ctypes.data, factors[1:].ctypes.data
@@ -281,11 +321,13 @@ def scatter_tangent(
     for colour in range(2):
         for half in prange((slabs + 1 - colour) // 2):
             slab = 2 * half + colour
-            G, T = np.empty((3 * most, STENCIL)), np.empty((3 * most, 3, 3, STENCIL))
+            most_rows = most * (4 if any_softening(effects) else 3)
+            G, T = np.empty((most_rows, STENCIL)), np.empty((most_rows, 3, 3, STENCIL))
+            H, M = np.empty((3, 3)), np.empty((3, 9))
             A, P, cof, f = np.empty((9, 9)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
             letters, sizes = np.array([78, 84], np.uint8), np.array([9 * STENCIL, STENCIL, 0], np.int32)
             c, b = np.empty(modes.shape[1]), np.empty((modes.shape[1], 3, STENCIL))
-            work = (G, T, A, P, cof, f, b, c, letters, sizes, np.array([1.0, 0.0]))
+            work = (G, T, A, P, H, M, cof, f, b, c, letters, sizes, np.array([1.0, 0.0]))
             K, r = np.empty((STENCIL, 3, 3, STENCIL)), np.empty((STENCIL, 3))
             for cell in range(slab_first[slab], slab_first[slab + 1]):
                 _cell_tangent(

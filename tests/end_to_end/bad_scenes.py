@@ -187,7 +187,7 @@ KEYS = [
     edit("misspelt solver option", "max_steps", "maxsteps", "solver.static.maxsteps", "60", 'did you mean "max_steps"?'),
     edit("misspelt resolution", "cells_across", "cell_across", "resolution.cell_across", "4", 'mean "cells_across"?'),
     edit("capital letter", "field:", "Field:", "Field", "{", 'unknown key "Field"', 'did you mean "field"?'),
-    edit("unknown key", "  uniform:", "  strength: 3\n  uniform:", "field.strength", "3", "known here: uniform", "remove it"),
+    edit("unknown key", "  uniform:", "  colour: 3\n  uniform:", "field.colour", "3", "known here: uniform", "remove it"),
     edit("key in the wrong place", "solver:", "cells_across: 4\nsolver:", "cells_across", "4", "it belongs in resolution"),
     edit("no name", "name: probe\n", "", "name", "nothing", "this key is required", "`name: five-segment catheter`", line=1),
     edit("no length", "    length: 40 mm\n", "", CATHETER + ".length", "nothing", "is required", "`length: 40 mm`", line=11),
@@ -320,16 +320,87 @@ SURROUNDINGS = [
 ]
 
 LATER = [
-    edit(f"{effect}, a later effect", "  gravity: {}", f"  {effect}: {{}}", f"effects.{effect}", "{}",
-         f"`{effect}`", "is not there yet in this version", "remove it", later=True)
-    for effect in ("magnetic_force", "magnetic_interaction")
-] + [
     edit("error wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{error: 1 %}", "resolution.error", '"1 %"',
          "`error`", "is not there yet", later=True),
     edit("time wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{seconds: 2 s}", "resolution.seconds", '"2 s"',
          "`seconds`", "is not there yet", later=True),
 ]
 
+
+DIPOLE = "dipole: {position: [60 mm, 0 mm, 0 mm], moment: [0 A*m^2, 0 A*m^2, 0.5 A*m^2]}"
+MAGNET = "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [70 mm, 0 mm, 0 mm], remanence: 1.3 T}"
+MAP = "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n" + "".join(f"{x},{y},{z},1,2,3\n" for x in range(4) for y in range(4) for z in range(4))
+
+
+def field(name: str, settings: str, key: str, received: str, *says: str, force: bool = True, **more: object) -> BadScene:
+    """A scene in this field, with magnetic_force named unless told."""
+    edits = [("  uniform: [0 mT, 6 mT, 8 mT]\n", "".join(f"  {line}\n" for line in settings.splitlines()))]
+    if force:
+        edits.append(("  gravity: {}", "  gravity: {}\n  magnetic_force: {}"))
+    line = 22 if "\n" not in settings else 23  # what is wrong stands last
+    return BadScene(name, tuple(edits), key, received, says, **{"line": line, **more})  # type: ignore[arg-type]
+
+
+FIELDS = [
+    field("dipole without moment", "dipole: {position: [60 mm, 0 mm, 0 mm]}", "field.dipole.moment", "nothing", "is required"),
+    field("moment of no unit", DIPOLE.replace("0.5 A*m^2", "0.5"), "field.dipole.moment[2]", "0.5", "needs a unit", "A*m^2"),
+    field("moment in tesla", DIPOLE.replace("0.5 A*m^2", "0.5 T"), "field.dipole.moment[2]", '"0.5 T"', "not a unit of magnetic moment"),
+    field("second dipole without place", "dipole:\n  - {position: [60 mm, 0 mm, 0 mm], moment: [0 A*m^2, 0 A*m^2, 1 A*m^2]}\n"
+          "  - {moment: [0 A*m^2, 0 A*m^2, 1 A*m^2]}", "field.dipole[1].position", "nothing", "is required", line=24),
+    field("pull without turn", DIPOLE, "effects.magnetic_force", "nothing", "either alone has no energy", "`magnetic_force: {}`",
+          force=False, line=23),
+    field("magnet of two shapes", MAGNET.replace("position", "cuboid: {size: [9 mm, 9 mm, 9 mm]}, position"), "field.magnet", "{",
+          "one shape: cuboid or cylinder"),
+    field("magnet of no shape", "magnet: {position: [70 mm, 0 mm, 0 mm], remanence: 1.3 T}", "field.magnet", "{", "one shape"),
+    field("flat magnet", MAGNET.replace("length: 20 mm", "length: 0 mm"), "field.magnet.cylinder.length", '"0 mm"', "greater than 0 mm"),
+    field("magnet of no axis", MAGNET.replace("remanence", "axis: [0, 0, 0], remanence"), "field.magnet.axis", "[0, 0, 0]", "must not be zero"),
+    field("coil of no turns", "coils: {position: [0 mm, 0 mm, -60 mm], diameter: 80 mm, current: 5 A, turns: 0}", "field.coils.turns",
+          "0", "at least 1"),
+    field("current in tesla", "coils: {position: [0 mm, 0 mm, -60 mm], diameter: 80 mm, current: 5 T}", "field.coils.current", '"5 T"',
+          "not a unit of current", '"2 A"'),
+    field("half a box", MAGNET + "\ntabulation: {lower: [0 mm, 0 mm, 0 mm]}", "field.tabulation", "{", "both corners"),
+    field("box inside out", MAGNET + "\ntabulation: {lower: [1 mm, 0 mm, 0 mm], upper: [0 mm, 9 mm, 9 mm]}", "field.tabulation", "{",
+          "must exceed"),
+    field("schedule of nothing", DIPOLE + "\nover_time: {}", "field.over_time", "{}", "something must change"),
+    field("time that falls", DIPOLE + "\nover_time: {keyframes: [{time: 1 s, strength: 1}, {time: 1 s, strength: 0}]}",
+          "field.over_time.keyframes[1].time", '"1 s"', "must rise", "follows 1 s"),
+    field("empty keyframe", DIPOLE + "\nover_time: {keyframes: [{time: 0 s}, {time: 1 s, strength: 0}]}",
+          "field.over_time.keyframes[0]", "{", "strength, uniform or move"),
+    field("one keyframe", DIPOLE + "\nover_time: {keyframes: [{time: 0 s, strength: 1}]}", "field.over_time.keyframes", "[", "2 or more"),
+    field("rotation without end", DIPOLE + "\nover_time: {rotation: {frequency: 2 Hz}}", "field.over_time.rotation", "{",
+          "has no end", "add `turns`"),
+    field("swing without end", DIPOLE + "\nover_time: {oscillation: {frequency: 2 Hz}}", "field.over_time.oscillation", "{",
+          "has no end", "add `cycles`"),
+    field("no rotation", DIPOLE + "\nover_time: {rotation: {frequency: 0 Hz, turns: 1}}", "field.over_time.rotation.frequency", '"0 Hz"',
+          "must not be zero"),
+    field("angular frequency", DIPOLE + "\nover_time: {rotation: {frequency: 12 rad/s, turns: 1}}", "field.over_time.rotation.frequency",
+          '"12 rad/s"', "not a unit of frequency"),
+    field("turn of no end", DIPOLE + "\nover_time: {rotation: {frequency: 2 Hz, turns: -1}}", "field.over_time.rotation.turns", "-1",
+          "greater than 0"),
+    field("schedule missing", DIPOLE + "\nover_time: {table: current.csv}", "field.over_time.table", '"current.csv"', "no such file"),
+    field("table whose time falls", DIPOLE + "\nover_time: {table: shape.csv}", "field.over_time.table", '"shape.csv"', "shape.csv:4",
+          "times must rise", "0.2 s after 1 s", table="time_s,strength\n0,0\n1,1\n0.2,0\n"),
+    field("table of time alone", DIPOLE + "\nover_time: {table: shape.csv}", "field.over_time.table", '"shape.csv"', "at least one of",
+          table="time_s\n0\n1\n"),
+    field("table of no unit", DIPOLE + "\nover_time: {table: shape.csv}", "field.over_time.table", '"shape.csv"', "a time needs a unit",
+          table="time,strength\n0,0\n1,1\n"),
+    field("keyframes and a table", DIPOLE + "\nover_time: {table: shape.csv, keyframes: [{time: 0 s, strength: 0}, {time: 1 s, strength: 1}]}",
+          "field.over_time", "{", "say the same", table="time_s,strength\n0,0\n1,1\n"),
+    field("map missing", "map: {table: magnet.csv}", "field.map.table", '"magnet.csv"', "no such file"),
+    field("map without Bz", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "Bz is missing",
+          table="x_mm,y_mm,z_mm,Bx_mT,By_mT\n0,0,0,1,2\n1,0,0,1,2\n"),
+    field("map of a plane", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "along z it has 1",
+          table="x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n" + "".join(f"{x},{y},0,1,2,3\n" for x in range(5) for y in range(5))),
+    field("map with a hole", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "1 are missing", "(0, 0, 1) mm",
+          table=MAP.replace("\n0,0,1,1,2,3", "")),
+    field("map point twice", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "may stand once", table=MAP + "0,0,1,1,2,3\n"),
+    field("map of an uneven grid", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "grid of a map is even", "3.5 mm",
+          table=MAP.replace("\n3,", "\n3.5,")),
+    field("map of words", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "shape.csv:2", "6 finite numbers",
+          table=MAP.replace("\n0,0,0,1", "\n0,0,0,one")),
+    field("map in kiloamps a metre", "map: {table: shape.csv}", "field.map.table", '"shape.csv"', "not a unit of flux density",
+          table=MAP.replace("Bx_mT", "Bx_kA/m")),
+]
 
 
 def motion(name: str, settings: str, key: str, received: str, *says: str) -> BadScene:
@@ -350,7 +421,7 @@ MOTION = [
 ]
 
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *MOTION, *LATER]
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *LATER]
 
 
 def text_of(case: BadScene) -> str:

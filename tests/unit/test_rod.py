@@ -231,7 +231,7 @@ def test_turned_about_its_axis(angle: float) -> None:
         **{
             **vars(model),
             "moment": model.moment @ R.T,
-            "field": R @ model.field,
+            "field": model.field @ R.T,
             "weight": model.weight @ R.T,
         }
     )

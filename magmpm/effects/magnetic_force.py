@@ -1,0 +1,81 @@
+"""magnetic_force: an outside field that varies in space pulls hard-magnetic material.
+
+With W = -(1/mu0) B(x) . (F Br), whose stress is magnetic_torque, the force per undeformed volume is f = -dW/dx = (1/mu0) (grad B)^T F Br,
+(grad B)_ij = dB_i/dx_j. Its tangent: d2W/dx2 = -(1/mu0) grad grad (B . F Br), and d2W/dx_i dF_jL = -(1/mu0) dB_j/dx_i Br_L, in which the
+change of magnetic_torque's stress with place is included.
+W itself is counted by magnetic_torque. Either effect alone has no energy: it runs in motion, and not in statics.
+Source: Zhao et al., JMPS 124 (2019) 244-263; the body's centre accelerates at the volume's mean of f over rho.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm import fields
+from magmpm.advice import Advice, Body, shift
+from magmpm.effects.hooks import register
+from magmpm.fields.evaluate import PLACE
+from magmpm.fields.evaluate import curvature as curvature_at
+from magmpm.fields.evaluate import gradient as gradient_at
+from magmpm.fields.evaluate import pull as pull_at
+from magmpm.jit import compiled
+from magmpm.scene import Scene
+
+PHASE = "force"
+
+MU0 = 4e-7 * np.pi  # T m/A
+DTYPE = np.dtype([*PLACE, ("pulls", np.int8)])
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take, or () where the field is uniform: it does not pull."""
+    if strength == 0.0 or not scene.field.varies:
+        return ()
+    return fields.records(scene.field, DTYPE, times, strength), fields.of(scene).data
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """How far the field's gradient pulls the body."""
+    if not scene.field.varies or not scene.magnetised_segments():
+        return Advice(0.0, "nothing to pull, or no gradient to pull it: a uniform field does not")
+    if scene.effects.magnetic_torque is None:
+        return Advice(None, "not known: a rest in this field needs magnetic_torque as well")
+    moved = shift(scene, body, "magnetic_force")
+    return Advice(moved, f"the field's gradient moves it by {100 * moved / scene.length:.2g} % of its length")
+
+
+@compiled
+def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+    """f += (1/mu0) (grad B)^T F Br, N/m^3."""
+    if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
+        return
+    m0 = (F[0, 0] * magnet[0] + F[0, 1] * magnet[1] + F[0, 2] * magnet[2]) / MU0
+    m1 = (F[1, 0] * magnet[0] + F[1, 1] * magnet[1] + F[1, 2] * magnet[2]) / MU0
+    m2 = (F[2, 0] * magnet[0] + F[2, 1] * magnet[1] + F[2, 2] * magnet[2]) / MU0
+    f0, f1, f2 = pull_at(effect, data, x, m0, m1, m2)
+    f[0] += f0
+    f[1] += f1
+    f[2] += f2
+
+
+@compiled
+def softening(effect, data, magnet, rho, x, F, H, M):  # type: ignore[no-untyped-def]
+    """H -= (1/mu0) grad grad (B . F Br), N/m^4; M[i, 3 j + L] -= (1/mu0) dB_j/dx_i Br_L, N/m^3."""
+    if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
+        return
+    m0 = (F[0, 0] * magnet[0] + F[0, 1] * magnet[1] + F[0, 2] * magnet[2]) / MU0
+    m1 = (F[1, 0] * magnet[0] + F[1, 1] * magnet[1] + F[1, 2] * magnet[2]) / MU0
+    m2 = (F[2, 0] * magnet[0] + F[2, 1] * magnet[1] + F[2, 2] * magnet[2]) / MU0
+    curvature_at(effect, data, x, m0, m1, m2, -1.0, H)
+    G = np.zeros((3, 3))
+    gradient_at(effect, data, x, G)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                M[i, 3 * j + k] -= G[j, i] * magnet[k] / MU0
+
+
+register(DTYPE, force=force, softening=softening)

@@ -1,0 +1,223 @@
+"""magnetic_interaction: the magnetised segments turn and pull each other.
+
+A segment is cut into blocks, as near to cubes as its shape allows; a block stands as a dipole, with the moment m = sum V F Br/mu0 of its
+particles, at their mean place x. Dipoles of different segments act on each other, those of blocks that touch by 15 % less, as cubes do:
+E = -1/2 sum m_a . B_b(x_a). So block a's particles feel
+the field B_a of all other segments' dipoles at x_a, as P = -(1/mu0) B_a (x) Br, and the force grad(m_a . B_a), spread evenly over its
+volume. These are the exact derivatives of E: forces of each pair cancel, and so do their torques with the moments'. What a segment does
+to itself (its demagnetising field) is left out.
+
+B_a and the forces stand in `data`, and are found anew (`refresh`) from the deformed body: in statics at every step (statics.together);
+in motion before every chunk of steps (a few hundred), so that they lag by at most so many steps, far less than the body takes to bend.
+While they stand they act as a load of fixed direction, which is what `energy` counts; `shared_energy` is E itself.
+Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6; a cube has no quadrupole moment.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.advice import Advice, Body
+from magmpm.effects.hooks import register
+from magmpm.errors import InputError
+from magmpm.jit import compiled, kernel, prange
+from magmpm.scene import Scene
+
+PHASE = "force"
+
+MU0 = 4e-7 * np.pi  # T m/A
+MOST = 3000  # blocks: a refresh takes some 0.2 s then
+TOUCHING = 0.151  # cubes face to face act on each other by so much less than dipoles: (1/2 - 3/2 of the 2 x 1 x 1 prism's demagnetising
+# factor along it, 0.1983) over 1/(2 pi) is 0.849 (Aharoni, J. Appl. Phys. 83 (1998) 3432)
+NEAR = 1.35  # edges: from here on they are dipoles
+SIZE = 6  # floats a block: B/mu0 (3) A/m, force per volume (3) N/m^3
+DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
+
+Array = NDArray[np.float64]
+
+
+def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
+    """What kernels take; fields and forces are zero until `refresh`."""
+    if strength == 0.0 or len(scene.magnetised_segments()) < 2:
+        return ()
+    record = np.zeros(1, DTYPE)
+    record["share"] = strength
+    return record, np.zeros(SIZE * MOST)
+
+
+def advice(scene: Scene, body: Body) -> Advice:
+    """How strong the segments' fields are in each other."""
+    on = scene.magnetised_segments()
+    if len(on) < 2:
+        return Advice(0.0, "no two magnetised segments to act on each other")
+    remanence = float(np.linalg.norm(scene.segment_remanence()[on], axis=1).max())
+    # A face of charge Br/mu0 seen over its own width gives about Br/12 in the mean over a neighbour of two diameters (8.3 mT for 0.1 T).
+    return Advice(
+        None, f"touching segments feel a field of about {1e3 * remanence / 12:.2g} mT from each other; a coarse run tells what it moves"
+    )
+
+
+def marks(scene: Scene, particles: Any, magnet: Array) -> Array:
+    """Block of each particle (n,), -1 for none: a column that the particles' `magnet` carries for the hooks.
+
+    particles: bodies.Particles of the undeformed body; magnet (n, 3) T their remanence.
+    Raises InputError where there are more than MOST blocks.
+    """
+    settings = scene.effects.magnetic_interaction
+    assert settings is not None
+    segment, volume = particles.segment, particles.volume
+    block, count = np.full(len(volume), -1.0), 0
+    for k in np.unique(segment[magnet.any(axis=1)]):
+        own = np.flatnonzero(segment == k)
+        layers = [_layers(particles.cell[own, axis], volume[own]) for axis in range(3)]
+        wide = min(int(layer.max()) + 1 for layer in layers)
+        each = max(1, wide // settings.blocks_across)  # cells along a block's edge
+        place = []
+        for layer in layers:
+            cells = int(layer.max()) + 1
+            place.append(layer * max(1, round(cells / each)) // cells)
+        _, number = np.unique(np.stack(place, axis=1), axis=0, return_inverse=True)
+        block[own] = count + number.ravel()
+        count += int(number.max()) + 1
+    if count > MOST:
+        raise InputError(
+            f"effects.magnetic_interaction.blocks_across: received {settings.blocks_across}; the segments make {count} blocks\n"
+            f"  rule: there may be {MOST} blocks at most\n  remedy: write a smaller blocks_across, or use fewer cells_across"
+        )
+    return block
+
+
+def _layers(cell: NDArray[np.int64], volume: Array) -> NDArray[np.int64]:
+    """Which layer of cells (from 0) each particle is in; a first or last layer that is less than half full counts with its neighbour.
+
+    Blocks are made of whole cells: particles sit at Gauss points of a cell, and only the cell's mean place is the middle of its part.
+    """
+    layer = cell - cell.min()
+    sizes = np.bincount(layer, volume)
+    if len(sizes) > 2:
+        usual = np.median(sizes)
+        if sizes[-1] < 0.5 * usual:
+            layer = np.minimum(layer, len(sizes) - 2)
+        if sizes[0] < 0.5 * usual:
+            layer = np.maximum(layer, 1) - 1
+    return np.asarray(layer)
+
+
+def refresh(data: Array, block: Array, segment: NDArray[np.int32], volume: Array, magnet: Array, x: Array, F: Array) -> None:
+    """Fields and forces of the deformed body into data, in place. block (n,) from `marks`; others as there; x (n, 3) m, F (n, 3, 3)."""
+    places, moments, sizes, of = dipoles(block, segment, volume, magnet, x, F)
+    field, force = np.zeros_like(places), np.zeros_like(places)
+    _act(places, moments, np.cbrt(sizes), of, field, force)
+    rows = data[: SIZE * len(places)].reshape(-1, SIZE)
+    rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
+
+
+def dipoles(
+    block: Array, segment: NDArray[np.int32], volume: Array, magnet: Array, x: Array, F: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Places (k, 3) m, moments (k, 3) A m^2, volumes (k,) m^3 and segment (k,) of the blocks."""
+    on = np.flatnonzero(block >= 0)
+    number = block[on].astype(np.int64)
+    sizes: Array = np.bincount(number, volume[on]).astype(float)
+    moment = volume[on, None] * np.einsum("nij,nj->ni", F[on], magnet[on, :3]) / MU0
+    moments: Array = np.stack([np.bincount(number, moment[:, i]) for i in range(3)], axis=1)
+    places: Array = np.stack([np.bincount(number, volume[on] * x[on, i]) / sizes for i in range(3)], axis=1)
+    of = np.zeros(len(sizes), np.int64)
+    of[number] = segment[on]
+    return places, moments, sizes, of
+
+
+def shared_energy(
+    block: Array, segment: NDArray[np.int32], volume: Array, magnet: Array, x: Array, F: Array
+) -> float:
+    """E = -1/2 sum m . B, J."""
+    places, moments, sizes, of = dipoles(block, segment, volume, magnet, x, F)
+    field, force = np.zeros_like(places), np.zeros_like(places)
+    _act(places, moments, np.cbrt(sizes), of, field, force)
+    return -0.5 * float(np.sum(moments * field))
+
+
+@kernel
+def _act(places, moments, edges, of, field, force):  # type: ignore[no-untyped-def]
+    """Field (k, 3) T of the other segments' dipoles at each dipole, and the force (k, 3) N on it. edges (k,) m: of cubes as large.
+
+    E_ab = g(r) (dipoles' energy), g of NEAR and TOUCHING; its derivatives are taken whole.
+    """
+    for a in prange(len(places)):
+        m0, m1, m2 = moments[a, 0], moments[a, 1], moments[a, 2]
+        b0, b1, b2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for b in range(len(places)):
+            if of[b] == of[a]:
+                continue
+            x, y, z = places[a, 0] - places[b, 0], places[a, 1] - places[b, 1], places[a, 2] - places[b, 2]
+            n0, n1, n2 = moments[b, 0], moments[b, 1], moments[b, 2]
+            r2 = x * x + y * y + z * z
+            r = np.sqrt(r2)
+            s = 1e-7 / (r2 * r2 * r)
+            nd, md, mn = n0 * x + n1 * y + n2 * z, m0 * x + m1 * y + m2 * z, m0 * n0 + m1 * n1 + m2 * n2
+            d = 0.5 * (edges[a] + edges[b])
+            t = (NEAR - r / d) / (NEAR - 1.0)
+            g, slope = 1.0, 0.0
+            if t > 0.0:  # touching: 1 - TOUCHING smoothstep(t)
+                t = min(t, 1.0)
+                g = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t)
+                slope = TOUCHING * 6.0 * t * (1.0 - t) / ((NEAR - 1.0) * d)
+            pair = s * (3.0 * md * nd - mn * r2)  # m . B
+            b0 += g * s * (3.0 * nd * x - n0 * r2)
+            b1 += g * s * (3.0 * nd * y - n1 * r2)
+            b2 += g * s * (3.0 * nd * z - n2 * r2)
+            c = mn - 5.0 * md * nd / r2
+            along = slope * pair / r
+            f0 += g * 3.0 * s * (md * n0 + nd * m0 + c * x) + along * x
+            f1 += g * 3.0 * s * (md * n1 + nd * m1 + c * y) + along * y
+            f2 += g * 3.0 * s * (md * n2 + nd * m2 + c * z) + along * z
+        field[a, 0], field[a, 1], field[a, 2] = b0, b1, b2
+        force[a, 0], force[a, 1], force[a, 2] = f0, f1, f2
+
+
+@compiled
+def _row(data, magnet):  # type: ignore[no-untyped-def]
+    """Where a particle's block begins in data; -1 for none."""
+    if len(magnet) < 4 or magnet[3] < 0.0:
+        return -1
+    return SIZE * int(magnet[3])
+
+
+@compiled
+def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+    """-(1/mu0) B . (F Br) - f . x, J/m^3: of the load as it stands."""
+    at = _row(data, magnet)
+    if at < 0:
+        return 0.0
+    total = 0.0
+    for i in range(3):
+        total -= data[at + i] * (F[i, 0] * magnet[0] + F[i, 1] * magnet[1] + F[i, 2] * magnet[2])
+        total -= data[at + 3 + i] * x[i]
+    return effect.share * total
+
+
+@compiled
+def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+    """P -= (1/mu0) B (x) Br, Pa."""
+    at = _row(data, magnet)
+    if at < 0:
+        return
+    for i in range(3):
+        for j in range(3):
+            P[i, j] -= effect.share * data[at + i] * magnet[j]
+
+
+@compiled
+def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+    """f += the block's force over its volume, N/m^3."""
+    at = _row(data, magnet)
+    if at < 0:
+        return
+    for i in range(3):
+        f[i] += effect.share * data[at + 3 + i]
+
+
+register(DTYPE, energy=energy, stress=stress, force=force)

@@ -1,0 +1,118 @@
+"""A field's schedule: strength, uniform part and place of its sources at any time.
+
+Strengths of ramp, oscillation and keyframes multiply. What the keyframes move is moved first; then the whole field, uniform part and
+sources, turns about the rotation's axis. Before a part begins it is as at its beginning, after its end as at its end.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.field_parts import FieldSource, Keyframe, OverTime
+from magmpm.fields.evaluate import PLACE
+
+Array = NDArray[np.float64]
+DTYPE = np.dtype(PLACE)
+
+
+def places(field: FieldSource, times: Array | None = None, strength: float = 1.0) -> NDArray[np.void]:
+    """Records (k,) of fields.evaluate.PLACE at times (k,) s, or (1,) at the end of the schedule; `strength` scales all."""
+    times = np.array([end_time(field)]) if times is None else np.atleast_1d(np.asarray(times, dtype=float))
+    over = field.over_time
+    if over is None:
+        times = times[:1]
+    out = np.zeros(len(times), DTYPE)
+    factor = np.full(len(times), strength)
+    uniform: Array = np.tile(np.array(field.uniform, dtype=float), (len(times), 1))
+    move, turn, center = np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1)), np.zeros(3)
+    if over is not None:
+        factor = factor * _strength(over, times)
+        uniform = _framed(over.frames, "uniform", times, uniform)
+        move = _framed(over.frames, "move", times, move)
+        if over.rotation is not None:
+            turn, center = _turn(over, times), np.array(over.rotation.center)
+    out["strength"] = factor
+    out["uniform"] = factor[:, None] * np.einsum("kij,kj->ki", turn, uniform)
+    out["frame"] = turn.reshape(-1, 9)
+    out["origin"] = center + np.einsum("kij,kj->ki", turn, move - center)
+    return out
+
+
+def records(field: FieldSource, dtype: np.dtype[Any], times: Array | None, strength: float) -> NDArray[np.void]:
+    """`places` as records of a dtype that begins with PLACE: an effect's."""
+    found = places(field, times, strength)
+    out = np.zeros(len(found), dtype)
+    for entry in PLACE:
+        out[entry[0]] = found[entry[0]]
+    return out
+
+
+def end_time(field: FieldSource) -> float:
+    """When everything that ends has ended, s; 0 where nothing changes or nothing ends."""
+    over = field.over_time
+    if over is None:
+        return 0.0
+    ends = [0.0]
+    if over.ramp is not None:
+        ends.append(over.ramp.start + over.ramp.duration)
+    if over.rotation is not None and over.rotation.turns is not None:
+        ends.append(over.rotation.start + over.rotation.turns / abs(over.rotation.frequency))
+    if over.oscillation is not None and over.oscillation.cycles is not None:
+        ends.append(over.oscillation.start + over.oscillation.cycles / over.oscillation.frequency)
+    ends += [frame.time for frame in over.frames[-1:]]
+    return max(ends)
+
+
+def sample_times(field: FieldSource) -> Array:
+    """Times (k,) s that show every place the sources pass: for finding what region of theirs the body may reach."""
+    over = field.over_time
+    if over is None:
+        return np.zeros(1)
+    times = [np.array([0.0, end_time(field)]), np.array([frame.time for frame in over.frames])]
+    if over.rotation is not None:
+        turns = min(over.rotation.turns or 1.0, 1.0)
+        times.append(over.rotation.start + np.linspace(0.0, turns / abs(over.rotation.frequency), 73))
+        if over.frames and over.frames[-1].time < 1e4 / abs(over.rotation.frequency):
+            times.append(np.linspace(0.0, over.frames[-1].time + 1.0 / abs(over.rotation.frequency), 2000))
+    return np.unique(np.concatenate(times))
+
+
+def _strength(over: OverTime, times: Array) -> Array:
+    factor = np.ones(len(times))
+    if over.ramp is not None:
+        share = np.clip((times - over.ramp.start) / over.ramp.duration, 0.0, 1.0)
+        factor *= over.ramp.begin + (over.ramp.end - over.ramp.begin) * share
+    if over.oscillation is not None:
+        swing = over.oscillation
+        passed = np.maximum(times - swing.start, 0.0)
+        if swing.cycles is not None:
+            passed = np.minimum(passed, swing.cycles / swing.frequency)
+        factor *= swing.mean + swing.amplitude * np.sin(2 * np.pi * swing.frequency * passed + swing.phase)
+    return factor * _framed(over.frames, "strength", times, np.ones(len(times)))
+
+
+def _framed(frames: tuple[Keyframe, ...], key: str, times: Array, otherwise: Array) -> Array:
+    """A keyframed quantity at times (k,): straight between the keyframes that give it, constant outside of them."""
+    given = [(frame.time, getattr(frame, key)) for frame in frames if getattr(frame, key) is not None]
+    if not given:
+        return otherwise
+    at, values = np.array([time for time, _ in given]), np.array([value for _, value in given])
+    if values.ndim == 1:
+        return np.interp(times, at, values)
+    return np.stack([np.interp(times, at, values[:, i]) for i in range(3)], axis=1)
+
+
+def _turn(over: OverTime, times: Array) -> Array:
+    """Rotation matrices (k, 3, 3), by Rodrigues' formula."""
+    turning = over.rotation
+    assert turning is not None
+    turns = np.maximum(times - turning.start, 0.0) * turning.frequency
+    if turning.turns is not None:
+        turns = np.clip(turns, -turning.turns, turning.turns)
+    angle = 2 * np.pi * (turns - np.rint(turns))  # whole turns out first: a hundred hours on, the angle is still right
+    x, y, z = turning.axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)

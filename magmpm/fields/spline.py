@@ -1,0 +1,195 @@
+"""Tricubic B-splines through values on a regular grid: coefficients, and compiled evaluation with first and second derivatives.
+
+A spline through N nodes along an axis has N + 2 coefficients; the two extra ones come from the not-a-knot condition (the fourth
+difference of the coefficients vanishes at either end), so cubic polynomials are met exactly and the error is of fourth order up to the
+faces of the box. The spline has two continuous derivatives. Source: de Boor, A Practical Guide to Splines, chapters 4 and 9.
+
+Compiled functions take one 1-D array `data` and the place `at` where a table begins in it:
+lower corner (3) m, nodes per metre (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 3), last index fastest.
+Beyond the box they go on with the value at the nearest point of its surface: finite, and for `Field.check` to complain about.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+
+from magmpm.jit import compiled
+
+Array = NDArray[np.float64]
+HEADER = 9
+FEWEST = 4  # nodes along an axis: a cubic needs as many
+
+
+def coefficients(values: Array) -> Array:
+    """Coefficients (N + 2, M + 2, K + 2, c) of the spline through values (N, M, K, c), N, M, K >= 4."""
+    out = np.asarray(values, dtype=float)
+    for axis in range(3):
+        out = _along(out, axis)
+    return np.ascontiguousarray(out)
+
+
+def _along(values: Array, axis: int) -> Array:
+    moved = np.moveaxis(values, axis, 0)
+    n = len(moved)
+    if n < FEWEST:
+        raise ValueError(f"a cubic spline needs {FEWEST} nodes along each axis, got {n}")
+    size = n + 2
+    bands = np.zeros((9, size))  # solve_banded: bands[4 + i - j, j] = a[i, j]
+    for j, entry in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)):
+        bands[4 - j, j] = entry
+        bands[4 + (size - 1) - (size - 5 + j), size - 5 + j] = entry
+    rows = np.arange(1, size - 1)
+    for shift, entry in ((-1, 1 / 6), (0, 2 / 3), (1, 1 / 6)):
+        bands[4 - shift, rows + shift] = entry
+    right = np.zeros((size, moved[0].size))
+    right[1:-1] = moved.reshape(n, -1)
+    found = solve_banded((4, 4), bands, right, overwrite_ab=True, overwrite_b=True, check_finite=False)
+    return np.moveaxis(found.reshape(size, *moved.shape[1:]), 0, axis)
+
+
+def packed(lower: Array, spacing: Array, values: Array) -> Array:
+    """The table of values (N, M, K, 3) on a grid from `lower` (3,) m with `spacing` (3,) m, as the compiled functions take it."""
+    return np.concatenate([lower, 1.0 / np.asarray(spacing), values.shape[:3], coefficients(values).ravel()])
+
+
+@compiled
+def _cell(data, at, axis, y):  # type: ignore[no-untyped-def]
+    """Cell, and place in it (0 to 1), of a coordinate."""
+    s = (y - data[at + axis]) * data[at + 3 + axis]
+    last = data[at + 6 + axis] - 1.0
+    s = min(max(s, 0.0), last)
+    cell = min(int(s), int(last) - 1)
+    return cell, s - cell
+
+
+@compiled
+def _weight(i, t):  # type: ignore[no-untyped-def]
+    """Cubic B-spline i of a cell's four at t."""
+    if i == 0:
+        return (1.0 - t) ** 3 / 6.0
+    if i == 1:
+        return (4.0 + t * t * (3.0 * t - 6.0)) / 6.0
+    if i == 2:
+        return (1.0 + t * (3.0 + t * (3.0 - 3.0 * t))) / 6.0
+    return t * t * t / 6.0
+
+
+@compiled
+def _slope(i, t):  # type: ignore[no-untyped-def]
+    """Its derivative with respect to t."""
+    if i == 0:
+        return -0.5 * (1.0 - t) ** 2
+    if i == 1:
+        return t * (1.5 * t - 2.0)
+    if i == 2:
+        return 0.5 + t * (1.0 - 1.5 * t)
+    return 0.5 * t * t
+
+
+@compiled
+def _bend(i, t):  # type: ignore[no-untyped-def]
+    """Its second derivative."""
+    if i == 0:
+        return 1.0 - t
+    if i == 1:
+        return 3.0 * t - 2.0
+    if i == 2:
+        return 1.0 - 3.0 * t
+    return t
+
+
+@compiled
+def size_of(data, at):  # type: ignore[no-untyped-def]
+    """How many floats the table that begins at `at` takes."""
+    return HEADER + 3 * int(data[at + 6] + 2) * int(data[at + 7] + 2) * int(data[at + 8] + 2)
+
+
+@compiled
+def value(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """B (3) at a point of the table's frame, T."""
+    i, r = _cell(data, at, 0, y0)
+    j, s = _cell(data, at, 1, y1)
+    k, t = _cell(data, at, 2, y2)
+    rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
+    b0, b1, b2 = 0.0, 0.0, 0.0
+    for a in range(4):
+        wa = _weight(a, r)
+        for b in range(4):
+            wb = wa * _weight(b, s)
+            c = at + HEADER + 3 * (((i + a) * rows + j + b) * columns + k)
+            for d in range(4):
+                w = wb * _weight(d, t)
+                b0 += w * data[c + 3 * d]
+                b1 += w * data[c + 3 * d + 1]
+                b2 += w * data[c + 3 * d + 2]
+    return b0, b1, b2
+
+
+@compiled
+def gradient(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """dB_i/dy_j (9), row i, T/m."""
+    i, r = _cell(data, at, 0, y0)
+    j, s = _cell(data, at, 1, y1)
+    k, t = _cell(data, at, 2, y2)
+    rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
+    g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for a in range(4):
+        for b in range(4):
+            ws, sw, ww = (
+                _weight(a, r) * _slope(b, s),
+                _slope(a, r) * _weight(b, s),
+                _weight(a, r) * _weight(b, s),
+            )
+            c = at + HEADER + 3 * (((i + a) * rows + j + b) * columns + k)
+            for d in range(4):
+                w = _weight(d, t)
+                x, y, z = sw * w, ws * w, ww * _slope(d, t)
+                c0, c1, c2 = data[c + 3 * d], data[c + 3 * d + 1], data[c + 3 * d + 2]
+                g00 += x * c0
+                g01 += y * c0
+                g02 += z * c0
+                g10 += x * c1
+                g11 += y * c1
+                g12 += z * c1
+                g20 += x * c2
+                g21 += y * c2
+                g22 += z * c2
+    p, q, u = data[at + 3], data[at + 4], data[at + 5]
+    p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
+    return g00 * p, g01 * q, g02 * u, g10 * p, g11 * q, g12 * u, g20 * p, g21 * q, g22 * u
+
+
+@compiled
+def _within(data, at, axis, y):  # type: ignore[no-untyped-def]
+    """1 inside the box along an axis, 0 beyond: there the value no longer changes."""
+    s = (y - data[at + axis]) * data[at + 3 + axis]
+    return 1.0 if 0.0 <= s <= data[at + 6 + axis] - 1.0 else 0.0
+
+
+@compiled
+def curvature(data, at, y0, y1, y2, m0, m1, m2):  # type: ignore[no-untyped-def]
+    """Second derivatives xx, yy, zz, xy, xz, yz of m . B, T/m^2 times the unit of m."""
+    i, r = _cell(data, at, 0, y0)
+    j, s = _cell(data, at, 1, y1)
+    k, t = _cell(data, at, 2, y2)
+    rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for a in range(4):
+        wa, sa, ba = _weight(a, r), _slope(a, r), _bend(a, r)
+        for b in range(4):
+            wb, sb, bb = _weight(b, s), _slope(b, s), _bend(b, s)
+            c = at + HEADER + 3 * (((i + a) * rows + j + b) * columns + k)
+            for d in range(4):
+                wd, sd = _weight(d, t), _slope(d, t)
+                f = m0 * data[c + 3 * d] + m1 * data[c + 3 * d + 1] + m2 * data[c + 3 * d + 2]
+                xx += ba * wb * wd * f
+                yy += wa * bb * wd * f
+                zz += wa * wb * _bend(d, t) * f
+                xy += sa * sb * wd * f
+                xz += sa * wb * sd * f
+                yz += wa * sb * sd * f
+    p, q, u = data[at + 3], data[at + 4], data[at + 5]
+    p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
+    return xx * p * p, yy * q * q, zz * u * u, xy * p * q, xz * p * u, yz * q * u
