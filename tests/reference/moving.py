@@ -1,0 +1,97 @@
+"""Scenes in motion for tests, and a motion followed moment by moment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from reference.scenes import BR, G
+
+from magmpm.dynamics.run import begin
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.effects import module_of
+from magmpm.model import Model, build
+from magmpm.scene import Scene
+
+FORMULATIONS = ("total", "updated")
+DENSITY = 1882.0
+
+
+def moving_scene(
+    body: dict[str, Any],
+    effects: dict[str, Any],
+    *,
+    formulation: str | None = "total",
+    cells: int = 2,
+    shear: float = G,
+    duration: float = 1.0,
+    **more: Any,
+) -> Scene:
+    """A body of one material, m, in SI. more: other keys of the scene."""
+    material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": DENSITY, "remanence": BR}
+    return Scene.from_si(
+        {
+            "name": "test",
+            "materials": {"m": material},
+            "body": body,
+            "effects": effects,
+            "solver": {"dynamic": {"duration": duration, "formulation": formulation}},
+            "resolution": {"cells_across": cells},
+            **more,
+        }
+    )
+
+
+def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
+    """A free block of this size (m) that stands on z = 0, unless said otherwise."""
+    length, width, thickness = size
+    return {
+        "strip": {
+            "length": length,
+            "width": width,
+            "thickness": thickness,
+            "material": "m",
+            "clamp": "none",
+            "position": [0.0, 0.0, thickness / 2],
+            "segments": [{"magnetization": [0.0, 0.0, 0.0]}],
+            **strip,
+        }
+    }
+
+
+@dataclass
+class Moment:
+    """time s, x, v (n, 3), contacts: what each contact effect reports."""
+
+    time: float
+    x: np.ndarray
+    v: np.ndarray
+    contacts: dict[str, Any]
+
+
+def follow(
+    scene: Scene | Model, times: Sequence[float], motion: TotalMotion | UpdatedMotion | None = None
+) -> Iterator[Moment]:
+    """The motion from rest (or as `motion` stands) at each of the times (s)."""
+    model = scene if isinstance(scene, Model) else build(scene)
+    begun = begin(model)
+    motion = begun.motion if motion is None else motion
+    mass, now = model.density * model.particles.volume, 0.0
+    for time in times:
+        steps = max(1, int(np.ceil((time - now) / begun.dt)))
+        dt, left = (time - now) / steps, steps
+        while left:
+            taken, broken = motion.advance(left, dt, model.effects)
+            assert not broken, f"the motion broke before t = {time:g} s"
+            left -= taken
+        now = time
+        x, v, _ = motion.particles()
+        contacts = {}
+        for key in ("ground", "walls"):
+            if getattr(model.scene.effects, key) is not None:
+                module = module_of(key)
+                contacts[key] = module.report(*module.of_scene(model.scene, 1.0, None), x, v, mass, dt)
+        yield Moment(time, x, v, contacts)

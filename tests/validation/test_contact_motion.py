@@ -1,0 +1,148 @@
+"""Contact in motion against mechanics of a rigid body: sliding, sticking, stopping, resting, a catheter in a tube, fed through a guide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference.moving import FORMULATIONS, block, follow, moving_scene
+
+from magmpm import distance
+from magmpm.curves import curve
+from magmpm.dynamics.run import begin
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.effects import self_contact
+from magmpm.model import Model, build
+from magmpm.scene import Scene
+
+EARTH, FRICTION = 9.81, 0.3
+SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
+LAYERS = 4  # of particles through it, of which one touches
+
+
+def sloped(angle: float, formulation: str) -> Scene:
+    """The block on a slope: gravity turned by the angle (rad)."""
+    pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
+    ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
+    return moving_scene(
+        block(SIZE), {"gravity": {"acceleration": pull}, "ground": ground}, formulation=formulation
+    )
+
+
+def mean(model: Model, values: np.ndarray) -> np.ndarray:
+    """Over the body's mass."""
+    mass = model.density * model.particles.volume
+    return mass @ values / mass.sum()
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_block_slides_down_a_slope(formulation: str) -> None:
+    """At 45 degrees it accelerates by g (sin - mu cos), to 0.3 %: the first moments, in which it settles on the ground, count."""
+    model = build(sloped(np.pi / 4, formulation))
+    (then,) = follow(model, [0.04])
+    way = mean(model, then.x - model.particles.position)
+    a = EARTH * np.sqrt(0.5) * (1 - FRICTION)
+    np.testing.assert_allclose(way, [a * 0.04**2 / 2, 0, 0], rtol=0, atol=0.003 * a * 0.04**2 / 2)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_block_sticks_on_a_gentle_slope(formulation: str) -> None:
+    """Below the cone, tan = 0.25 < mu, it does not accelerate. What friction's limit costs is a creep of (M / m) g sin dt."""
+    model = build(sloped(np.arctan(0.25), formulation))
+    early, late = (mean(model, moment.x) for moment in follow(model, [0.01, 0.03]))
+    creep = (late - early)[0] / 0.02
+    assert 0 < creep < 1.3 * LAYERS * EARTH * np.sin(np.arctan(0.25)) * begin(model).dt
+    assert creep < 0.01 * EARTH * np.sin(np.arctan(0.25)) * 0.02, (
+        "without friction it would be a hundred times as fast"
+    )
+
+
+def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
+    """From v on the level: after v^2 / (2 mu g), to 1 %, and it does not come back."""
+    model = build(sloped(0.0, "total"))
+    motion = begin(model).motion
+    assert isinstance(motion, TotalMotion)
+    motion.v.reshape(-1, 3)[:, 0] = 0.1 * (motion.packed.inverse_mass.reshape(-1, 3)[:, 0] > 0)
+    stopped, later = (
+        mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.036, 0.045], motion)
+    )
+    assert stopped == pytest.approx(0.1**2 / (2 * FRICTION * EARTH), rel=0.01)
+    assert later == pytest.approx(stopped, rel=1e-3)
+
+
+def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
+    """With the surroundings' damping: the contact force is the weight, and the block gives way by g LAYERS / w^2, nanometres."""
+    ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
+    effects = {"gravity": {}, "damping": {"rate": 400.0}, "ground": ground}
+    model = build(moving_scene(block(SIZE, position=[0.0, 0.0, SIZE[2] / 2 + 0.1e-3]), effects))
+    (rest,) = follow(model, [0.06])
+    weight = EARTH * float((model.density * model.particles.volume).sum())
+    told = rest.contacts["ground"]
+    np.testing.assert_allclose(told["force"], [0, 0, weight], rtol=0, atol=5e-3 * weight)
+    assert told["count"] == len(model.particles.position) // LAYERS
+    stiffness = float(model.effects[-2]["ground_stiffness"][0])
+    assert told["depth"] == pytest.approx(EARTH * LAYERS / stiffness, rel=0.2)
+    assert mean(model, rest.x)[2] == pytest.approx(SIZE[2] / 2, abs=1e-6)
+
+
+CATHETER = {
+    "catheter": {
+        "length": 12e-3,
+        "diameter": 2e-3,
+        "material": "m",
+        "segments": [{"magnetization": [0.0, 0.0, 0.0]}],
+    }
+}
+
+
+def test_a_catheter_lies_in_a_bent_tube() -> None:
+    """It sinks to the wall, stays inside, and the wall carries its weight: of the reported force, to 2 %."""
+    path = [[-5e-3, 0.0, -0.5e-3], [6e-3, 0.0, 0.0], [17e-3, 0.0, -0.5e-3]]
+    walls = {"tube": {"radius": 1.5e-3, "path": path}, "friction": 0.5}
+    free = {"catheter": {**CATHETER["catheter"], "clamp": "none"}}
+    model = build(moving_scene(free, {"gravity": {}, "damping": {"rate": 200.0}, "walls": walls}))
+    weight = EARTH * float((model.density * model.particles.volume).sum())
+    axis = curve(np.array(path), 1e-5)
+    for moment in follow(model, [0.01, 0.02, 0.1]):
+        assert distance.to_path(moment.x, axis).max() < 1.5e-3
+    told = moment.contacts["walls"]
+    np.testing.assert_allclose(told["force"], [0, 0, weight], rtol=0, atol=0.02 * weight)
+    assert told["depth"] < 1e-6
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight(formulation: str) -> None:
+    """In the guide every particle moves by speed times time along it, to 1e-6 m; out of it the tip falls by its weight."""
+    effects = {"gravity": {}, "feed": {"speed": 0.02, "exit": 6e-3}}
+    model = build(moving_scene(CATHETER, effects, formulation=formulation, duration=0.02))
+    assert not model.clamped_face
+    (then,) = follow(model, [0.02])
+    X = model.particles.position
+    held = then.x[:, 0] < 6e-3 - 2 * model.grid.spacing[0]
+    assert held.sum() > 100
+    moved = then.x - X
+    np.testing.assert_allclose(moved[held], np.tile([0.02 * 0.02, 0, 0], (held.sum(), 1)), rtol=0, atol=1e-6)
+    assert moved[X[:, 0] > 11e-3, 2].mean() < -20e-6
+
+
+def test_two_blocks_collide_and_part_again() -> None:
+    """In the updated formulation, which self_contact names: momentum stays, the blocks never overlap, and fly apart."""
+    model = build(moving_scene(block((9e-3, 3e-3, 3e-3)), {"self_contact": {}}, formulation=None, cells=3))
+    h, X = model.grid.spacing[0], model.particles.position
+    right = X[:, 0] > 4.5e-3
+    x, v = X + np.outer(right, [3 * h, 0, 0]), np.outer(np.where(right, -1.0, 1.0), [1.0, 0, 0])
+    motion = begin(model).motion
+    assert isinstance(motion, UpdatedMotion)
+    motion.place(x, v, np.tile(np.eye(3), (len(X), 1, 1)), np.zeros((len(X), 3, 3)))
+    apart = X + np.outer(right, [1.0, 0, 0])  # two bodies: far from each other in the undeformed state
+    size = h * (1 - 1 / np.sqrt(3))  # of two outermost Gauss points across a common face
+    gaps, momenta = [], []
+    for moment in follow(model, np.arange(1, 17) * 2.5e-4, motion):
+        gaps.append(self_contact.gap(moment.x, apart, size=size, apart=0.5, within=9e-3) / h)
+        momenta.append(mean(model, moment.v)[0])
+    assert min(gaps) > -0.1, "cells"
+    assert min(gaps) < 1.5, "they met"
+    assert gaps[-1] > 3, "and parted"
+    assert moment.v[right, 0].mean() > 0.5
+    assert moment.v[~right, 0].mean() < -0.5
+    assert np.abs(momenta).max() < 1e-12
