@@ -376,20 +376,28 @@ def _bytes(size: float) -> str:
     return f"{size:.0f} bytes"
 
 
+def opened(path: Path) -> h5py.File:
+    """The file to read, waiting for a frame that is being written. Raises OSError if it can't be opened."""
+    patience = clock.monotonic() + _PATIENCE
+    while True:
+        try:
+            return h5py.File(path, "r", locking=False)
+        except OSError:
+            if clock.monotonic() > patience:
+                raise
+            clock.sleep(0.05)
+
+
 def mend(path: Path) -> None:
     """Make a file usable that a killed run left marked as being written: whole frames are copied, nothing is lost but the mark.
 
     While a run is writing a frame its file is marked as well, so the mark must stay for a while to count.
     """
-    patience = clock.monotonic() + _PATIENCE
-    while True:
-        try:
-            with h5py.File(path, "r", locking=False):
-                return
-        except OSError:
-            if clock.monotonic() > patience:
-                break
-            clock.sleep(0.05)
+    try:
+        opened(path).close()
+        return
+    except OSError:
+        pass
     unfinished = path.with_name(f".{path.name}")
     with (
         h5py.File(path, "r", libver="latest", swmr=True, locking=False) as marked,
@@ -442,7 +450,7 @@ class Motion:
             )
         try:
             mend(path)
-            with h5py.File(path, "r", locking=False) as file:
+            with opened(path) as file:
                 root = file["VTKHDF"]
                 steps = int(root["Steps"].attrs["NSteps"])
                 static = {name: root["PointData"][name][()] for name in STATIC}
@@ -470,7 +478,7 @@ class Motion:
         """Frame k; negative numbers count from the end. Raises IndexError."""
         k = range(len(self))[number]
         n = len(self.part)
-        with h5py.File(self.folder / MOTION, "r", locking=False) as file:
+        with opened(self.folder / MOTION) as file:
             root = file["VTKHDF"]
             field = root["FieldData"]["field"][k]
             return Frame(
@@ -488,7 +496,7 @@ class Motion:
     def position(self, number: int) -> Numbers:
         """Positions (n, 3) m of frame k alone."""
         k, n = range(len(self))[number], len(self.part)
-        with h5py.File(self.folder / MOTION, "r", locking=False) as file:
+        with opened(self.folder / MOTION) as file:
             return np.asarray(file["VTKHDF"]["Points"][k * n : (k + 1) * n])
 
     def nearest(self, time: float) -> int:

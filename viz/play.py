@@ -111,7 +111,8 @@ class Body:
             apart = np.asarray(cKDTree(middles).query(middles, k=2)[0])[:, 1]
             longest = min(longest, max(0.95 * float(np.median(apart)), 0.07 * self.length))
         self._arrow_length = float(np.clip(longest, 0.05 * self.length, 0.3 * self.length))
-        self.arrow_width = min(style.ARROW_WIDTH * self.thickness, 0.1 * self._arrow_length)
+        self.arrow_reach = self._arrow_length if pieces else 0.0
+        self.arrow_width = min(style.ARROW_WIDTH * self.thickness, 0.085 * self._arrow_length)
         nearest = [
             p[np.argsort(np.linalg.norm(self.reference[p] - self.reference[p].mean(axis=0), axis=1))[:8]]
             for p in pieces
@@ -275,7 +276,7 @@ class Play:
 
     def _framed(self, points: np.ndarray) -> Shot:
         self._around = points
-        margin = 0.5 * self.body.thickness + self.body.size
+        margin = max(0.5 * self.body.thickness + self.body.size, 0.5 * self.body.arrow_reach)
         framed = [points]
         for time in np.unique(self.motion.times[[0, -1]]):
             props = self._standing + self._sources(float(time))

@@ -112,7 +112,7 @@ class Shot:
         plane = self.plane
         u, v = _across(plane.normal)
         flat = np.stack([(self.points - plane.point) @ u, (self.points - plane.point) @ v], axis=1)
-        low, high = flat.min(axis=0) - 3 * self.margin, flat.max(axis=0) + 3 * self.margin
+        low, high = flat.min(axis=0) - 1.5 * self.margin, flat.max(axis=0) + 1.5 * self.margin
         corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
         return np.array([plane.point + a * u + b * v for a, b in corners])
 

@@ -13,7 +13,8 @@ from scipy.spatial import cKDTree
 
 from viz.shapes import Surface
 
-NEIGHBOURS = 16
+NEIGHBOURS = (16, 32, 64)  # asked in turn
+FLAT = 0.15  # neighbours whose thickness is less than this part of their width tell little across
 
 
 def around_particles(reference: np.ndarray, volume: np.ndarray, part: np.ndarray) -> Surface:
@@ -135,28 +136,50 @@ class Binding:
 
     def __init__(self, points: np.ndarray, reference: np.ndarray) -> None:
         """points (m, 3) m and particles reference (n, 3) m in the undeformed body."""
-        count = min(NEIGHBOURS, len(reference))
-        found = cKDTree(reference).query(points, k=count)
-        distance, near = (np.asarray(a).reshape(len(points), count) for a in found)
-        reach = 1.15 * distance[:, -1:] + 1e-300
-        weight = (1 - (distance / reach) ** 2) ** 2
-        offset = (reference[near] - points[:, None]) / reach[..., None]
-        basis = np.concatenate([np.ones((*near.shape, 1)), offset], axis=2)
-        moment = np.einsum("mk,mki,mkj->mij", weight, basis, basis)
-        # Where the neighbours lie in a plane or a line, what they do not determine stays out.
-        moment[:, 1:, 1:] += 1e-9 * np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        first = np.zeros((len(points), 4, 1))
-        first[:, 0] = 1.0
-        coefficient = np.linalg.solve(moment, first)[:, :, 0]
-        value = weight * np.einsum("mki,mi->mk", basis, coefficient)
-        rows = np.repeat(np.arange(len(points)), count)
-        self._matrix = sparse.csr_matrix(
-            (value.ravel(), (rows, near.ravel())), shape=(len(points), len(reference))
-        )
+        tree = cKDTree(reference)
+        left = np.arange(len(points))
+        rows, columns, values = [], [], []
+        for count in NEIGHBOURS:
+            count = min(count, len(reference))
+            last = count in (NEIGHBOURS[-1], len(reference))
+            found = tree.query(points[left], k=count)
+            distance, near = (np.asarray(a).reshape(len(left), count) for a in found)
+            value, flat = _affine(points[left], reference[near], distance)
+            # Where the nearest particles lie nearly in a plane, more of them are asked.
+            good = ~flat | last
+            rows.append(np.repeat(left[good], count))
+            columns.append(near[good].ravel())
+            values.append(value[good].ravel())
+            left = left[~good]
+            if not len(left):
+                break
+        entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+        self._matrix = sparse.csr_matrix(entries, shape=(len(points), len(reference)))
 
     def at(self, position: np.ndarray) -> np.ndarray:
         """Where the points are, (m, 3) m, when the particles are at position (n, 3) m."""
         return np.asarray(self._matrix @ np.asarray(position, dtype=float))
+
+
+def _affine(points: np.ndarray, near: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (m, k) with which values at near (m, k, 3) give the value at points (m, 3) of an affine fit to them, by least squares with
+    weights that fall with the distance (m, k); and (m,) whether the neighbours lie nearly in a plane, so that they do not tell it."""
+    reach = 1.15 * distance[:, -1:] + 1e-300
+    weight = (1 - (distance / reach) ** 2) ** 2
+    offset = (near - points[:, None]) / reach[..., None]
+    basis = np.concatenate([np.ones((*distance.shape, 1)), offset], axis=2)
+    moment = np.einsum("mk,mki,mkj->mij", weight, basis, basis)
+    spread = moment[:, 1:, 1:] / moment[:, :1, :1] - np.einsum(
+        "mi,mj->mij", moment[:, 0, 1:], moment[:, 0, 1:]
+    ) / (moment[:, :1, :1] ** 2)
+    sizes = np.linalg.eigvalsh(spread)
+    flat = sizes[:, 0] < FLAT**2 * sizes[:, 2]
+    # What the neighbours do not determine stays out.
+    moment[:, 1:, 1:] += 1e-9 * np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    first = np.zeros((len(points), 4, 1))
+    first[:, 0] = 1.0
+    coefficient = np.linalg.solve(moment, first)[:, :, 0]
+    return weight * np.einsum("mki,mi->mk", basis, coefficient), flat
 
 
 class PartedBinding:

@@ -85,6 +85,15 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
         assert np.abs(moved - motions.bent(surface.points, curvature)[0]).max() < bound
 
 
+def test_particles_that_are_wider_apart_one_way_are_enough() -> None:
+    """Twice as far apart along y: the nearest ones of a point on a side lie in one plane, and more must be asked."""
+    X = np.stack(
+        np.meshgrid(np.arange(20.0), np.arange(6) * 2.5, np.arange(4.0), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    surface = bar([20.0], 15.0, 4.0, 1.0, (-0.5, 6.25, 1.5))
+    np.testing.assert_allclose(Binding(surface.points, X).at(X), surface.points, atol=1e-5)
+
+
 def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
     cube = np.stack(np.meshgrid(*[np.arange(6.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     both = np.vstack([cube, cube + np.array([9.0, 0.0, 0.0])])
