@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm import fields, measures
 from magmpm.basis import Array
-from magmpm.dynamics.run import Moved, move
+from magmpm.dynamics.run import Moved, begin, follow
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results import Result
@@ -40,10 +40,10 @@ def run(
     Raises InputError before the run; SolveError where no equilibrium is found or a motion goes wrong; its state is the last good Result
     (converged False), or None.
     """
+    if scene.solver.dynamic is not None:
+        return _motion(scene, folder, resume, on_progress)
     begun = time.perf_counter()
     model = build(scene)
-    if scene.solver.dynamic is not None:
-        return _motion(model, folder, resume, on_progress)
     compiled = prepare_kernels(scene)
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
@@ -56,9 +56,10 @@ def run(
     return _result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})
 
 
-def _motion(model: Model, folder: Path | str | None, resume: bool, on_progress: Progress | None) -> Result:
+def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None) -> Result:
     begun = time.perf_counter()
-    compiled = prepare_kernels(model.scene)
+    compiled = prepare_kernels(scene)
+    moved = begin(build(scene))
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
 
@@ -67,16 +68,17 @@ def _motion(model: Model, folder: Path | str | None, resume: bool, on_progress: 
             on_progress(steps, at)
 
     try:
-        moved = move(model, folder=folder, resume=resume, on_progress=told)
+        moved = follow(moved, folder=folder, resume=resume, on_progress=told)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-        state = _moved_result(model, error.state, seconds, False) if isinstance(error.state, Moved) else None
+        state = _moved_result(error.state, seconds, False) if isinstance(error.state, Moved) else None
         raise type(error)(error.reason, state) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-    return _moved_result(model, moved, seconds, True)
+    return _moved_result(moved, seconds, True)
 
 
-def _moved_result(model: Model, moved: Moved, seconds: dict[str, float], finished: bool) -> Result:
+def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Result:
+    model = moved.motion.model
     J = np.linalg.det(moved.F)
     axis = measures.axis_of_particles(model, moved.x)
     return Result(

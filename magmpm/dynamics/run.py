@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from magmpm import effects, fields
 from magmpm.basis import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint
-from magmpm.dynamics.stable_step import StableStep, stable_step
+from magmpm.dynamics.stable_step import StableStep, body_step, stable_step
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects.hooks import has_hook
@@ -70,8 +70,9 @@ def begin(model: Model) -> Moved:
     """
     options = _options(model.scene)
     motion = TotalMotion(model) if formulation(model.scene) == "total" else UpdatedMotion(model)
-    _within_memory(motion, options)
     stable = stable_step(motion)
+    motion.model = lean(motion.model, motion.formulation)
+    _within_memory(motion, options)
     if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
         bounds = ", ".join(f"{name} {step:.4g} s" for name, step in stable.named.items())
         raise InputError(
@@ -90,28 +91,42 @@ def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions)
         )
 
 
+def lean(model: Model, formulation: str) -> Model:
+    """The model without the arrays that a motion has in its own order, or has no use for: a third of the memory."""
+    none = np.zeros((0, 3, 3))
+    if formulation == "total":
+        return replace(model, weights=none, slopes=none)
+    return replace(model, weights=none, slopes=none, modes=np.zeros((0, 0)))
+
+
 def memory(motion: TotalMotion | UpdatedMotion) -> int:
-    """Bytes of a motion's particles and grid."""
-    parts = [*vars(motion).values(), *vars(getattr(motion, "packed", motion)).values()]
+    """Bytes of a motion's particles and grid, its model's included."""
+    owners = [motion, getattr(motion, "packed", motion), motion.model, motion.model.particles]
+    parts = [part for owner in owners for part in vars(owner).values()]
     arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
     return sum(arrays.values())
 
 
-def move(
-    model: Model,
+def move(model: Model, **options: Any) -> Moved:
+    """The whole motion of a model's scene, from rest; options as of `follow`."""
+    return follow(begin(model), **options)
+
+
+def follow(
+    moved: Moved,
     *,
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
 ) -> Moved:
-    """The whole motion of a model's scene, from rest.
+    """The whole motion that `begin` has begun.
 
     folder: where frames, energies, contacts and checkpoints go (nowhere unless given); resume: go on from the folder's checkpoint;
     on_progress(time in s, steps so far) is told of every chunk of steps.
     Raises InputError before the first step; SolveError, with the last good Moved as its state and on disk, where the motion goes wrong.
     """
+    model = moved.motion.model
     options = _options(model.scene)
-    moved = begin(model)
     scene_hash = model.scene.hash()
     saved = Checkpoint.load(folder, scene_hash) if folder is not None and resume else None
     if saved is not None:
@@ -241,6 +256,6 @@ def _shorten(moved: Moved, options: DynamicOptions) -> None:
     """A deformed body may oscillate faster than at rest: shorter steps from here on where it does."""
     if not isinstance(moved.motion, TotalMotion):
         return
-    largest = stable_step(moved.motion).largest
+    largest = min([body_step(moved.motion), *moved.stable.effects.values()])
     if moved.dt > 0.95 * largest and options.time_step is None:
         moved.dt = options.safety * largest

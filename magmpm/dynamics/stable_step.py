@@ -65,7 +65,7 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
     return StableStep(
         isolated=isolated(sums, model.shear, model.bulk, model.density),
         wave=float(h.min() / speed_of_sound(model).max()),
-        body=_body(motion) if isinstance(motion, TotalMotion) else None,
+        body=body_step(motion) if isinstance(motion, TotalMotion) else None,
         effects=_of_effects(model),
     )
 
@@ -88,7 +88,7 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
     return float(2.0 / np.sqrt(fastest))
 
 
-def _body(motion: TotalMotion) -> float:
+def body_step(motion: TotalMotion) -> float:
     """2 / omega of the body's fastest oscillation about its present shape, s."""
     inverse = motion.packed.inverse_mass
     free = np.flatnonzero(inverse > 0)

@@ -1,0 +1,154 @@
+"""How fast bodies move: particle-steps a second, threads, memory, what the mechanism of effects costs.
+
+The body is the five-segment catheter at 8 cells across (38 400 particles), in its field; frames and looks at the motion are not counted.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from magmpm.dynamics.run import begin, memory
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.model import Model, build
+from magmpm.scene import Scene, load_scene
+
+SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
+SECONDS, REPEATS = 0.25, 9  # of one measurement; of them
+
+
+def scene(formulation: str, cells: int = 8, length: float | None = None) -> Scene:
+    """The catheter in motion."""
+    data = load_scene(SCENE).with_cells(cells).to_si()
+    data["solver"]["dynamic"] = {"duration": 1.0, "formulation": formulation}
+    if length is not None:
+        data["body"]["catheter"]["length"] = length
+    return Scene.from_si(data)
+
+
+def advance(motion: TotalMotion | UpdatedMotion, steps: int, dt: float, effects: tuple[Any, ...]) -> None:
+    """So many steps, sorted again where they must be."""
+    done = 0
+    while done < steps:
+        taken, broken = motion.advance(steps - done, dt, effects)
+        done += taken
+        if broken:
+            raise RuntimeError("the benchmark's motion broke")
+
+
+def rate(model: Model, motion: TotalMotion | UpdatedMotion, dt: float) -> float:
+    """Million particle-steps a second: median over REPEATS."""
+    particles = len(model.density)
+    steps = max(3, int(SECONDS * 25e6 / particles))
+    advance(motion, 3, dt, model.effects)
+    found = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        advance(motion, steps, dt, model.effects)
+        found.append(particles * steps / (time.perf_counter() - begun) / 1e6)
+    return statistics.median(found)
+
+
+def started(formulation: str, **options: Any) -> tuple[Model, TotalMotion | UpdatedMotion, float]:
+    """A model, its motion, and the step it takes."""
+    model = build(scene(formulation, **options))
+    moved = begin(model)
+    return model, moved.motion, moved.dt
+
+
+def updated_rate() -> float:
+    """Updated formulation, all threads."""
+    return rate(*started("updated"))
+
+
+def total_rate() -> float:
+    """Total formulation, all threads."""
+    return rate(*started("total"))
+
+
+def paired(first: Callable[[], float], second: Callable[[], float]) -> float:
+    """Median of first over second, taken in turns: what else the machine does counts for both."""
+    return statistics.median(first() / second() for _ in range(5))
+
+
+def efficiency() -> dict[str, float]:
+    """Two threads' rate over twice one thread's, of both formulations."""
+    found = {}
+    for formulation in ("total", "updated"):
+        model, motion, dt = started(formulation)
+
+        def threads(count: int, work: tuple[Any, ...] = (model, motion, dt)) -> float:
+            numba.set_num_threads(count)
+            try:
+                return rate(*work)
+            finally:
+                numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+
+        found[formulation] = paired(lambda t=threads: t(2), lambda t=threads: 2 * t(1))  # type: ignore[misc]
+    return found
+
+
+def bytes_per_particle() -> dict[str, float]:
+    """Particles and grid, the model's arrays included, of both formulations."""
+    found = {}
+    for formulation in ("total", "updated"):
+        model, motion, _ = started(formulation)
+        found[formulation] = memory(motion) / len(model.density)
+    return found
+
+
+def million() -> dict[str, float]:
+    """Rate with a million particles over that with 38 400, of both formulations."""
+    found = {}
+    for formulation in ("total", "updated"):
+        large = started(formulation, cells=16, length=0.135)
+        small = started(formulation)
+        found[formulation] = paired(lambda w=large: rate(*w), lambda w=small: rate(*w))  # type: ignore[misc]
+        found[f"{formulation}_particles"] = float(len(large[0].density))
+    return found
+
+
+def mechanism_percent() -> float:
+    """What a step without effects takes more than a kernel written without the mechanism, per cent."""
+    import plain_total
+
+    model, motion, dt = started("total")
+    assert isinstance(motion, TotalMotion)
+    motion.model = model = replace(model, effects=())
+    p = motion.packed
+    steps = int(SECONDS * 50e6 / len(model.density))
+
+    def plain() -> float:
+        begun = time.perf_counter()
+        plain_total.advance(
+            steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.splines, p.volume, p.modes,
+            p.mode_count, p.active, p.inverse_mass, motion.u, motion.v, motion.force, motion.low_det,
+        )  # fmt: skip
+        return time.perf_counter() - begun
+
+    def ours() -> float:
+        begun = time.perf_counter()
+        motion.advance(steps, dt, ())
+        return time.perf_counter() - begun
+
+    plain(), ours()
+    ratios = []
+    for k in range(21):
+        one, other = (plain, ours) if k % 2 else (ours, plain)
+        times = {one: one(), other: other()}
+        ratios.append(times[ours] / times[plain])
+    return 100 * (statistics.median(ratios) - 1)
+
+
+def effect_costs() -> dict[str, float]:
+    """Per cent that each effect by itself adds to a step (total formulation), as `magmpm effects` prints it."""
+    from studies.effects_table import costs
+
+    return costs(scene("total"))
