@@ -51,3 +51,5 @@ def prepare() -> None:
         if "numba" in sys.modules:  # it has read its environment already
             sys.modules["numba"].config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # spinning threads cost 2-4x beside a render process
+    # ... but a thread that sleeps between two loops of a step wakes late: some ten microseconds of spinning, a third of a small step.
+    os.environ.setdefault("GOMP_SPINCOUNT", "10000")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.basis import Array
+from magmpm.dynamics.packing import slab_edges
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.model import Index, Model
@@ -33,6 +34,34 @@ class UpdatedMotion:
 
     def place(self, x: Array, v: Array, F: Array, C: Array) -> None:
         """Put the particles, in the model's order: x, v (n, 3), F and C = dv/dx (n, 3, 3). Sorts them."""
+        model = self.model
+        order, source = self._fit(x)
+        self.x, self.v = _blocks(x, source), _blocks(v, source)
+        self.C, self.F = _blocks(C.reshape(-1, 9), source), _blocks(F.reshape(-1, 9), source)
+        self.volume = np.where(order >= 0, model.particles.volume[source], 0.0)
+        self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
+        self.magnet = _blocks(model.magnet, source)
+        self.particle = order
+
+    def sort(self) -> None:
+        """Sort the particles, and fit the box to them: to the same bits as `place` with what they are and do."""
+        row = np.empty(len(self.model.density), np.int64)
+        real = self.particle >= 0
+        row[self.particle[real]] = np.flatnonzero(real)
+        order, source = self._fit(self._in_order(self.x, 3))
+        rows = row[source]
+        for name, width in (("x", 3), ("v", 3), ("C", 9), ("F", 9), ("magnet", 3), ("shear", 1), ("bulk", 1), ("density", 1)):
+            moved = np.empty(width * len(rows))
+            kernels.rearrange(rows, width, getattr(self, name), moved)
+            setattr(self, name, moved)
+        self.volume = np.where(order >= 0, self.model.particles.volume[source], 0.0)
+        self.particle = order
+
+    def _fit(self, x: Array) -> tuple[Index, Index]:
+        """Fit the grid's box and the slabs to positions (n, 3); empties the grid.
+
+        Returns the particles in sorted order (n8,), padded with -1, and the particle each row takes its values from.
+        """
         model, h = self.model, self.model.grid.spacing
         cell = np.floor((x - model.grid.origin) / h)
         if not np.all(np.isfinite(x)) or np.abs(cell).max() > 1e7:
@@ -51,12 +80,6 @@ class UpdatedMotion:
         order, self.slab_first = self._sorted(cell - low)
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
-        self.particle = order
-        self.x, self.v = _blocks(x, source), _blocks(v, source)
-        self.C, self.F = _blocks(C.reshape(-1, 9), source), _blocks(F.reshape(-1, 9), source)
-        self.volume = np.where(real, model.particles.volume[source], 0.0)
-        self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
-        self.magnet = _blocks(model.magnet, source)
         nodes = int(np.prod(self.shape))
         self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
         self.fixed = self._fixed(nodes)
@@ -64,14 +87,17 @@ class UpdatedMotion:
         self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
         self.low_det, self.fast = np.ones(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
         self.drift = 0.0
+        return order, source
 
     def _sorted(self, cell: Index) -> tuple[Index, Index]:
         """Particles by slab and cell, each slab padded to whole blocks with -1; first block of each slab."""
         axis = int(np.argmax(self.shape))
-        slab = cell[:, axis] // SLAB
+        along = cell[:, axis] - cell[:, axis].min()
+        edges = slab_edges(int(along.max()) + 1, SLAB)
+        slab = np.searchsorted(edges, along, side="right") - 1
         key = ((slab * self.shape[0] + cell[:, 0]) * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
         order = np.argsort(key, kind="stable")
-        counts = np.bincount(slab, minlength=int(slab.max()) + 1)
+        counts = np.bincount(slab, minlength=len(edges) - 1)
         blocks = -(-counts // WIDTH)
         first = np.concatenate([[0], np.cumsum(blocks)])
         padded = np.full(first[-1] * WIDTH, -1, np.int64)
@@ -107,10 +133,6 @@ class UpdatedMotion:
             self.low_det, self.fast, self.drift,
         )  # fmt: skip
         return taken, broken
-
-    def sort(self) -> None:
-        """Sort the particles, and fit the box to them."""
-        self.place(*self.particles(), self.gradients())
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""

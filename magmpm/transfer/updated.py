@@ -301,3 +301,14 @@ def advance(
         if drift > DRIFT:
             return step + 1, drift, False
     return steps, drift, False
+
+
+@kernel
+def rearrange(rows, width, old, new):  # type: ignore[no-untyped-def]
+    """Rows of `width` values in another order: new row r is the old one rows[r] (n,); old, new flat in blocks of eight."""
+    for block in prange(len(rows) // 8):
+        for lane in range(8):
+            row = rows[8 * block + lane]
+            begin = width * (row - row % 8) + row % 8
+            for k in range(width):
+                new[8 * (width * block + k) + lane] = old[begin + 8 * k]

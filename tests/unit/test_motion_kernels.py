@@ -10,6 +10,7 @@ import pytest
 from reference.dynamics import Total, Updated
 from reference.scenes import rod_scene
 
+from magmpm.dynamics.packing import slab_edges
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects import damping, gravity, magnetic_torque
@@ -128,3 +129,30 @@ def test_no_number_stops_the_motion(kind: type[TotalMotion] | type[UpdatedMotion
     taken, broken = motion.advance(5, 1e-9, ())
     assert broken
     assert taken <= 1
+
+
+def test_sorting_gives_the_bits_that_placing_gives(rng: np.random.Generator) -> None:
+    """A motion that is resumed places its particles anew; one that goes on sorts them where they are."""
+    model = model_of(LOADS["weight, field and damping"])
+    n = len(model.density)
+    motions = [UpdatedMotion(model), UpdatedMotion(model)]
+    for motion in motions:
+        motion.place(
+            model.particles.position, np.tile([0.0, 8.0, -3.0], (n, 1)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
+        )
+        motion.advance(60, 2e-6, model.effects)
+    motions[0].sort()
+    motions[1].restore(motions[1].state())
+    for motion in motions:
+        motion.advance(60, 2e-6, model.effects)
+    for name in ("x", "v", "C", "F", "magnet", "volume", "shear", "bulk", "density", "particle"):
+        assert np.array_equal(getattr(motions[0], name), getattr(motions[1], name)), name
+
+
+@pytest.mark.parametrize("cells", [1, 3, 4, 9, 41, 82, 83])
+@pytest.mark.parametrize("least", [2, 4])
+def test_slabs_are_thick_enough_and_balanced(cells: int, least: int) -> None:
+    edges = slab_edges(cells, least)
+    assert (edges[0], edges[-1]) == (0, cells)
+    assert len(edges) == 2 or np.diff(edges).min() >= least
+    assert len(edges) - 1 <= 4 or (len(edges) - 1) % 4 == 0
