@@ -198,7 +198,8 @@ def write_index(root: Path, scenes: dict[str, Path]) -> Path:
         "Every scene is in `data/scenes/gallery`; `make gallery` runs them all and draws these pictures.",
         "",
     ]
-    for name in scenes:
+    others = [page.stem for page in sorted((root / "docs/gallery").glob("*.md")) if page.stem != "README"]
+    for name in dict.fromkeys([*scenes, *others]):
         page = root / "docs/gallery" / f"{name}.md"
         if page.exists():
             title = page.read_text(encoding="utf-8").split("\n", 1)[0].lstrip("# ")
