@@ -15,29 +15,30 @@ from viz.plots import LOOK, saved
 
 @dataclass(frozen=True)
 class Series:
-    """One curve: y (m,) over the x of the plot, None where it has no value. look: line, or the marker of separate points."""
+    """One curve: y (m,) over x (m,), None where it has no value. look: line, or the marker of separate points."""
 
     name: str
+    x: Sequence[float]
     y: Sequence[float | None]
     look: str = "line"  # line | dashes | any of matplotlib's markers
     colour: str = "#0077BB"
 
 
 def compare(
-    x: Sequence[float], series: Sequence[Series], path: str | Path, *, x_label: str, y_label: str, title: str = ""
+    series: Sequence[Series], path: str | Path, *, x_label: str, y_label: str, title: str = ""
 ) -> Path:
-    """All series over x (m,), in one plot of the project's look. Returns the path, whose ending says PNG, PDF or SVG."""
+    """All series in one plot of the project's look. Returns the path, whose ending says PNG, PDF or SVG."""
     with rc_context(LOOK):
         figure = Figure(figsize=(6.4, 4.2), layout="constrained")
         axes = figure.subplots()
         for s in series:
             y = np.array([np.nan if value is None else float(value) for value in s.y])
             if s.look in {"line", "dashes"}:
-                axes.plot(x, y, color=s.colour, linewidth=1.5, linestyle="-" if s.look == "line" else "--", label=s.name)
+                axes.plot(s.x, y, color=s.colour, linewidth=1.5, linestyle="-" if s.look == "line" else "--", label=s.name)
             else:
                 face = s.colour if s.look in "x+" else "white"
                 axes.plot(
-                    x, y, linestyle="none", marker=s.look, markersize=6, color=s.colour, markerfacecolor=face, label=s.name
+                    s.x, y, linestyle="none", marker=s.look, markersize=6, color=s.colour, markerfacecolor=face, label=s.name
                 )
         axes.grid(True, color="#EEEEEE", linewidth=0.8, zorder=0)
         axes.set_axisbelow(True)
