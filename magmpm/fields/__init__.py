@@ -19,7 +19,7 @@ from magmpm.fields import lattice, table
 from magmpm.fields.evaluate import fields_at, gradients_at
 from magmpm.fields.region import Box, cut_for, reach, seen_from_sources
 from magmpm.fields.schedule import end_time, places, records, sample_times
-from magmpm.fields.solids import Solid, dipole_rows, exact, polarization, solids, wires
+from magmpm.fields.solids import Solid, dipole_rows, exact, polarization, taken, wires
 from magmpm.scene import Scene
 from magmpm.wording import report
 
@@ -135,13 +135,13 @@ def of(scene: Scene) -> Field:
 def _of(source: FieldSource, lower: tuple[float, ...], upper: tuple[float, ...], anchored: bool) -> Field:
     body = Box(np.array(lower), np.array(upper))
     seen = seen_from_sources(source, body)
-    found = [(solid, 0.0) for solid in solids(source) if solid.ball]
+    found = [(solid, 0.0) for solid in taken(source) if solid.ball]
     dipoles, tables, limits = [dipole_rows(source.dipole or ())], [], []
     warnings: list[str] = []
     errors = None
     if source.magnet or source.coils:
         options = source.tabulation or Tabulation()
-        function, named = exact(source), [*solids(source), *wires(source)]
+        function, named = exact(source), [*taken(source), *wires(source)]
         named = [solid for solid in named if not solid.ball]
         box = _table_box(source, options, body, seen, anchored, named)
         if box is not None:
@@ -206,7 +206,7 @@ def _clouds(
         raise InputError(report("field.coils", received="a wire that no plane parts from the body", rule=rule, remedy=remedy))
     corners = np.stack(np.meshgrid(*np.linspace(body.lower, body.upper, 9).T, indexing="ij"), axis=-1).reshape(-1, 3)
     clouds, near = [], []
-    blocks = [solid for solid in solids(source) if not solid.ball]
+    blocks = [solid for solid in taken(source) if not solid.ball]
     for solid, magnet in zip(blocks, source.magnet or (), strict=True):
         depth = -np.inf
         for place in _passing(source):

@@ -58,7 +58,7 @@ def frame_of(axis: Sequence[float]) -> Array:
     return np.eye(3) + K + K @ K / (1 + z)
 
 
-def solids(field: FieldSource) -> list[Solid]:
+def taken(field: FieldSource) -> list[Solid]:
     """What the sources of a field take up. Coils are thin: a hundredth of their diameter about the wire's circle is not modelled."""
     found = []
     for k, dipole in enumerate(field.dipole or ()):
