@@ -26,7 +26,9 @@ from magmpm.wording import report
 __all__ = ["Field", "end_time", "of", "places", "records"]
 
 Array = NDArray[np.float64]
+ARCS = 48  # of a coil's wire, each in a box of its own
 NEAREST = 0.5  # of the undeformed body's distance from a magnet: how near a cloud of dipoles is made good for
+SWEPT = 3.0  # times the body's reach: a table larger than this is for sources that turn or travel, which clouds of dipoles suit better
 ODD = 0.05  # of grad B: curl or divergence of a measured map that is worth a warning
 
 
@@ -144,7 +146,9 @@ def _of(source: FieldSource, lower: tuple[float, ...], upper: tuple[float, ...],
         function, named = exact(source), [*taken(source), *wires(source)]
         named = [solid for solid in named if not solid.ball]
         box = _table_box(source, options, body, seen, anchored, named)
-        if box is not None:
+        clouds = None if box is not None and not _sweeps(source, box, body, anchored) else _clouds(source, options, body)
+        if clouds is None:
+            assert box is not None
             packed, errors = table.tabulate(function, box, options.tolerance, _names(named))
             tables.append(packed)
             reason = f" (which ends before {', '.join(box.cut)})" if box.cut else ""
@@ -152,9 +156,8 @@ def _of(source: FieldSource, lower: tuple[float, ...], upper: tuple[float, ...],
             limits.append(Limit(box, _names(named), remedy))
             found += [(solid, 0.0) for solid in named if not solid.name.startswith("field.coils")]
         else:
-            clouds, near = _clouds(source, options, body, seen)
-            dipoles += clouds
-            found += near
+            dipoles += clouds[0]
+            found += clouds[1]
     if source.map is not None:
         packed, limit, odd = _map(source, body, seen)
         tables.append(packed)
@@ -182,22 +185,27 @@ def _table_box(
 
 
 def _arcs(named: list[Solid]) -> list[Solid]:
-    """Magnets as they are, coils as the boxes of 16 arcs of their wire: a body may well be inside a coil."""
+    """Magnets as they are, coils as the boxes of ARCS arcs of their wire: a body may well be inside a coil."""
     out = []
     for solid in named:
         if not solid.name.startswith("field.coils"):
             out.append(solid)
             continue
         radius, thin = solid.half[0], solid.half[2]
-        for angle in 2 * np.pi * (np.arange(16) + 0.5) / 16:
+        for angle in 2 * np.pi * (np.arange(ARCS) + 0.5) / ARCS:
             centre = solid.position + radius * (solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0]))
-            half = np.array([thin + radius * np.sin(np.pi / 16)] * 3)
+            half = np.array([thin + radius * np.sin(np.pi / ARCS)] * 3)
             out.append(Solid(solid.name, centre, np.eye(3), half, False))
     return out
 
 
+def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
+    """Whether magnets move so far that a table over all they see of the body would be many times as large as the body's reach."""
+    return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
+
+
 def _clouds(
-    source: FieldSource, options: Tabulation, body: Box, seen: Box
+    source: FieldSource, options: Tabulation, body: Box
 ) -> tuple[list[Array], list[tuple[Solid, float]]]:
     """All magnets as clouds of dipoles, and how near each is good for."""
     if source.coils:
