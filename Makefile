@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long lint bench bench-sampler validate schema gallery clean
+.PHONY: help setup design test test-long lint bench bench-sampler validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -12,6 +12,7 @@ help:
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
+	@echo "make stability  the hard cases, each with its measure and bound"
 	@echo "make clean      remove the virtual environment and caches"
 
 # A virtual environment of its own. Debian ships venv apart from python3; virtualenv does as well.
@@ -52,6 +53,9 @@ bench: $(VENV)/.ready-test
 
 validate: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/validate.py
+
+stability: $(VENV)/.ready
+	$(BIN)/magmpm stability
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.schema

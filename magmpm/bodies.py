@@ -126,12 +126,18 @@ def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array,
     return starts, starts + np.tile(half, (4, 1)), np.tile(owner, 4)
 
 
-def rod_grid(length: float, diameter: float, cells_across: int, cells_along: int | None = None) -> Grid:
-    """Grid of a straight rod along +x, base at the origin: knots on both end faces and on the box around the section."""
+def rod_grid(
+    length: float, diameter: float, cells_across: int, cells_along: int | None = None, shift: tuple[float, float] = (0.0, 0.0)
+) -> Grid:
+    """Grid of a straight rod along +x, base at the origin: knots on both end faces and on the box around the section.
+
+    shift: parts of a cell, 0 to 1, by which the grid lies lower along y and z, with one more cell there: to see what the grid's place does.
+    """
     h = diameter / cells_across
     along = cells_along or max(3, round(length / h))
-    origin = np.array([0.0, -diameter / 2, -diameter / 2])
-    return Grid(origin, np.array([length / along, h, h]), (along, cells_across, cells_across))
+    origin = np.array([0.0, -diameter / 2 - shift[0] * h, -diameter / 2 - shift[1] * h])
+    across, high = (cells_across + int(part > 0.0) for part in shift)
+    return Grid(origin, np.array([length / along, h, h]), (along, across, high))
 
 
 def rod_particles(

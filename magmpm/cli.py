@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.errors import InputError, MagmpmError, NotThereYet, SolveError
+from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.progress import Progress
 
 if TYPE_CHECKING:
@@ -25,19 +25,15 @@ Simulate magnetic soft catheters, and find the magnetisation that makes a wanted
   magmpm run data/scenes/five_segments.yaml --render    one shape, with its picture
   magmpm design data/studies/s_shape.yaml               the magnetisation that makes a shape
   magmpm accuracy data/scenes/five_segments.yaml        what accuracy costs in time
+  magmpm stability                                      the hard cases, with their bounds
   magmpm effects data/scenes/five_segments.yaml         what each effect would do here, and cost
 """
-LATER = {
-    "stability": "the hard cases, each with its measure and bound",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        if given and given[0] in LATER:  # before argparse, which does not know their options yet
-            return _later(given[0])
         options = _parser().parse_args(given)
         status: int = options.command(options)
         return status
@@ -143,8 +139,16 @@ def _parser() -> argparse.ArgumentParser:
     robot.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     robot.set_defaults(command=_import)
 
-    for name, purpose in LATER.items():
-        commands.add_parser(name, help=f"{purpose} (not there yet)")
+    stability = commands.add_parser(
+        "stability",
+        help="the hard cases, each with its measure and bound",
+        description="Run scenes at the edge of what the solvers can do, and compare a measure of each with its bound. "
+        "Exit status 3 where one fails.",
+    )
+    stability.add_argument("--case", metavar="NAME", help="only the cases whose names contain this")
+    stability.add_argument("--quick", action="store_true", help="leave out the cases that take long")
+    stability.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    stability.set_defaults(command=_stability)
     return parser
 
 
@@ -349,8 +353,24 @@ def _import(options: argparse.Namespace) -> int:
     return 0
 
 
-def _later(name: str) -> int:
-    raise NotThereYet(f"`magmpm {name}` ({LATER[name]}) is not there yet; `magmpm --help` lists what is")
+def _stability(options: argparse.Namespace) -> int:
+    from studies.hard_cases import CASES, table
+
+    named = [case for case in CASES if options.case is None or options.case.lower() in case.name.lower()]
+    chosen = [case for case in named if not (options.quick and case.slow)]
+    if not chosen:
+        raise InputError(f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}")
+    outcomes = []
+    with Progress("hard cases") as progress:
+        for k, case in enumerate(chosen):
+            progress.at(k, len(chosen), case.name)
+            outcomes.append(case.run())
+    failed = [outcome.name for outcome in outcomes if not outcome.passed]
+    summary = {"cases": [outcome.summary() for outcome in outcomes], "failed": failed}
+    _print(options, summary, table(outcomes))
+    if failed:
+        print(f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}", file=sys.stderr)
+    return 3 if failed else 0
 
 
 if __name__ == "__main__":

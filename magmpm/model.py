@@ -111,9 +111,12 @@ class Model:
         return x - self.grid.origin[0]
 
 
-def build(scene: Scene) -> Model:
-    """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds."""
-    grid, particles, section, planes = _BODIES[scene.body.kind](scene)
+def build(scene: Scene, *, shift: tuple[float, float] = (0.0, 0.0)) -> Model:
+    """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds.
+
+    shift: of a catheter's grid along y and z, in cells (bodies.rod_grid).
+    """
+    grid, particles, section, planes = _catheter(scene, shift) if any(shift) else _BODIES[scene.body.kind](scene)
     shape = scene.body.shape
     pieces = scene.pieces()
     of = particles.segment
@@ -169,12 +172,12 @@ def build(scene: Scene) -> Model:
 Shape = tuple[Grid, Particles, dict[str, float], list[ClampPlane]]
 
 
-def _catheter(scene: Scene) -> Shape:
+def _catheter(scene: Scene, shift: tuple[float, float] = (0.0, 0.0)) -> Shape:
     """Grid, particles and the section's errors of a catheter."""
     catheter = scene.body.catheter
     assert catheter is not None  # asked for by kind
     outer, inner = catheter.diameter / 2, catheter.inner_diameter / 2
-    grid = rod_grid(catheter.length, catheter.diameter, scene.resolution.cells_across)
+    grid = rod_grid(catheter.length, catheter.diameter, scene.resolution.cells_across, shift=shift)
     particles = rod_particles(
         grid,
         outer=outer,

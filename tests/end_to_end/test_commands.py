@@ -148,13 +148,6 @@ def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureF
         assert (folder / "runs/small" / name).exists(), name
 
 
-@pytest.mark.parametrize("name", ["stability"])
-def test_later_commands_say_so(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Commands of the contract that are not built yet end with status 2 and say it."""
-    assert main([name, "--case", "anything"]) == 2
-    assert "not there yet" in capsys.readouterr().err
-
-
 def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Through the command as well: message on standard error, nothing on standard output, no traceback, nothing run."""
     for number, case in enumerate(bad_scenes.CASES):

@@ -1,0 +1,15 @@
+"""Hard cases: scenes at the edge of what the solvers can do.
+
+Each is an object with its scene, what a weak code does there, a measure and its bound.
+What they find is mended in the solver, not in the case.
+
+    for case in CASES:
+        print(case.run().summary())
+"""
+
+from studies.hard_cases import equilibria, stepping
+from studies.hard_cases.case import Case, Outcome, table
+
+CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES)
+
+__all__ = ["CASES", "Case", "Outcome", "table"]

@@ -1,0 +1,71 @@
+"""What a hard case is, and what running it gives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any
+
+from magmpm.errors import SolveError
+from magmpm.scene import Scene
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene at the edge, and the one number that says whether it went well.
+
+    weak: what a weak code does there; quantity: what `measure(scene)` returns, with its unit; it must be at most `bound`;
+    source: of the bound or of the exact answer; slow: takes longer than a few seconds.
+    """
+
+    name: str
+    scene: Callable[[], Scene]
+    weak: str
+    quantity: str
+    measure: Callable[[Scene], float]
+    bound: float
+    source: str
+    slow: bool = False
+
+    def run(self) -> Outcome:
+        """Measure it. A run that fails counts as infinitely far off, with its reason."""
+        begun, reason = perf_counter(), ""
+        try:
+            value = float(self.measure(self.scene()))
+        except SolveError as error:
+            value, reason = math.inf, error.reason
+        return Outcome(
+            self.name, self.weak, self.quantity, value, self.bound, value <= self.bound, perf_counter() - begun, self.source, reason
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A case that was run. measure and bound in the unit of `quantity`; reason: why the run failed, where it did."""
+
+    name: str
+    weak: str
+    quantity: str
+    measure: float
+    bound: float
+    passed: bool
+    seconds: float
+    source: str
+    reason: str
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data; a measure that is no number is None."""
+        return {**asdict(self), "measure": self.measure if math.isfinite(self.measure) else None}
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """The outcomes as text."""
+    lines = [f"{'case':<36} {'measure':>9} {'bound':>9}  {'':<6} {'seconds':>7}  what is measured"]
+    for o in outcomes:
+        word = "ok" if o.passed else "FAILED"
+        lines.append(f"{o.name:<36} {o.measure:9.2e} {o.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.quantity}")
+        if not o.passed:
+            lines.append(f"    a weak code: {o.weak}" + (f"; here: {o.reason}" if o.reason else ""))
+    return "\n".join(lines)

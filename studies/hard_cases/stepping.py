@@ -1,0 +1,185 @@
+"""Hard cases of the time step: sudden loads, steps at the edge, stiff materials."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from magmpm.dynamics.run import move
+from magmpm.dynamics.stable_step import stable_step
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.errors import InputError, SolveError
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.simulate import run
+from studies.hard_cases.case import Case
+from studies.hard_cases.motions import Motion, advance, at_rest, energy, last_cells, throw
+from studies.hard_cases.scenes import G, bending_field, rod
+
+STEPS = 100_000
+SHORT = 4 * 4e-3  # m
+SHAKE = 0.2  # m/s
+
+
+def _energy_kept(motion: Motion, dt: float, steps: int, looks: int) -> float:
+    """Largest change of the energy from the first look on, over the largest kinetic energy."""
+    begun, change, most = energy(motion), 0.0, 0.0
+    for _ in range(looks):
+        advance(motion, steps // looks, dt)
+        change, most = max(change, abs(energy(motion) - begun)), max(most, motion.kinetic_energy())
+    return change / most
+
+
+def _switched_on(scene: Scene) -> float:
+    motion, dt = at_rest(scene)
+    return _energy_kept(motion, dt, int(0.1 / dt), 100)
+
+
+def _shaken(scene: Scene) -> tuple[Motion, float]:
+    """A free body shaken in all its modes, and its largest stable step."""
+    motion, _ = at_rest(scene)
+    noise = np.random.default_rng(0)
+    throw(motion, lambda x: np.cross([0.0, 30.0, 0.0], x) + SHAKE * noise.standard_normal(x.shape))
+    return motion, stable_step(motion).largest
+
+
+def _nine_tenths(scene: Scene) -> float:
+    """Growth of the energy over 10^5 steps of 0.9 of the bound, over the energy at first."""
+    motion, bound = _shaken(scene)
+    advance(motion, 64, 0.9 * bound)
+    begun, most = energy(motion), 0.0
+    for _ in range(50):
+        advance(motion, STEPS // 50, 0.9 * bound)
+        most = max(most, energy(motion))
+    return most / begun - 1
+
+
+def _detected(scene: Scene) -> float:
+    """Steps until the watchdog stops a motion of 1.2 of the bound; infinite if it never does, or does not say what to change."""
+    model = build(scene)
+    bound = stable_step(at_rest(scene)[0]).largest
+    try:
+        move(model, forced_step=1.2 * bound)
+    except SolveError as error:
+        state = error.state
+        named = all(part in error.reason for part in ("step", "t =", "time_step", f"{bound:.3g}"))
+        kept = state is not None and bool(np.isfinite(state.x).all())
+        return float(error.reason.split()[1].rstrip(",")) if named and kept else math.inf
+    return math.inf
+
+
+def _settled(scene: Scene) -> float:
+    """Distance of the tip from where statics has it, over L."""
+    still = run(Scene.from_si({**scene.to_si(), "solver": {"static": {}}, "effects": _static(scene)}))
+    model = build(scene)
+    moved = move(model)
+    return float(np.linalg.norm(last_cells(model) @ (moved.x - still.particle_position))) / scene.length
+
+
+def _static(scene: Scene) -> dict[str, object]:
+    return {**scene.to_si()["effects"], "damping": None, "viscosity": None}
+
+
+def _one_particle(scene: Scene) -> float:
+    """Growth of the energy of a swinging body whose cells hold one particle each, over the energy at first; inf unless scenes refuse it."""
+    data = scene.to_si()
+    data["resolution"]["particles_per_cell"] = 1
+    try:
+        Scene.from_si(data)
+        return math.inf
+    except InputError as error:
+        if "particles_per_cell" not in str(error):
+            return math.inf
+    full = build(scene)
+    cells, of = np.unique(full.particles.cell, axis=0, return_inverse=True)
+    volume = np.bincount(of, full.particles.volume).astype(float)
+    middle = np.stack([np.bincount(of, full.particles.volume * x) / volume for x in full.particles.position.T], axis=1)
+    first = np.unique(of, return_index=True)[1]
+    thin = replace(
+        full,
+        particles=replace(full.particles, position=middle, volume=volume, segment=full.particles.segment[first], cell=cells),
+        **{name: getattr(full, name)[first] for name in ("weights", "slopes", "shear", "bulk", "magnet", "density", "held", "modes")},
+    )  # splines of the updated formulation are found anew at every step; those of the model are not used
+    motion = UpdatedMotion(thin)
+    throw(motion, lambda x: np.outer(x[:, 0] ** 2, [0.0, 0.0, 300.0]))
+    dt = 0.8 * stable_step(motion).largest
+    begun, most = energy(motion), 0.0
+    for _ in range(40):
+        advance(motion, 250, dt)
+        most = max(most, energy(motion))
+    return most / begun - 1
+
+
+def _settling(load: float, **body: object) -> Scene:
+    return rod(
+        field=bending_field(load), effects={"damping": {"rate": 60.0}}, dynamic={"duration": 0.35}, **body  # type: ignore[arg-type]
+    )
+
+
+CASES = (
+    Case(
+        "field switched on at once",
+        lambda: rod(field=bending_field(10.0), dynamic={}),
+        "blows up on the first swing, or loses it",
+        "change of all energies over 0.1 s, over the largest kinetic",
+        _switched_on,
+        0.01,
+        "nothing does work: a constant field has a potential",
+    ),
+    Case(
+        "time step 0.9 of the bound",
+        lambda: rod(length=SHORT, clamp="none", dynamic={}),
+        "gains energy slowly",
+        "energy gained in 10^5 steps, over that at first",
+        _nine_tenths,
+        1.0,
+        "symplectic Euler below 2/omega: energies swing by up to 1/(1 - 0.9^2) - 1 of each mode's, and do not grow",
+    ),
+    Case(
+        "time step 1.2 of the bound",
+        lambda: rod(length=SHORT, field=bending_field(2.0, length=SHORT), dynamic={"duration": 2.0, "output_every": 0.01}),
+        "ends with numbers that are none, or with wrong ones",
+        "steps until it is stopped, with its reason and last good state",
+        _detected,
+        float(STEPS),
+        "explicit steps beyond 2/omega grow without bound",
+    ),
+    Case(
+        "K/G = 500 in motion",
+        lambda: _settling(2.0, ratio=500.0),
+        "locks, or needs a step for which it was not asked",
+        "settled tip from statics, over L",
+        _settled,
+        0.002,
+        "statics by Newton's method on the same particles",
+    ),
+    Case(
+        "stiffness contrast 1:100",
+        lambda: rod(
+            directions=[(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)] * 2,
+            shear=[G, G / 100, G, G / 100],
+            field=[0.0, 0.0, 0.1e-3],
+            effects={"damping": {"rate": 12.0}},
+            dynamic={"duration": 2.0, "output_every": 0.1},
+        ),
+        "takes the soft neighbour's step, or tears at the joint",
+        "settled tip from statics, over L",
+        _settled,
+        0.002,
+        "statics by Newton's method on the same particles",
+        slow=True,
+    ),
+    Case(
+        "one particle a cell",
+        lambda: rod(cells=4, dynamic={"formulation": "updated"}),
+        "tears, or gains energy in modes that one particle can't see",
+        "energy gained in 10^4 steps, over that at first; scenes refuse it",
+        _one_particle,
+        0.01,
+        "updated formulation, made by hand: one point a cell can't carry the section's second moments, so scenes refuse it",
+    ),
+)
+
+

@@ -1,0 +1,44 @@
+"""Every hard case that `magmpm stability` runs stays within its bound."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from magmpm.cli import main
+from studies.hard_cases import CASES, Case
+
+PARAMETERS = [pytest.param(case, id=case.name, marks=pytest.mark.slow if case.slow else ()) for case in CASES]
+
+
+@pytest.mark.parametrize("case", PARAMETERS)
+def test_hard_case(case: Case) -> None:
+    outcome = case.run()
+    assert outcome.passed, f"{outcome.quantity}: {outcome.measure:.3g}, at most {outcome.bound:.3g}; {outcome.reason}"
+
+
+def test_names_tell_cases_apart() -> None:
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+def test_command(capsys: pytest.CaptureFixture[str]) -> None:
+    """A table or one JSON object; exit status 0 where all pass, 3 where one fails, 2 for a case that is none."""
+    quick = "unloading back to rest"
+    assert main(["stability", "--case", "UNLOADING", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [case["name"] for case in found["cases"]] == [quick]
+    assert found["failed"] == []
+    assert main(["stability", "--case", "perpetual motion"]) == 2
+    assert quick in capsys.readouterr().err
+
+    [case] = [case for case in CASES if case.name == quick]
+    object.__setattr__(case, "bound", -1.0)
+    try:
+        assert main(["stability", "--case", quick]) == 3
+    finally:
+        object.__setattr__(case, "bound", 1e-8)
+    printed = capsys.readouterr()
+    assert "FAILED" in printed.out
+    assert case.weak in printed.out
+    assert quick in printed.err
