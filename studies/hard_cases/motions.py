@@ -21,10 +21,10 @@ Motion = TotalMotion | UpdatedMotion
 Affine = Callable[[Array], Array]
 
 
-def at_rest(scene: Scene) -> tuple[Motion, float]:
-    """The undeformed body and its chosen time step, s."""
+def at_rest(scene: Scene) -> tuple[Motion, float, float]:
+    """The undeformed body, its chosen time step and the largest stable one, s."""
     moved = begin(build(scene))
-    return moved.motion, moved.dt
+    return moved.motion, moved.dt, moved.stable.largest
 
 
 def throw(motion: Motion, velocity: Affine) -> None:
