@@ -142,6 +142,16 @@ def _frame(axis: Any) -> np.ndarray:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
+def _least_turn(axis: np.ndarray) -> np.ndarray:
+    """The least rotation (3, 3) that carries z onto an axis, as magmpm.fields.solids lays blocks; half a turn about x for -z."""
+    x, y, z = axis / np.linalg.norm(axis)
+    across = np.array([-y, x, 0.0])
+    away = float(np.linalg.norm(across))
+    if away < 1e-12:
+        return np.eye(3) if z > 0 else np.diag([1.0, -1.0, -1.0])
+    return rotation_matrix(across / away * float(np.arctan2(away, z)))
+
+
 def _halves(name: str, shape: Surface, frame: np.ndarray, position: Any) -> Iterator[Prop]:
     """A solid along +x, its part 0 south and its part 1 north, turned and put in place."""
     points = shape.points @ frame.T + np.asarray(position, dtype=float)
@@ -158,9 +168,8 @@ def _magnet(magnet: Mapping[str, Any]) -> Iterator[Prop]:
         shape = Surface(shape.points - [length / 2, 0, 0], shape.triangles, shape.part)
         frame = _frame(axis)
     else:
-        # As fields.source lays it: the third edge along the axis, the others along x and y where the axis is z.
         sizes = np.asarray(magnet["cuboid"]["size"], dtype=float)
-        frame = _frame(axis) if abs(axis[2]) < 0.999 * np.linalg.norm(axis) else np.eye(3)[:, [2, 0, 1]]
+        frame = _least_turn(axis)[:, [2, 0, 1]]
         shape = _block(sizes[[2, 0, 1]])
     if abs(float(along @ axis)) < 0.7 * np.linalg.norm(along) * np.linalg.norm(axis):
         # Magnetised across its axis: the halves are told apart by the side they lie on.

@@ -235,6 +235,42 @@ def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
     assert set(surface.part) == {3}
 
 
+def test_sources_are_drawn_where_the_solver_has_them() -> None:
+    """A keyframed move and a rotation about a centre: as magmpm.fields places the field itself; blocks lie as it lays them."""
+    from magmpm.field_parts import FieldSource
+    from magmpm.fields.schedule import places
+    from magmpm.fields.solids import frame_of
+
+    axis = [0.6, 0.0, -0.8]
+    block = {
+        "cuboid": {"size": [0.03, 0.02, 0.01]},
+        "position": [0.05, 0.01, 0.02],
+        "axis": axis,
+        "remanence": 1.2,
+    }
+    over = {
+        "keyframes": [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 1.0, "move": [-0.02, 0.01, 0.0]}],
+        "rotation": {
+            "axis": [0.0, 0.6, 0.8],
+            "frequency": -0.4,
+            "center": [0.01, 0.0, 0.02],
+            "start": 0.2,
+            "turns": 0.25,
+        },
+    }
+    source = FieldSource.model_validate({"magnet": block, "over_time": over})
+    corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * [0.015, 0.01, 0.005]
+    for time in (0.0, 0.3, 0.7, 2.0):
+        (place,) = places(source, np.array([time]))
+        wanted = (corners @ frame_of(axis).T + block["position"]) @ place["frame"].reshape(3, 3).T + place[
+            "origin"
+        ]
+        props = scenery.sources({"field": source.model_dump(mode="json")}, time)
+        points = np.vstack([p.points for p in props])
+        away = np.linalg.norm(wanted[:, None] - points, axis=2).min(axis=1)
+        assert away.max() < 1e-9
+
+
 def test_a_far_magnet_does_not_make_the_body_a_speck(tmp_path: Path) -> None:
     far = {**MAGNET, "position": [0.5, 0.0, 0.0]}
     near, away = played(tmp_path / "near"), played(tmp_path / "far", scene(field={"magnet": [far]}))
