@@ -74,11 +74,14 @@ def _energies(axes: Axes, energies: Mapping[str, np.ndarray]) -> None:
 
 def _forces(axes: Axes, contacts: Mapping[str, Mapping[str, np.ndarray]]) -> None:
     unit, word = _unit([c[f"F{axis}"] for c in contacts.values() for axis in "xyz"], _FORCE_UNITS)
-    i = 0
+    i, least = (
+        0,
+        1e-3 * max(float(np.nanmax(np.abs(c[f"F{axis}"]))) for c in contacts.values() for axis in "xyz"),
+    )
     for name, contact in contacts.items():
         for axis in "xyz":
             force = contact[f"F{axis}"]
-            if np.any(force != 0):
+            if np.any(np.abs(force) > least):
                 axes.plot(
                     contact["t"],
                     force / unit,

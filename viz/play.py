@@ -183,10 +183,7 @@ class Play:
         known = np.isfinite(motion.fields).all(axis=1)
         self.history = History(motion.times[known], motion.fields[known]) if known.any() else None
         self._touched = scenery.surfaces(scene)
-        self._largest_force = max(
-            (float(np.linalg.norm(_forces(c), axis=1).max(initial=0.0)) for c in motion.contacts.values()),
-            default=0.0,
-        )
+        self._usual_force = _usual([_forces(contact) for contact in motion.contacts.values()])
         self._trace = self._traced()
         self.shot = self._shot()
 
@@ -215,7 +212,7 @@ class Play:
             ground=self.ground,
             contact=touching,
             forces=forces,
-            touches=self._largest_force > 0,
+            touches=self._usual_force > 0,
             trace=self._trace[: number + 1],
             field=frame.field,
             history=self.history,
@@ -240,7 +237,8 @@ class Play:
             height = self._touched[effect].height(points)
             touching = points[height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)]
             marks.append(_spread(self._touched[effect].dropped(touching), self.body.size))
-            vector = _forces(contact)[now[0]] / self._largest_force * 0.35 * self.body.length
+            force = _forces(contact)[now[0]] / self._usual_force
+            vector = 0.25 * self.body.length * force * min(1.0, 2.0 / float(np.linalg.norm(force)))
             arrows.append(np.stack([marks[-1].mean(axis=0), vector]))
         return np.vstack(marks), np.array(arrows).reshape(-1, 2, 3)
 
@@ -283,7 +281,15 @@ class Play:
             framed += [_near(p, points, 0.3 * self.body.length) for p in props if p.framed]
         if self.ground is not None:
             framed.append(self.ground.dropped(points))
-        return Shot(np.vstack(framed), best_direction(points), margin, self.ground)
+        up = self._up()
+        turn = scenery.least_turn(up)
+        return Shot(np.vstack(framed), turn @ best_direction(points @ turn), margin, self.ground, up)
+
+    def _up(self) -> np.ndarray:
+        """Against gravity; without it away from the ground; else z."""
+        if self.gravity is not None and np.any(self.gravity):
+            return np.asarray(-self.gravity / np.linalg.norm(self.gravity))
+        return np.array([0.0, 0.0, 1.0]) if self.ground is None else self.ground.normal
 
 
 class Still(Play):
@@ -344,6 +350,13 @@ def _near(prop: scenery.Prop, points: np.ndarray, reach: float) -> np.ndarray:
 
 def _forces(contact: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.stack([contact[name] for name in ("Fx", "Fy", "Fz")], axis=1)
+
+
+def _usual(forces: list[np.ndarray]) -> float:
+    """A strong but not extreme force, N, of all there are (k, 3): impacts are many times stronger than what stands. 0 if none."""
+    sizes = np.concatenate([np.zeros(0), *(np.linalg.norm(f, axis=1) for f in forces)])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    return float(np.quantile(sizes, 0.75)) if len(sizes) else 0.0
 
 
 def _spread(points: np.ndarray, apart: float) -> np.ndarray:

@@ -142,7 +142,7 @@ def _frame(axis: Any) -> np.ndarray:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def _least_turn(axis: np.ndarray) -> np.ndarray:
+def least_turn(axis: np.ndarray) -> np.ndarray:
     """The least rotation (3, 3) that carries z onto an axis, as magmpm.fields.solids lays blocks; half a turn about x for -z."""
     x, y, z = axis / np.linalg.norm(axis)
     across = np.array([-y, x, 0.0])
@@ -169,7 +169,7 @@ def _magnet(magnet: Mapping[str, Any]) -> Iterator[Prop]:
         frame = _frame(axis)
     else:
         sizes = np.asarray(magnet["cuboid"]["size"], dtype=float)
-        frame = _least_turn(axis)[:, [2, 0, 1]]
+        frame = least_turn(axis)[:, [2, 0, 1]]
         shape = _block(sizes[[2, 0, 1]])
     if abs(float(along @ axis)) < 0.7 * np.linalg.norm(along) * np.linalg.norm(axis):
         # Magnetised across its axis: the halves are told apart by the side they lie on.

@@ -11,7 +11,7 @@ import numpy as np
 
 from viz import style
 from viz.camera import View, fitted
-from viz.scenery import Plane, Prop
+from viz.scenery import Plane, Prop, least_turn
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,15 @@ def slower(pace: float) -> str:
 class Shot:
     """What must be seen during a whole motion, and from where.
 
-    points (m, 3) m; toward (3,) direction to the camera; ground: the plane, or None for a floor below all points; margin m.
+    points (m, 3) m; toward (3,) direction to the camera; ground: the plane, or None for a floor below all points; margin m; up (3,)
+    unit vector: what is upwards in the picture.
     """
 
     points: np.ndarray
     toward: np.ndarray
     margin: float
     ground: Plane | None = None
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     def floor(self) -> np.ndarray:
         """Corners (4, 3) m of the rectangle of ground, or of a floor, under everything, counter-clockwise from its free side."""
@@ -121,8 +123,8 @@ class Shot:
         """The ground, or a floor a little below everything."""
         if self.ground is not None:
             return self.ground
-        low = float(self.points[:, 2].min()) - self.margin
-        return Plane(np.array([0.0, 0.0, low]), np.array([0.0, 0.0, 1.0]))
+        low = float((self.points @ self.up).min()) - self.margin
+        return Plane(low * self.up, self.up)
 
     def floor_lines(self, spacing: float) -> np.ndarray:
         """Lines (n, 2, 3) m on the floor at multiples of the spacing (m)."""
@@ -143,7 +145,11 @@ class Shot:
 
     def view(self, aspect: float) -> View:
         """The view in a panel of that aspect (width over height)."""
-        return fitted(self.toward, np.vstack([self.points, self.floor()]), 0.5 * self.margin, aspect, 1.01)
+        turn = least_turn(self.up)
+        seen = np.vstack([self.points, self.floor()]) @ turn
+        view = fitted(self.toward @ turn, seen, 0.5 * self.margin, aspect, 1.01)
+        right, up, toward, center = (turn @ v for v in (view.right, view.up, view.toward, view.center))
+        return View(right, up, toward, center, view.half_height)
 
     @property
     def reach(self) -> float:

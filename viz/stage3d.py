@@ -54,8 +54,10 @@ def _signs(panel: PanelCanvas, stage: Stage, lift: float) -> None:
         height = 8e-3 * stage.length if stage.ground is not None else 0.1 * stage.thickness
         panel.balls(panel.view.lift(stage.contact, height), 0.1 * stage.thickness, style.CONTACT, lit=False)
     for start, vector in stage.forces:
-        if np.linalg.norm(vector) > 2 * strong:
-            panel.arrow(panel.view.lift(start, 1.2 * lift), vector, strong, style.CONTACT, halo=0.3 * strong)
+        length = float(np.linalg.norm(vector))
+        if length > 0.02 * stage.length:
+            thick = min(strong, 0.12 * length)
+            panel.arrow(panel.view.lift(start, 1.2 * lift), vector, thick, style.CONTACT, halo=0.3 * thick)
 
 
 def _floor(panel: PanelCanvas, stage: Stage, shot: Shot) -> None:

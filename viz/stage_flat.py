@@ -85,8 +85,9 @@ def _signs(panel: FlatPanel, stage: Stage) -> None:
             stage.contact, 0.1 * stage.thickness, style.CONTACT, 1.3 if stage.ground is not None else 3.5
         )
     for start, vector in stage.forces:
-        if np.linalg.norm(vector) > 2 * strong:
-            panel.arrow(start, vector, strong, style.CONTACT, halo=True)
+        length = float(np.linalg.norm(vector))
+        if length > 0.02 * stage.length:
+            panel.arrow(start, vector, min(strong, 0.12 * length), style.CONTACT, halo=True)
 
 
 def _floor(panel: FlatPanel, stage: Stage, shot: Shot) -> None:

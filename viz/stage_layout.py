@@ -73,7 +73,13 @@ def compass_arrows(stage: Stage) -> list[tuple[str, np.ndarray]]:
     """Label and vector (3,) from the compass's origin: the axes, and which way things fall."""
     arrows = [(name, AXIS_LENGTH * np.eye(3)[i]) for i, name in enumerate("xyz")]
     if stage.gravity is not None and np.linalg.norm(stage.gravity) > 0:
-        arrows.append(("g", AXIS_LENGTH * stage.gravity / np.linalg.norm(stage.gravity)))
+        down = AXIS_LENGTH * stage.gravity / np.linalg.norm(stage.gravity)
+        along = [np.allclose(vector, down, atol=0.1 * AXIS_LENGTH) for _, vector in arrows]
+        if any(along):
+            k = along.index(True)
+            arrows[k] = (f"{arrows[k][0]}, g", arrows[k][1])
+        else:
+            arrows.append(("g", down))
     return arrows
 
 

@@ -125,6 +125,17 @@ def test_everything_stays_in_view_for_the_whole_motion(play: Play) -> None:
             assert np.abs(flat[:, 1]).max() <= 1.0
 
 
+def test_down_is_where_gravity_points(tmp_path: Path) -> None:
+    """A catheter along +x with gravity along +x hangs: its tip is below its base in the picture, and the floor below both."""
+    hanging = scene(effects={"gravity": {"acceleration": [9.81, 0.0, 0.0]}}, field={})
+    shot = played(tmp_path, hanging, frames=3).shot
+    view = shot.view(1.6)
+    base, tip, floor = view.project(np.array([[0, 0, 0], [motions.LENGTH, 0, 0], shot.floor().mean(axis=0)]))
+    assert base[1] > tip[1] + 0.5 > floor[1] + 0.5
+    assert abs(base[0] - tip[0]) < 0.1
+    np.testing.assert_allclose(shot.plane.normal, [-1, 0, 0], atol=1e-12)
+
+
 def test_the_caption_tells_time_and_pace(play: Play) -> None:
     assert play.stage(2, 10.0).caption() == "t = 0.100 s   10× slower"
     assert play.stage(2, 1.0).caption() == "t = 0.100 s   real time"
