@@ -112,3 +112,63 @@ def _setitem(context, builder, signature, values):  # type: ignore[no-untyped-de
     stored = builder.store(values[2], _address(builder, values[0], at))
     stored.align = 8
     return context.get_dummy_value()
+
+
+# One of the eight particles, for hooks that branch: v[i] is a float. A slice of an array would do, but counting the references to it
+# costs more than a contact.
+
+
+class Single(types.Type):  # type: ignore[misc]
+    """Type of one lane's (3,) vector."""
+
+    def __init__(self) -> None:
+        super().__init__(name="SingleLaneView")
+
+
+_single = Single()
+register_model(Single)(_Model)
+
+
+@intrinsic
+def single(typing_context, array, index):  # type: ignore[no-untyped-def]
+    """single(array, index): the vector of one particle, from array[index] on by steps of eight, of a flat array."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return builder.gep(data, [values[1]])
+
+    return _single(array, types.intp), generate
+
+
+def _place(context: Any, builder: Any, view: Any, index_type: Any, index: Any) -> Any:
+    at = context.cast(builder, index, index_type, types.intp)
+    return builder.gep(view, [builder.mul(at, ir.Constant(at.type, WIDTH))])
+
+
+@type_callable(operator.getitem)
+def _type_single(context):  # type: ignore[no-untyped-def]
+    def of(view, index):  # type: ignore[no-untyped-def]
+        return types.float64 if isinstance(view, Single) and isinstance(index, types.Integer) else None
+
+    return of
+
+
+@lower_builtin(operator.getitem, Single, types.Integer)
+def _get_single(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    return builder.load(_place(context, builder, values[0], signature.args[1], values[1]))
+
+
+@type_callable(operator.setitem)
+def _type_set_single(context):  # type: ignore[no-untyped-def]
+    def of(view, index, value):  # type: ignore[no-untyped-def]
+        fits = isinstance(view, Single) and isinstance(index, types.Integer) and isinstance(value, types.Float)
+        return types.void if fits else None
+
+    return of
+
+
+@lower_builtin(operator.setitem, Single, types.Integer, types.Float)
+def _set_single(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    given = context.cast(builder, values[2], signature.args[2], types.float64)
+    builder.store(given, _place(context, builder, values[0], signature.args[1], values[1]))
+    return context.get_dummy_value()

@@ -18,6 +18,7 @@ remanence Br in the undeformed body (T), rho its density (kg/m^3), x (3,) its de
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f (3,) N
+                                                                (x, v and f are indexed, v[i], and no more: kernels hand over views)
 ``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
 """
 
@@ -237,4 +238,4 @@ _answer(has_force, ["force"])
 _answer(has_rate_stress, ["rate_stress"])
 _answer(has_contact, ["contact"])
 _answer(has_node, ["node"])
-_answer(has_narrow, ["stress", "force", "rate_stress", "contact"], wide=False)
+_answer(has_narrow, ["stress", "force", "rate_stress"], wide=False)

@@ -20,7 +20,7 @@ from magmpm.effects.hooks import (
     has_stress,
 )
 from magmpm.jit import compiled
-from magmpm.lane_views import matrix, vector
+from magmpm.lane_views import matrix, single, vector
 from magmpm.simd import cube_root_guess, load, store
 
 LANES = 8
@@ -89,14 +89,16 @@ def add_effects(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density
     add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
     if has_narrow(effects):
-        _lane_by_lane(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume)
+        _lane_by_lane(effects, step, group, F, at, P, dF, x, f, magnet, density, volume)
+    if has_contact(effects):
+        _contacts(effects, step, dt, group, x, v, f, density, volume)
 
 
 @compiled
-def _lane_by_lane(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume):  # type: ignore[no-untyped-def]
+def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, magnet, density, volume):  # type: ignore[no-untyped-def]
     """What the effects add whose hooks serve one particle."""
     F3, P3, dF3 = F[at : at + 9 * LANES].reshape(3, 3, LANES), P.reshape(3, 3, LANES), dF.reshape(3, 3, LANES)
-    x2, v2, f2 = x.reshape(3, LANES), v.reshape(3, LANES), f.reshape(3, LANES)
+    x2, f2 = x.reshape(3, LANES), f.reshape(3, LANES)
     columns = len(magnet) // len(density)
     magnets = magnet[LANES * columns * group : LANES * columns * (group + 1)].reshape(columns, LANES)
     for lane in range(LANES):
@@ -108,9 +110,18 @@ def _lane_by_lane(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, densi
         add_narrow_stress(effects, step, m, rho, place, deformed, P3[:, :, lane])
         add_narrow_force(effects, step, m, rho, place, deformed, force)
         add_narrow_rate_stress(effects, step, rho, deformed, dF3[:, :, lane], P3[:, :, lane])
-        if has_contact(effects):
-            for i in range(3):
-                force[i] *= V
-            add_contact(effects, step, place, v2[:, lane], rho * V, dt, force)
-            for i in range(3):
-                force[i] /= V
+
+
+@compiled
+def _contacts(effects, step, dt, group, x, v, f, density, volume):  # type: ignore[no-untyped-def]
+    """What contact adds to the loads, particle by particle."""
+    for lane in range(LANES):
+        V = volume[LANES * group + lane]
+        if V == 0.0:  # a lane without a particle
+            continue
+        force = single(f, lane)
+        for i in range(3):
+            force[i] *= V
+        add_contact(effects, step, single(x, lane), single(v, lane), density[LANES * group + lane] * V, dt, force)
+        for i in range(3):
+            force[i] /= V
