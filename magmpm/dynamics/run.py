@@ -198,7 +198,9 @@ def _interval(moved: Moved, until: float, on_progress: Progress | None) -> None:
             taken += gone
             if broken:
                 x, v, F = motion.particles()
-                raise _stopped(moved, watchdog.broken(model, x, v, F), moved.steps + taken, start + dt * (done + taken))
+                at = start + dt * (done + taken)
+                trouble = watchdog.astray(model, x, at) or watchdog.broken(model, x, v, F)
+                raise _stopped(moved, trouble, moved.steps + taken, at)
         done += steps
         moved.time, moved.steps = start + dt * done, moved.steps + steps
         x, v, _ = motion.particles()

@@ -64,10 +64,10 @@ def look(model: Model, x: Array, v: Array) -> Trouble | None:
 
 
 def astray(model: Model, x: Array, time: float) -> Trouble | None:
-    """Whether the body has come into a magnet, or to where the field is not known."""
+    """Whether the body has come into a magnet, or to where the field is not known; places that are no numbers do not count."""
     if not model.scene.effects.in_a_field:
         return None
-    found = fields.of(model.scene).trouble(x, time)
+    found = fields.of(model.scene).trouble(x[np.isfinite(x).all(axis=1)], time)
     return None if found is None else Trouble(found[0], -1, found[2])
 
 

@@ -75,7 +75,7 @@ class Field:
 
     def trouble(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
         """Where points (n, 3) m of a body are not where the field is known: what happened, the source, the remedy; else None."""
-        if not (self.solids or self.limits):
+        if not (self.solids or self.limits) or len(points) == 0:
             return None
         place = places(self.source, _times(time))[0]
         local = (np.asarray(points) - place["origin"]) @ place["frame"].reshape(3, 3)
@@ -113,13 +113,16 @@ class Field:
             raise SolveError(f"{found[0]}; {found[2]}")
 
     def check_at_rest(self, points: Array, moving: bool) -> None:
-        """Raises InputError where the undeformed body is in a magnet, or not where the field is known; moving: from time 0 on."""
-        for time in (0.0, None) if moving else (None,):
-            found = self.trouble(points, time)
-            if found is not None:
-                when = "" if self.source.over_time is None else f" at {end_time(self.source) if time is None else time:g} s"
-                rule = "the undeformed body is where the field is known, and outside of every magnet"
-                raise InputError(report(found[1], received=found[0] + when, rule=rule, remedy=found[2]))
+        """Raises InputError where the undeformed body is in a magnet, or not where the field is known.
+
+        moving: at time 0; else at the end of the schedule, where statics takes the field.
+        """
+        time = 0.0 if moving else end_time(self.source)
+        found = self.trouble(points, time)
+        if found is not None:
+            when = "" if self.source.over_time is None else f" at {time:g} s"
+            rule = "the undeformed body is where the field is known, and outside of every magnet"
+            raise InputError(report(found[1], received=found[0] + when, rule=rule, remedy=found[2]))
 
 
 def of(scene: Scene) -> Field:
