@@ -199,8 +199,8 @@ def _interval(moved: Moved, until: float, on_progress: Progress | None) -> None:
             if broken:
                 x, v, F = motion.particles()
                 at = start + dt * (done + taken)
-                trouble = watchdog.astray(model, x, at) or watchdog.broken(model, x, v, F)
-                raise _stopped(moved, trouble, moved.steps + taken, at)
+                cause = watchdog.astray(model, x, at) or watchdog.broken(model, x, v, F)
+                raise _stopped(moved, cause, moved.steps + taken, at)
         done += steps
         moved.time, moved.steps = start + dt * done, moved.steps + steps
         x, v, _ = motion.particles()
