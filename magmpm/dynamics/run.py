@@ -135,19 +135,21 @@ def follow(
     if folder is not None:
         writer = MotionWriter(folder, model, max_disk=options.max_disk, resume_at=moved.time if saved else None)
     balance = watchdog.EnergyBalance() if _conserves(model) else None
+    _look_at_particles(moved)
+    if balance is not None:
+        balance.look(moved.energies)
     if saved is None:
-        _frame(moved, writer)
-    else:
-        _look_at_particles(moved)
+        _write(moved, writer)
     times = options.frame_times
     last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
     try:
         while moved.frame < len(times):
             _interval(moved, times[moved.frame], on_progress)
             moved.frame += 1
-            _frame(moved, writer)
+            _look_at_particles(moved)
             if balance is not None and (trouble := balance.look(moved.energies)) is not None:
                 raise _stopped(moved, trouble, moved.steps)
+            _write(moved, writer)
             last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
             if folder is not None:
                 last.save(folder)
@@ -191,6 +193,8 @@ def _interval(moved: Moved, until: float, on_progress: Progress | None) -> None:
         if itself:
             x, _, F = motion.particles()
             effects.refresh(named, model, x, F)
+        if moved.steps == 0 and isinstance(motion, TotalMotion):
+            motion.set_off(dt, named)
         taken = 0
         while taken < steps:
             part = tuple(a[taken:] if k % 2 == 0 and len(a) > 1 else a for k, a in enumerate(named))
@@ -240,9 +244,8 @@ def _look_at_particles(moved: Moved) -> None:
                 moved.contacts[key] = module.report(named[0], named[1], moved.x, moved.v, mass, moved.dt)
 
 
-def _frame(moved: Moved, writer: MotionWriter | None) -> None:
-    """Looks at the particles, and writes them."""
-    _look_at_particles(moved)
+def _write(moved: Moved, writer: MotionWriter | None) -> None:
+    """A frame of the particles that were looked at."""
     if writer is None:
         return
     model = moved.motion.model

@@ -140,7 +140,11 @@ CASES = (
     ),
     Case(
         "time step 1.2 of the bound",
-        lambda: rod(length=SHORT, field=bending_field(2.0, length=SHORT), dynamic={"duration": 2.0, "output_every": 0.01, "time_step": 1e-6}),
+        lambda: rod(
+            length=SHORT,
+            field=bending_field(2.0, length=SHORT),
+            dynamic={"duration": 2.0, "output_every": 0.01, "time_step": 1e-6},
+        ),
         "ends with numbers that are none, or with wrong ones",
         "steps until it is stopped, with its reason and last good state",
         _detected,

@@ -17,7 +17,9 @@ from reference.in_motion import (
 from reference.scenes import G, rod_scene
 
 from magmpm.dynamics import energies
+from magmpm.dynamics.run import move
 from magmpm.materials import young_modulus
+from magmpm.model import build
 
 DENSITY, RATIO = 1882.0, 20.0
 E = young_modulus(G, RATIO * G)
@@ -86,6 +88,17 @@ def test_order_of_convergence_in_the_time_step() -> None:
     for part in (slice(0, 3), slice(3, 6)):
         order = np.log2(errors[0][:, part].max() / errors[1][:, part].max())
         assert order == pytest.approx(2.0, abs=0.2)
+
+
+def test_order_of_convergence_under_a_sudden_load() -> None:
+    """The same of a field that acts from the first step on, by the solver's own run: an order of 2."""
+    found = []
+    for step in (32e-6, 16e-6, 4e-6):
+        data = rod_scene(length=16e-3, field=(0, 0, 20e-3), density=DENSITY)
+        found.append(move(build(moving(data, duration=64 * 32e-6, output_every=64 * 32e-6, time_step=step))))
+    for one in ("x", "v"):
+        rough, finer, best = (getattr(moved, one) for moved in found)
+        assert np.log2(np.abs(rough - best).max() / np.abs(finer - best).max()) == pytest.approx(2.0, abs=0.25)
 
 
 def test_losses_of_the_updated_formulation_fall_with_the_cell() -> None:

@@ -1,0 +1,150 @@
+"""`magmpm run` of motions that are killed, refused, or go wrong: what is said, how it ends, and what is left on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from magmpm.cli import main
+from magmpm.dynamics.checkpoint import CHECKPOINT
+from magmpm.dynamics.run import begin
+from magmpm.model import build
+from magmpm.motion import Motion
+from magmpm.results import Result
+from magmpm.scene import load_scene
+
+ROOT = Path(__file__).parents[2]
+SCENE = """\
+name: swing
+materials:
+  magnetic: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}}
+body:
+  catheter:
+    length: 16 mm
+    diameter: 4 mm
+    material: magnetic
+    segments: [{{magnetization: [1, 0, 0]}}]
+field: {{uniform: [0 mT, 2 mT, 20 mT]}}
+effects: {{magnetic_torque: {{}}}}
+solver: {{dynamic: {{{dynamic}}}}}
+resolution: {{cells_across: 2}}
+"""
+
+
+def scene(folder: Path, dynamic: str) -> Path:
+    path = folder / "scene.yaml"
+    path.write_text(SCENE.format(dynamic=dynamic), encoding="utf-8")
+    return path
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+
+
+@pytest.mark.parametrize("formulation", ["total", "updated"])
+def test_killed_and_resumed_is_the_same_motion(formulation: str, tmp_path: Path) -> None:
+    """SIGKILL at some frame, then --resume: result and checkpoint equal an unbroken run's bit for bit, and no frame is missing."""
+    path = scene(tmp_path, f"duration: 40 ms, output_every: 1 ms, formulation: {formulation}")
+    command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--json", "--out"]
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert main(["run", str(path), "--json", "--out", str(whole)]) == 0
+
+    process = subprocess.Popen([*command, str(broken)], env=environment(), stdout=subprocess.DEVNULL)
+    patience = time.monotonic() + 120
+    while not (broken / CHECKPOINT).exists() and process.poll() is None and time.monotonic() < patience:
+        time.sleep(0.005)
+    time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the run was over before it could be killed"
+    with np.load(broken / CHECKPOINT) as saved:
+        frame = json.loads(str(saved["about"]))["frame"]
+    assert 1 <= frame < 40
+
+    subprocess.run([*command, str(broken), "--resume"], env=environment(), check=True, stdout=subprocess.DEVNULL)
+    one, two = Result.load(whole), Result.load(broken)
+    assert one.iterations == two.iterations
+    assert one.particle_position.tobytes() == two.particle_position.tobytes()
+    assert one.particle_det_F.tobytes() == two.particle_det_F.tobytes()
+    with np.load(whole / CHECKPOINT) as a, np.load(broken / CHECKPOINT) as b:
+        assert all(a[name].tobytes() == b[name].tobytes() for name in a.files)
+    first, second = Motion.load(whole), Motion.load(broken)
+    assert len(first) == len(second) == 41
+    for k in (0, frame, 40):
+        assert first[k].position.tobytes() == second[k].position.tobytes()
+
+
+def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["run", str(scene(tmp_path, "duration: 1 ms, output_every: 1 ms")), "--out", str(out)]) == 0
+    assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 2
+    assert "another scene" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("formulation", ["total", "updated"])
+def test_a_step_above_the_bound_is_refused(formulation: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With both numbers; a step just below it is taken."""
+    path = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}")
+    largest = begin(build(load_scene(path))).stable.largest
+    too_long = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}, time_step: {1.01e6 * largest:.6g} us")
+    assert main(["run", str(too_long), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert f"{1.01 * largest:.4g} s" in said
+    assert f"{largest:.4g} s" in said
+    assert "time_step" in said
+    short = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}, time_step: {0.99e6 * largest:.6g} us")
+    assert main(["run", str(short), "--out", str(tmp_path / "out")]) == 0
+
+
+def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step of 1.2 of the bound, which a scene may not ask for: exit 3, with step, time, cause, remedy; frames and result on disk."""
+
+    def too_fast(model: object) -> object:
+        moved = begin(model)  # type: ignore[arg-type]
+        moved.dt = 1.2 * moved.stable.largest
+        return moved
+
+    monkeypatch.setattr("magmpm.simulate.begin", too_fast)
+    path, out = scene(tmp_path, "duration: 50 ms, output_every: 0.2 ms, time_step: 1 us"), tmp_path / "out"
+    assert main(["run", str(path), "--json", "--out", str(out)]) == 3
+    printed = capsys.readouterr()
+    summary = json.loads(printed.out)
+    assert not summary["converged"]
+    for part in ("step ", "t = ", "time step is", "stable bound", "remedy", "time_step", str(out)):
+        assert part in printed.err, part
+    kept = Result.load(out)
+    assert not kept.converged
+    assert np.isfinite(kept.particle_position).all()
+    assert kept.min_det_F > 0
+    frames = Motion.load(out)
+    assert len(frames) >= 1
+    assert frames.times[-1] == pytest.approx(kept.time, abs=1e-12)
+
+
+def test_too_little_memory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(scene(tmp_path, "duration: 1 ms, max_memory: 100 kB")), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "max_memory" in said
+    assert "cells_across" in said
+
+
+def test_a_full_disk_stops_the_run_with_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """max_disk for some frames only: exit 3, the frames before it whole, and the state to resume from with more."""
+    out = tmp_path / "out"
+    path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms, max_disk: 400 kB")
+    assert main(["run", str(path), "--out", str(out)]) == 3
+    said = capsys.readouterr().err
+    assert "max_disk" in said
+    kept, frames = Result.load(out), Motion.load(out)
+    assert 1 <= len(frames) < 40
+    assert kept.time == pytest.approx(frames.times[-1], abs=1e-12)
+    assert sum(file.stat().st_size for file in out.glob("motion.*")) < 400e3
