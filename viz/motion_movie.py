@@ -108,7 +108,7 @@ def sheet(
     scale. Raises RenderError.
     """
     numbers = list(chosen(len(play), 3) if numbers is None else numbers)
-    natural = _aspect(play)
+    natural = play.shot.aspect
     across = len(numbers) if natural < _STACKED else 1
     if across == 1:  # a page's width, as the others are three panels wide
         width = 2 * width // 3
@@ -117,7 +117,7 @@ def sheet(
     tall = round(wide / float(np.clip(natural, 0.8, 4.0)))
     stages = [play.stage(int(k)) for k in numbers]
     layout = stage_layout.bare((wide, tall))
-    view = stage_layout.main_view(play.shot, (wide, tall), layout)
+    (view,) = stage_layout.views(play.shot, (wide, tall), layout)
     panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=layout) for s in stages]
     unit = round((0.0165 if across > 1 else 0.022) * width)  # pixels, a letter's height
     rows = -(-len(panels) // across)
@@ -149,14 +149,6 @@ def _moment(stage: Stage) -> str:
     text = "" if stage.time is None else f"t = {seconds(stage.time, stage.duration)}"
     field = stage_layout.field_text(stage)
     return f"{text}    {field}" if field else text
-
-
-def _aspect(play: Play) -> float:
-    """Width over height of what must be seen, from where it is seen."""
-    view = play.shot.view(1.0)
-    flat = view.project(np.vstack([play.shot.points, play.shot.floor()]))[:, :2]
-    across, up = np.ptp(flat, axis=0)
-    return float(across / max(up, 1e-300))
 
 
 def _foot(page: Page, stages: Sequence[Stage], view: View, tall: int, unit: int) -> None:

@@ -5,7 +5,7 @@ A Stage knows neither scene nor solver; viz.play makes them from a motion, or on
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -150,6 +150,18 @@ class Shot:
         view = fitted(self.toward @ turn, seen, 0.5 * self.margin, aspect, 1.01)
         right, up, toward, center = (turn @ v for v in (view.right, view.up, view.toward, view.center))
         return View(right, up, toward, center, view.half_height)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of what must be seen, as it is seen."""
+        flat = self.view(1.0).project(np.vstack([self.points, self.floor()]))[:, :2]
+        across, up = np.ptp(flat, axis=0)
+        return float(across / max(up, 1e-300))
+
+    def turned(self) -> Shot:
+        """The same, seen from a quarter of a turn further about what is upwards."""
+        along = float(self.toward @ self.up)
+        return replace(self, toward=np.cross(self.up, self.toward) + along * self.up)
 
     @property
     def reach(self) -> float:

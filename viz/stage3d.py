@@ -8,35 +8,36 @@ from viz import stage_layout, stage_page, style
 from viz.canvas import Canvas, PanelCanvas
 from viz.shapes import normals
 from viz.stage import Shot, Stage, floor_colours
-from viz.stage_layout import PAGE, Layout
+from viz.stage_layout import Layout
 
 
-def draw(
-    canvas: Canvas, stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE
-) -> np.ndarray:
+def draw(canvas: Canvas, stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout) -> np.ndarray:
     """The stage as an image (height, width, 3) uint8."""
-    view = stage_layout.main_view(shot, size, layout)
+    views = stage_layout.views(shot, size, layout)
     canvas.clear(size)
-    main = canvas.panel(layout.main, view, shot.reach)
-    _floor(main, stage, shot)
-    for prop in stage.props:
-        smooth = normals(prop.points, prop.triangles)
-        main.surface(prop.points, prop.triangles, prop.colour, normals=smooth, only_far_side=prop.hollow)
-    points = stage.points.astype(float)
-    main.surface(
-        points, stage.triangles, stage.colours, normals=normals(points, stage.triangles), glossy=True
-    )
-    _signs(main, stage, 0.3 * shot.reach)
-    around = stage_layout.around(view)
-    if layout.compass is not None:
-        compass = canvas.panel(layout.compass, around, reach=10.0)
+    for place, view in zip(layout.mains, views):
+        _main(canvas.panel(place, view, shot.reach), stage, shot)
+    for place, view in zip(layout.compasses, views):
+        compass = canvas.panel(place, stage_layout.around(view), reach=10.0)
         for _, vector in stage_layout.compass_arrows(stage):
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
-        canvas.panel(layout.field, around, reach=10.0).arrow(-0.5 * field, field, 0.2, style.FIELD)
+        arrow = canvas.panel(layout.field, stage_layout.around(views[0]), reach=10.0)
+        arrow.arrow(-0.5 * field, field, 0.2, style.FIELD)
     image = canvas.image(fine=not layout.written or size[0] > style.TRIAL_SIZE[0])
-    return stage_page.written_on(image, stage, view) if layout.written else image
+    return stage_page.written_on(image, stage, views, layout) if layout.written else image
+
+
+def _main(panel: PanelCanvas, stage: Stage, shot: Shot) -> None:
+    """Ground, what stands around, body and signs."""
+    _floor(panel, stage, shot)
+    for prop in stage.props:
+        smooth = normals(prop.points, prop.triangles)
+        panel.surface(prop.points, prop.triangles, prop.colour, normals=smooth, only_far_side=prop.hollow)
+    points, triangles = stage.points.astype(float), stage.triangles
+    panel.surface(points, triangles, stage.colours, normals=normals(points, triangles), glossy=True)
+    _signs(panel, stage, 0.3 * shot.reach)
 
 
 def _signs(panel: PanelCanvas, stage: Stage, lift: float) -> None:

@@ -14,31 +14,32 @@ from viz import stage_layout, stage_page, style
 from viz.matplotlib_scene import FlatPanel
 from viz.shade import brightness
 from viz.stage import Shot, Stage, floor_colours
-from viz.stage_layout import PAGE, Layout
+from viz.stage_layout import Layout
 
 _DPI = 100.0
 
 
-def draw(stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout = PAGE) -> np.ndarray:
+def draw(stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout) -> np.ndarray:
     """The stage as an image (height, width, 3) uint8, laid out and seen as viz.stage3d draws it."""
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
-    view = stage_layout.main_view(shot, size, layout)
-    main = FlatPanel(figure, layout.main, view)
-    _floor(main, stage, shot)
-    _solids(main, stage)
-    _signs(main, stage)
-    around = stage_layout.around(view)
-    if layout.compass is not None:
-        compass = FlatPanel(figure, layout.compass, around)
+    views = stage_layout.views(shot, size, layout)
+    for place, view in zip(layout.mains, views):
+        main = FlatPanel(figure, place, view)
+        _floor(main, stage, shot)
+        _solids(main, stage)
+        _signs(main, stage)
+    for place, view in zip(layout.compasses, views):
+        compass = FlatPanel(figure, place, stage_layout.around(view))
         for _, vector in stage_layout.compass_arrows(stage):
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
-        FlatPanel(figure, layout.field, around).arrow(-0.5 * field, field, 0.2, style.FIELD)
+        arrow = FlatPanel(figure, layout.field, stage_layout.around(views[0]))
+        arrow.arrow(-0.5 * field, field, 0.2, style.FIELD)
     canvas.draw()
     image = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
-    return stage_page.written_on(image, stage, view) if layout.written else image
+    return stage_page.written_on(image, stage, views, layout) if layout.written else image
 
 
 def _solids(panel: FlatPanel, stage: Stage) -> None:

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,23 +33,36 @@ ROWS = 3
 
 @dataclass(frozen=True)
 class Layout:
-    """Which panels are drawn; `written`: with the page's text around them."""
+    """Which panels are drawn: one or two views, each with its compass or without, the field; `written`: with the page's text."""
 
-    main: Panel
-    compass: Panel | None
+    mains: tuple[Panel, ...]
+    compasses: tuple[Panel, ...]
     field: Panel | None
     written: bool
 
 
-PAGE = Layout(MAIN, COMPASS, FIELD, written=True)
+PAGE = Layout((MAIN,), (COMPASS,), FIELD, written=True)
+# What is tall leaves room for a second view, a quarter of a turn about the vertical from the first.
+TALL = 0.8  # width over height
+TWO_VIEWS = Layout(
+    (Panel(0.0, 0.185, 0.5, 0.915), Panel(0.5, 0.185, 1.0, 0.915)),
+    (COMPASS, Panel(0.515, 0.2, 0.605, 0.36)),
+    FIELD,
+    written=True,
+)
+
+
+def page_of(shot: Shot) -> Layout:
+    """One view, or two of what is tall."""
+    return PAGE if shot.aspect > TALL else TWO_VIEWS
 
 
 def bare(size: tuple[int, int]) -> Layout:
     """A panel of a sheet, of that width and height: nothing is written, and the field's arrow stands in its upper left corner."""
     edge = min(0.17, 0.22 * size[0] / size[1])
     return Layout(
-        Panel(0.0, 0.0, 1.0, 1.0),
-        None,
+        (Panel(0.0, 0.0, 1.0, 1.0),),
+        (),
         Panel(0.01, 0.98 - edge, 0.01 + edge * size[1] / size[0], 0.98),
         written=False,
     )
@@ -83,14 +96,14 @@ def compass_arrows(stage: Stage) -> list[tuple[str, np.ndarray]]:
     return arrows
 
 
-def compass_labels(stage: Stage, view: View, aspect: float) -> list[Label]:
+def compass_labels(stage: Stage, view: View, place: Panel, aspect: float) -> list[Label]:
     """Where the compass's labels stand: a little beyond each arrow's point."""
     labels = []
     for text, vector in compass_arrows(stage):
         flat = around(view).project(vector[None])[0, :2]
         seen = float(np.linalg.norm(flat))
         away = flat / seen if seen > 0.1 else np.array([0.0, -1.0])
-        ((x, y),) = COMPASS.place((flat + LABEL_GAP * away)[None], COMPASS.aspect(aspect))
+        ((x, y),) = place.place((flat + LABEL_GAP * away)[None], place.aspect(aspect))
         labels.append(Label(text, float(x), float(y)))
     return labels
 
@@ -173,6 +186,9 @@ def legend(stage: Stage) -> list[LegendItem]:
     ]
 
 
-def main_view(shot: Shot, size: tuple[int, int], layout: Layout = PAGE) -> View:
-    """The view on a page of that width and height."""
-    return shot.view(layout.main.aspect(size[0] / size[1]))
+def views(shot: Shot, size: tuple[int, int], layout: Layout) -> tuple[View, ...]:
+    """The view of each main panel on a page of that width and height, all at one scale."""
+    shots = [shot, shot.turned()][: len(layout.mains)]
+    found = [s.view(panel.aspect(size[0] / size[1])) for s, panel in zip(shots, layout.mains)]
+    half = max(view.half_height for view in found)
+    return tuple(replace(view, half_height=half) for view in found)

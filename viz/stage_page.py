@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from PIL import Image, ImageDraw
 
@@ -9,16 +11,17 @@ from viz import stage_layout, style
 from viz.camera import View
 from viz.page import Page
 from viz.stage import Stage
-from viz.stage_layout import CURVE
+from viz.stage_layout import CURVE, Layout
 
 
-def written_on(image: np.ndarray, stage: Stage, view: View) -> np.ndarray:
+def written_on(image: np.ndarray, stage: Stage, views: Sequence[View], layout: Layout) -> np.ndarray:
     """The image (h, w, 3) uint8 with all text and lines of the page; a new array."""
     page = Page(image)
     page.text(stage.title[:60], 0.015, stage_layout.TITLE_Y, style.TEXT_LARGE)
     page.text(stage.caption(), 0.985, stage_layout.TITLE_Y, style.TEXT_LARGE, anchor="rm", bold=True)
-    for label in stage_layout.compass_labels(stage, view, page.aspect):
-        page.text(label.text, label.x, label.y, style.TEXT_SMALL, anchor="mm", colour=style.FAINT_INK)
+    for place, view in zip(layout.compasses, views):
+        for label in stage_layout.compass_labels(stage, view, place, page.aspect):
+            page.text(label.text, label.x, label.y, style.TEXT_SMALL, anchor="mm", colour=style.FAINT_INK)
     page.text(
         stage_layout.field_text(stage),
         stage_layout.FIELD_TEXT_X,
@@ -26,7 +29,7 @@ def written_on(image: np.ndarray, stage: Stage, view: View) -> np.ndarray:
         style.TEXT_MEDIUM,
         colour=style.FIELD,
     )
-    page.scale_bar(stage_layout.scale_bar(view, page.aspect, stage.unit))
+    page.scale_bar(stage_layout.scale_bar(views[0], page.aspect, stage.unit))
     for item in stage_layout.legend(stage):
         page.mark(item)
         page.text(item.text, item.x + stage_layout.LEGEND_GAP, item.y, style.TEXT_SMALL)

@@ -23,7 +23,7 @@ from viz.camera import Frame
 from viz.picture import Picture
 from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
 from viz.stage import Shot, Stage
-from viz.stage_layout import PAGE, Layout
+from viz.stage_layout import Layout, page_of
 from viz.worker_main import draw, draw_stage
 
 BACKENDS = ("pyvista", "matplotlib")
@@ -129,18 +129,24 @@ class Renderer:
         path: str | Path,
         *,
         size: tuple[int, int] = style.MOVIE_SIZE,
-        layout: Layout = PAGE,
+        layout: Layout | None = None,
     ) -> Path:
-        """Draw a moment of a motion into a PNG file; its folder is made. Raises RenderError."""
+        """Draw a moment of a motion into a PNG file; its folder is made. layout: as the shot's shape calls for, unless given.
+        Raises RenderError."""
         path = _in_a_folder(path)
-        self._draw(draw_stage, stage, shot, size, layout, str(path.resolve()))
+        self._draw(draw_stage, stage, shot, size, layout or page_of(shot), str(path.resolve()))
         return path
 
     def stage_image(
-        self, stage: Stage, shot: Shot, *, size: tuple[int, int] = style.MOVIE_SIZE, layout: Layout = PAGE
+        self,
+        stage: Stage,
+        shot: Shot,
+        *,
+        size: tuple[int, int] = style.MOVIE_SIZE,
+        layout: Layout | None = None,
     ) -> np.ndarray:
         """A moment of a motion as an array (height, width, 3) uint8. Raises RenderError."""
-        image: np.ndarray = self._draw(draw_stage, stage, shot, size, layout, None)
+        image: np.ndarray = self._draw(draw_stage, stage, shot, size, layout or page_of(shot), None)
         return image
 
     def submit(self, picture: Picture, path: str | Path, **kind: Any) -> Future[Path]:

@@ -115,7 +115,7 @@ def test_contact_is_shown_when_there_is_some(play: Play) -> None:
 
 
 def test_everything_stays_in_view_for_the_whole_motion(play: Play) -> None:
-    view = stage_layout.main_view(play.shot, SIZE)
+    (view,) = stage_layout.views(play.shot, SIZE, stage_layout.PAGE)
     aspect = stage_layout.MAIN.aspect(SIZE[0] / SIZE[1])
     for k in range(len(play)):
         stage = play.stage(k)
@@ -134,6 +134,31 @@ def test_down_is_where_gravity_points(tmp_path: Path) -> None:
     assert base[1] > tip[1] + 0.5 > floor[1] + 0.5
     assert abs(base[0] - tip[0]) < 0.1
     np.testing.assert_allclose(shot.plane.normal, [-1, 0, 0], atol=1e-12)
+
+
+def test_what_is_tall_is_seen_from_two_sides_at_one_scale(play: Play, tmp_path: Path, flat: Renderer) -> None:
+    """A quarter of a turn about the vertical apart, whatever is vertical; all of the body in both panels."""
+    assert stage_layout.page_of(play.shot) == stage_layout.PAGE
+    model = motions.body()
+    stretched = {"effects": {"gravity": {"acceleration": [9.81, 0.0, 0.0]}}, "body": {"catheter": CATHETER}}
+    model.scene = SimpleNamespace(to_si=lambda: stretched, name="hanging")
+    motions.write(MotionWriter(tmp_path, model), motions.bending(model, [0.0, 0.01]))
+    tall = Play(Motion.load(tmp_path))
+    layout = stage_layout.page_of(tall.shot)
+    assert layout == stage_layout.TWO_VIEWS
+    one, other = stage_layout.views(tall.shot, SIZE, layout)
+    assert one.half_height == other.half_height
+    np.testing.assert_allclose(other.toward @ tall.shot.up, one.toward @ tall.shot.up, atol=1e-12)
+    level = [view.toward - (view.toward @ tall.shot.up) * tall.shot.up for view in (one, other)]
+    assert level[0] @ level[1] == pytest.approx(0.0, abs=1e-12)
+    stage = tall.stage(1)
+    for view, panel in zip((one, other), layout.mains):
+        places = view.project(stage.points)
+        assert np.abs(places[:, 0]).max() <= panel.aspect(SIZE[0] / SIZE[1])
+        assert np.abs(places[:, 1]).max() <= 1.0
+    image = flat.stage_image(stage, tall.shot, size=(800, 450))
+    for half in (image[80:370, :400], image[80:370, 400:]):
+        assert count(half, style.SEGMENTS[1]) > 100
 
 
 def test_the_caption_tells_time_and_pace(play: Play) -> None:
@@ -302,6 +327,21 @@ def test_both_backends_show_body_magnet_ground_and_contact(
     # Blue stands for contact: in the legend always, in the view when there is some.
     assert count(down, style.CONTACT) > count(up, style.CONTACT) + 60
     assert up.shape == (450, 800, 3)
+
+
+def test_without_an_opengl_library_matplotlib_draws_the_motion(
+    play: Play, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where no OpenGL is installed: VTK's window crashes its process, and nothing else."""
+    pytest.importorskip("pyvista")
+    for name in ("libEGL.so", "libEGL.so.1", "libOSMesa.so", *(f"libOSMesa.so.{n}" for n in range(6, 9))):
+        (tmp_path / name).write_text("not a library")
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
+    with Renderer() as renderer:
+        made = motion_movie.movie(play, tmp_path / "movie.mp4", renderer, size=SIZE)
+        assert renderer.backend == "matplotlib"
+        assert "apt-get install" in renderer.note
+    assert made.path.stat().st_size > 1000
 
 
 def test_both_backends_show_things_at_the_same_place(play: Play, flat: Renderer, solid: Renderer) -> None:
