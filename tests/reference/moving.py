@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from reference.scenes import BR, G
 
+from magmpm.distance import Table
 from magmpm.dynamics.run import begin
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
-from magmpm.effects import module_of
+from magmpm.effects import damping, feed, gravity, ground, module_of, viscosity, walls
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
@@ -62,6 +63,25 @@ def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
     }
 
 
+FAR = Table(np.full(3, 1.0), 1e-3, np.zeros((3, 3, 3)))  # m
+NEUTRAL = (
+    gravity.parameters(np.zeros(3)),
+    viscosity.parameters(0.0),
+    damping.parameters(0.0),
+    ground.parameters(point=[0, 0, -1], normal=[0, 0, 1], friction=0.0, stiffness=0.0),
+    walls.parameters(FAR, friction=0.0, stiffness=0.0),
+    feed.parameters(speed=0.0, exit=-1.0, radius=0.0),
+)
+
+
+def filled(model: Model) -> Model:
+    """The model with the effects of motion it lacks as well, at strengths that do nothing: one kernel serves many tests."""
+    having = {model.effects[k].dtype.names: model.effects[k : k + 2] for k in range(0, len(model.effects), 2)}
+    named = [having.pop(neutral[0].dtype.names, neutral) for neutral in NEUTRAL]
+    assert not having, "NEUTRAL knows them all"
+    return replace(model, effects=tuple(part for pair in named for part in pair))
+
+
 @dataclass
 class Moment:
     """time s, x, v (n, 3), contacts: what each contact effect reports."""
@@ -76,7 +96,7 @@ def follow(
     scene: Scene | Model, times: Sequence[float], motion: TotalMotion | UpdatedMotion | None = None
 ) -> Iterator[Moment]:
     """The motion from rest (or as `motion` stands) at each of the times (s)."""
-    model = scene if isinstance(scene, Model) else build(scene)
+    model = filled(scene if isinstance(scene, Model) else build(scene))
     begun = begin(model)
     motion = begun.motion if motion is None else motion
     mass, now = model.density * model.particles.volume, 0.0
