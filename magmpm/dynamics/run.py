@@ -237,7 +237,11 @@ def _look_at_particles(moved: Moved) -> None:
     }
     moved.contacts = {}
     for key, module in effects.every().items():
-        if getattr(model.scene.effects, key) is not None and hasattr(module, "report"):
+        if getattr(model.scene.effects, key) is None:
+            continue
+        if hasattr(module, "observe"):
+            moved.contacts[key] = module.observe(model, moved.x)
+        if hasattr(module, "report"):
             named = module.of_scene(model.scene, 1.0, np.array([moved.time]))
             if named:
                 mass = model.density * model.particles.volume

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from magmpm.advice import Advice, Body
+from magmpm.contact import Contact, cell_size, reach
 from magmpm.scene import Scene
 
 PHASE = "contact"
+WITHIN = 1.5  # cells: a larger gap is told as this
 
 
 def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
@@ -60,3 +62,24 @@ def gap(
         return float("inf")
     now = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     return float(now.min()) - size
+
+
+def observe(model: Any, x: NDArray[np.float64]) -> Contact:
+    """The gap of a model's body with its particles at x (n, 3) m, as contact: depth is minus the gap (m), at least -WITHIN cells; count:
+    pairs of particles nearer than a cell; the force on the body as a whole is zero.
+
+    Not neighbours are particles of one piece of material that were farther apart than twice its thickness and 3 cells, and particles
+    of different STL parts that were 3 cells apart.
+    """
+    scene, rest = model.scene, model.particles.position
+    cell, size = cell_size(scene), 2 * reach(scene)
+    pairs = cKDTree(x).query_pairs(WITHIN * cell + size, output_type="ndarray")
+    a, b = pairs.T
+    one = np.ones(len(pairs), bool)
+    if scene.body.parts is not None:
+        one = model.particles.segment[a] == model.particles.segment[b]
+    was = np.linalg.norm(rest[a] - rest[b], axis=1)
+    apart = was > 3 * cell + np.where(one, 2 * scene.thickness, 0.0)
+    now = np.linalg.norm(x[a[apart]] - x[b[apart]], axis=1) - size
+    depth = -float(now.min(initial=WITHIN * cell))
+    return Contact(force=np.zeros(3), count=int(np.count_nonzero(now < cell - size)), depth=depth)

@@ -233,3 +233,20 @@ def test_gap_of_two_folds(rng: np.random.Generator) -> None:
     gap = self_contact.gap(folded, flat, size=0.5e-3, apart=5e-3, within=4e-3)
     assert gap == pytest.approx(1.5e-3)
     assert self_contact.gap(flat, flat, size=0.5e-3, apart=5e-3, within=4e-3) == np.inf
+
+
+def test_what_a_motion_tells_of_a_fold() -> None:
+    """A catheter bent by hand into a hairpin whose legs are 0.3 cells apart; straight, nothing is near."""
+    model = build(rod_scene(cells=2))
+    cell, X = 2e-3, model.particles.position
+    straight = self_contact.observe(model, X)
+    assert (straight["depth"], straight["count"]) == (-self_contact.WITHIN * cell, 0)
+    far = X[:, 0] > 24e-3  # the far leg lies on the near one, turned round, so that x and z mirror it
+    legs = np.where(far[:, None], np.column_stack([40e-3 - X[:, 0], X[:, 1], 4e-3 + 0.3 * cell - X[:, 2]]), X)
+    folded = self_contact.observe(model, legs)
+    top = 2 * (2e-3 - X[:, 2].max()) - 2 * contact.reach(
+        model.scene
+    )  # a round body's particles lie deeper on top
+    assert folded["depth"] == pytest.approx(-(0.3 * cell + top), abs=1e-9)
+    assert folded["count"] > 0
+    assert not folded["force"].any()
