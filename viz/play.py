@@ -16,7 +16,7 @@ from viz.camera import best_direction
 from viz.process import RenderError
 from viz.shapes import Surface, bar, refined, tube
 from viz.stage import History, Shot, Stage
-from viz.surface import Binding, PartedBinding, around_particles, bodies, creased, spacing
+from viz.surface import Binding, PartedBinding, around_particles, bodies, creased, gradients, spacing
 
 MOST_ARROWS = 16
 LOOKS = 60  # frames looked at to place the camera
@@ -89,7 +89,8 @@ class Body:
     def _clusters(self, remanence: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """For each arrow: the particles whose magnetisation it shows, and those at its middle.
 
-        A part magnetised evenly has one arrow; one whose magnetisation turns has one for each piece of its length.
+        A part magnetised evenly has one arrow, or a few if it is most of the body; one whose magnetisation turns has one for each piece
+        of its length.
         """
         parts = np.flatnonzero(self.magnetised)
         pieces: list[np.ndarray] = []
@@ -97,9 +98,10 @@ class Body:
             members = np.flatnonzero(self.part == k)
             mean = remanence[members].mean(axis=0)
             even = np.linalg.norm(mean) > 0.97 * np.linalg.norm(remanence[members], axis=1).mean()
-            count = 1 if even else max(2, min(8, MOST_ARROWS // max(len(parts), 1)))
             place = self.reference[members]
             along = place[:, np.argmax(np.ptp(place, axis=0))]
+            long = max(1, round(float(np.ptp(along)) / (0.34 * self.length)))
+            count = long if even else max(2, min(8, MOST_ARROWS // max(len(parts), 1)))
             edges = np.linspace(along.min(), along.max() * (1 + 1e-12) + 1e-300, count + 1)
             which = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, count - 1)
             pieces += [members[which == i] for i in range(count) if np.any(which == i)]
@@ -317,12 +319,18 @@ class _OneFrame:
             result.particle_volume,
             result.particle_segment,
         )
-        remanence = np.asarray(result.segment_remanence, dtype=float)[self.part]
-        self.remanence = remanence
+        # A result holds each part's mean of F Br; F is found from the particles' places, and Br is what gives that mean.
+        F = gradients(np.asarray(self.reference, dtype=float), position)
+        self.remanence, magnetisation = np.zeros((n, 3)), np.zeros((n, 3))
+        for k, mean in enumerate(np.asarray(result.segment_remanence, dtype=float)):
+            of = self.part == k
+            turned = np.average(F[of], axis=0, weights=self.volume[of])
+            self.remanence[of] = np.linalg.lstsq(turned, mean, rcond=0.05)[0]
+            magnetisation[of] = np.einsum("nij,nj->ni", F[of], self.remanence[of])
         self.times = np.zeros(1)
         self.fields = np.asarray(result.field, dtype=float).reshape(1, 3)
         self.contacts: dict[str, Any] = {}
-        self._frame = _Moment(position.reshape(n, 3), self.fields[0], {"magnetisation": remanence})
+        self._frame = _Moment(position.reshape(n, 3), self.fields[0], {"magnetisation": magnetisation})
 
     def __len__(self) -> int:
         return 1

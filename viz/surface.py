@@ -182,6 +182,19 @@ def _affine(points: np.ndarray, near: np.ndarray, distance: np.ndarray) -> tuple
     return weight * np.einsum("mki,mi->mk", basis, coefficient), flat
 
 
+def gradients(reference: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Deformation gradients (n, 3, 3) of particles that moved from reference to position (n, 3) m: affine fits to the nearest ones."""
+    count = min(NEIGHBOURS[1], len(reference))
+    near = np.asarray(cKDTree(reference).query(reference, k=count)[1]).reshape(len(reference), count)
+    before, after = reference[near], position[near]
+    before, after = before - before.mean(axis=1, keepdims=True), after - after.mean(axis=1, keepdims=True)
+    size = np.einsum("mki,mki->m", before, before)[:, None, None] + 1e-300
+    moment = np.einsum("mki,mkj->mij", before, before) / size + 1e-9 * np.eye(3)
+    return np.asarray(
+        np.linalg.solve(moment, np.einsum("mki,mkj->mij", before, after) / size).transpose(0, 2, 1)
+    )
+
+
 class PartedBinding:
     """A Binding for each body of its own, so that bodies that touch do not pull each other's surface."""
 

@@ -441,13 +441,16 @@ def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
         particle_position=motions.bent(X, 40.0)[0],
         particle_volume=np.full(len(X), 0.125e-9),
         particle_segment=segment,
-        segment_remanence=np.array([[0.1, 0, 0], [0, 0, 0.0]]),
+        segment_remanence=0.1 * np.array([[np.sin(0.4) / 0.4, 0, (1 - np.cos(0.4)) / 0.4], [0, 0, 0]]),
         field=np.array([0, 0, 8e-3]),
     )
     still = Still(result)
     stage: Stage = still.picture()
     assert stage.caption() == ""
     assert len(stage.arrows) == 1
+    # Bent by 40/m: the magnetisation at 5 mm has turned by 0.2 rad with the strip.
+    vector = stage.arrows[0, 1] / np.linalg.norm(stage.arrows[0, 1])
+    np.testing.assert_allclose(vector, [np.cos(0.2), 0.0, np.sin(0.2)], atol=0.02)
     low, high = stage.points.min(axis=0), stage.points.max(axis=0)
     assert high[1] - low[1] == pytest.approx(0.005, rel=1e-2)
     image = flat.stage_image(stage, still.shot, size=(800, 450))

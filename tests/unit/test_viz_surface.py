@@ -7,7 +7,7 @@ import pytest
 from reference import motions
 
 from viz.shapes import Surface, bar, normals, refined, tube
-from viz.surface import Binding, PartedBinding, around_particles, bodies, spacing, surface_nets
+from viz.surface import Binding, PartedBinding, around_particles, bodies, gradients, spacing, surface_nets
 
 
 def volume(surface: Surface) -> float:
@@ -92,6 +92,16 @@ def test_particles_that_are_wider_apart_one_way_are_enough() -> None:
     ).reshape(-1, 3)
     surface = bar([20.0], 15.0, 4.0, 1.0, (-0.5, 6.25, 1.5))
     np.testing.assert_allclose(Binding(surface.points, X).at(X), surface.points, atol=1e-5)
+
+
+def test_gradients_are_those_of_the_motion() -> None:
+    """Of a bent rod, to second order in the neighbours' reach of about two particles."""
+    X = motions.body(0.5e-3).particles.position
+    x, F = motions.bent(X, 40.0)
+    found = gradients(X, x)
+    inside = (X[:, 0] > 2e-3) & (X[:, 0] < motions.LENGTH - 2e-3)
+    assert np.abs(found - F)[inside].max() < 40.0 * 2 * 0.5e-3
+    np.testing.assert_allclose(gradients(X, X), np.broadcast_to(np.eye(3), F.shape), atol=1e-7)
 
 
 def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
