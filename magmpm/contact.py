@@ -20,7 +20,7 @@ from typing import TypedDict
 import numpy as np
 
 from magmpm.basis import Array
-from magmpm.bodies import gauss, rod_grid, rod_particles
+from magmpm.bodies import gauss, rod_grid, rod_particles, strip_grid
 from magmpm.errors import InputError
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -63,32 +63,48 @@ def cell_size(scene: Scene) -> float:
     return scene.thickness / scene.resolution.cells_across
 
 
-def reach(scene: Scene) -> float:
+def reach(scene: Scene, towards: Array | None = None) -> float:
     """How far the outermost particles are taken to be from the body's surface, m: a body touches when a particle is that near.
 
-    Of a strip's flat face it is the outermost Gauss points' distance. Of a round catheter it is the least around the section, so that it
-    may lie on a plane at any angle without an overlap; where the particles lie deeper, it is let in by up to a quarter of a cell. STL
-    parts, which are anything, touch at a tenth of a cell.
+    towards: unit vector (3,) from the body to the obstacle, as the body lies at the start: the particles' depth that way. None: all
+    ways, so that no obstacle the body just touches holds a particle already: of a strip's flat faces the Gauss points' depth, of a round
+    catheter the least around its section (it is let in elsewhere, by up to a quarter of a cell). STL parts are anything: a tenth of a cell.
     """
-    catheter, count = scene.body.catheter, scene.resolution.particles_per_cell
-    if catheter is not None:
-        return _reach_of_ring(
-            catheter.diameter, catheter.inner_diameter, scene.resolution.cells_across, count
-        )
-    if scene.body.parts is not None:
-        return 0.1 * cell_size(scene)
-    return cell_size(scene) * (0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0))
+    body, count = scene.body, scene.resolution.particles_per_cell
+    share = 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)  # of a cell: depth of the Gauss points
+    if body.catheter is not None:
+        section = (body.catheter.diameter, body.catheter.inner_diameter, scene.resolution.cells_across, count)
+        depths = _depths_of_ring(*section)
+        if towards is None:
+            return float(depths.min())
+        along, across = abs(float(towards[0])), math.hypot(towards[1], towards[2])
+        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if across > 0 else 0.0
+        around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
+        return across * around + along * share * cell_size(scene)
+    if body.strip is not None:
+        if towards is None:
+            return share * cell_size(scene)
+        size = np.array([body.strip.length, body.strip.width, body.strip.thickness])
+        across = scene.resolution.cells_across
+        spacing = strip_grid(np.zeros(3), size, across, one_wide=body.strip.plane_strain).spacing
+        deep = share * spacing
+        if body.strip.plane_strain:
+            deep[1] = 0.0  # one particle stands for the width
+        return float(np.abs(towards) @ deep)
+    return 0.1 * cell_size(scene)
 
 
 @lru_cache(maxsize=8)
-def _reach_of_ring(diameter: float, inner: float, cells: int, count: int) -> float:
+def _depths_of_ring(diameter: float, inner: float, cells: int, count: int) -> Array:
+    """How deep (m) below its tangent plane a round section's particles lie, every degree around it: from y towards z, (360,)."""
     length = 3 * diameter / cells
     grid = rod_grid(length, diameter, cells, 3)
     particles = rod_particles(
         grid, outer=diameter / 2, inner=inner / 2, segment_ends=np.array([length]), particles_per_cell=count
     )
-    _, y, z = particles.position.T
-    return diameter / 2 - float(np.hypot(y, z).max())
+    angle = np.deg2rad(np.arange(360))
+    ways = np.stack([np.cos(angle), np.sin(angle)])
+    return diameter / 2 - (particles.position[:, 1:] @ ways).max(axis=0)
 
 
 def penalty(scene: Scene, factor: float) -> float:

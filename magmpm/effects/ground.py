@@ -1,7 +1,7 @@
 """ground: contact with a plane that the body may press on, stick to and slide over, with Coulomb friction.
 
 Force, friction, stiffness and what a body sinks in: see magmpm.contact. The body touches when an outermost particle is as near to the
-plane as it is to the body's own surface (`ground_reach`).
+plane as it is to the body's own surface that way at the start (`ground_reach`).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
         normal=settings.normal,
         friction=settings.friction,
         stiffness=law.penalty(scene, settings.stiffness),
-        reach=law.reach(scene),
+        reach=law.reach(scene, -np.array(settings.normal)),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.moving import block, moving_scene
 from reference.scenes import G, rod_scene
 
 from magmpm import contact, distance
@@ -145,11 +146,32 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     assert contact.penalty(scene, 2.0) == pytest.approx(2 * 3 * G * (20 + 4 / 3) / 1882 / (1e-3) ** 2)
 
 
-def test_reach_is_the_outermost_particles_distance_from_the_surface() -> None:
+def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
+    """All ways the least; towards a plane, what the body's and its particles' extents that way differ by."""
     for cells in (2, 3, 4):
         scene = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
-        outermost = np.hypot(*build(scene).particles.position[:, 1:].T).max()
-        assert contact.reach(scene) == pytest.approx(2e-3 - outermost, abs=1e-12)
+        x = build(scene).particles.position
+        assert contact.reach(scene) == pytest.approx(
+            2e-3 - np.hypot(x[:, 1], x[:, 2]).max(), abs=2e-6
+        )  # whole degrees
+        for way in (np.eye(3)[2], -np.eye(3)[1], np.eye(3)[0], np.array([0.6, 0.0, -0.8])):
+            body = 2e-3 * np.hypot(way[1], way[2]) + 12e-3 * way[0]
+            # two axes at once: the outermost particle of the one need not be that of the other
+            assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-9)
+
+
+def test_reach_of_a_strip_is_exact_in_every_direction(rng: np.random.Generator) -> None:
+    size = (9e-3, 6e-3, 3e-3)
+    for plane_strain in (False, True):
+        scene = moving_scene(block(size, plane_strain=plane_strain), {})
+        x = build(scene).particles.position
+        for way in rng.standard_normal((5, 3)):
+            way = way / np.linalg.norm(way)
+            low, high = np.array([0, -size[1] / 2, 0]), np.array([size[0], size[1] / 2, size[2]])
+            if plane_strain:
+                low[1] = high[1] = 0.0
+            body = np.where(way > 0, high, low) @ way
+            assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-12)
 
 
 # what begins in the wrong place
