@@ -28,6 +28,7 @@ from magmpm.vectors import Direction, Vector
 MAX_PARTS = 1000
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
+TOUCHING = 1e-4  # of the body's length: parts this near touch
 LEAST_CELLS = 2  # through the thinnest part
 
 
@@ -153,6 +154,17 @@ class Parts(Part):
         vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes]) * UNITS[self.unit]
         (x0, y0, z0), (x1, y1, z1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         return (x0, y0, z0), (x1, y1, z1)
+
+    def near(self, reach: float) -> list[tuple[str, str, float]]:
+        """Names of parts that lie nearer to each other than `reach` (m) and do not touch, with the gap (m) between their boxes."""
+        boxes = np.array([[t.reshape(-1, 3).min(0), t.reshape(-1, 3).max(0)] for t in self.triangles()])
+        least = TOUCHING * self.length
+        found = []
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.pieces()), 2):
+            gap = float(np.linalg.norm(np.maximum(np.maximum(boxes[i, 0] - boxes[j, 1], boxes[j, 0] - boxes[i, 1]), 0.0)))
+            if least < gap < reach and not (one.held and other.held):
+                found.append((one.name, other.name, gap))
+        return found
 
     @property
     def line(self) -> None:

@@ -209,7 +209,7 @@ class Resolution(Part):
         strict=True,
         ge=2,
         le=16,
-        description="Grid cells across the diameter; 4 unless given.",
+        description="Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4 unless given.",
         examples=[4],
     )
     particles_per_cell: int = Field(

@@ -389,6 +389,15 @@ class Scene(Part):
         strip = self.body.strip
         if strip is not None and strip.plane_strain and self.field.uniform[1] and self.effects.magnetic_torque is not None:
             found.append("field: its y component does nothing to a strip in plane strain")
+        parts, dynamic = self.body.parts, self.solver.dynamic
+        apart = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
+        if parts is not None and not apart:
+            cell = parts.spacing or parts.thickness / across
+            found += [
+                f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * cell:.3g} mm: "
+                "they move as if joined, unless self_contact is named"
+                for one, other, gap in parts.near(2 * cell)
+            ]
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]
         return found
 
