@@ -36,6 +36,7 @@ class Body:
         """reference (n, 3) m, volume (n,) m^3, part (n,), remanence (n, 3) T of the undeformed particles."""
         self.reference, self.part = np.asarray(reference, dtype=float), np.asarray(part)
         self.size = spacing(np.asarray(volume))
+        self._plane_strain = bool(((scene.get("body") or {}).get("strip") or {}).get("plane_strain"))
         self.surface, self._binding = self._bound(scene, np.asarray(volume, dtype=float))
         strength = np.linalg.norm(remanence, axis=1)
         parts = int(self.part.max()) + 1
@@ -54,7 +55,15 @@ class Body:
 
     def points(self, position: np.ndarray) -> np.ndarray:
         """The surface's points (m, 3) m when the particles are at position (n, 3) m."""
-        return self._binding.at(position)
+        if not self._plane_strain:
+            return self._binding.at(position)
+        points = self._binding.at(self._layered(position))
+        points[:, 1] = self.surface.points[:, 1]
+        return points
+
+    def _layered(self, position: np.ndarray) -> np.ndarray:
+        """In plane strain one layer of particles stands for all of the width, along which nothing moves: three, then, to fit to."""
+        return np.vstack([position + shift * self.size * np.eye(3)[1] for shift in (-1, 0, 1)])
 
     def arrows(self, position: np.ndarray, magnetisation: np.ndarray) -> np.ndarray:
         """Starts and vectors (a, 2, 3) m of the magnetisation's arrows; magnetisation (n, 3) T, deformed."""
@@ -70,6 +79,10 @@ class Body:
 
     def _bound(self, scene: Mapping[str, Any], volume: np.ndarray) -> tuple[Surface, Binding | PartedBinding]:
         known = _known_shape(scene, self.size, int(self.part.max()) + 1)
+        if known is not None and self._plane_strain:
+            middle = np.array(known.points)
+            middle[:, 1] = self.reference[:, 1].mean()
+            return known, Binding(middle, self._layered(self.reference))
         if known is not None:
             return known, Binding(known.points, self.reference)
         meshes = (scene.get("body") or {}).get("parts")

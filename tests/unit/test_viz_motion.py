@@ -15,7 +15,7 @@ from reference import motions
 
 from magmpm.motion import Motion, MotionWriter
 from viz import motion_movie, motion_plots, scenery, stage_layout, style
-from viz.play import Play, Still
+from viz.play import Body, Play, Still
 from viz.process import RenderError
 from viz.stage import Stage
 from viz.worker import Renderer
@@ -456,6 +456,21 @@ def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
     image = flat.stage_image(stage, still.shot, size=(800, 450))
     assert count(image, style.SEGMENTS[0]) > 300
     assert count(image, style.UNMAGNETISED) > 300
+
+
+def test_a_body_in_plane_strain_keeps_its_width() -> None:
+    """One layer of particles stands for all of it."""
+    X = np.stack(np.meshgrid(np.arange(40), [0], np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = (X + np.array([0.5, 0.0, -1.5])) * 0.5e-3
+    strip = {"length": 0.02, "width": 0.005, "thickness": 0.002, "plane_strain": True, "segments": [{}]}
+    remanence = np.tile([0.1, 0.0, 0.0], (len(X), 1))
+    body = Body(
+        {"body": {"strip": strip}}, X, np.full(len(X), 0.125e-9), np.zeros(len(X), dtype=int), remanence
+    )
+    moved = body.points(motions.bent(X, 40.0)[0])
+    np.testing.assert_allclose([moved[:, 1].min(), moved[:, 1].max()], [-0.0025, 0.0025], rtol=1e-12)
+    wanted = motions.bent(body.surface.points, 40.0)[0]
+    assert np.abs(moved - wanted).max() < 0.5 * 40.0 * (3 * 0.5e-3) ** 2  # as in test_viz_surface
 
 
 def test_energies_and_forces_are_plotted(play: Play, tmp_path: Path) -> None:
