@@ -7,9 +7,9 @@ What they find is mended in the solver, not in the case.
         print(case.run().summary())
 """
 
-from studies.hard_cases import equilibria, stepping
+from studies.hard_cases import equilibria, loads, shapes, stepping
 from studies.hard_cases.case import Case, Outcome, table
 
-CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES)
+CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *loads.CASES, *shapes.CASES)
 
 __all__ = ["CASES", "Case", "Outcome", "table"]

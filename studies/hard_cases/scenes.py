@@ -62,3 +62,21 @@ def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH)
 def twisting_field(load: float) -> list[float]:
     """Field (3,) T along z, for a load M B A L^2/(G J) on a rod magnetised along y; A/J = 8/D^2."""
     return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]
+
+
+def folding_strip() -> Scene:
+    """A free strip of two halves magnetised against each other: across its plane a field folds it like a book."""
+    silicone = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": REMANENCE}
+    halves = [{"magnetization": [1.0, 0.0, 0.0]}, {"magnetization": [-1.0, 0.0, 0.0]}]
+    strip = {"length": 20e-3, "width": 2e-3, "thickness": 1e-3, "material": "silicone", "clamp": "none", "segments": halves}
+    return Scene.from_si(
+        {
+            "name": "hard case",
+            "materials": {"silicone": silicone},
+            "body": {"strip": strip},
+            "field": {"uniform": [0.0, 0.0, 50e-3]},
+            "effects": {"magnetic_torque": {}, "self_contact": {}, "damping": {"rate": 60.0}},
+            "solver": {"dynamic": {"duration": 0.03}},
+            "resolution": {"cells_across": 2},
+        }
+    )

@@ -1,0 +1,172 @@
+"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid, bodies that meet walls and themselves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from magmpm.dynamics.run import move
+from magmpm.dynamics.stable_step import body_step
+from magmpm.dynamics.total import TotalMotion
+from magmpm.effects.self_contact import gap
+from magmpm.errors import SolveError
+from magmpm.model import build
+from magmpm.scene import Scene
+from studies.hard_cases.case import Case
+from studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
+from studies.hard_cases.scenes import DENSITY, G, bending_field, folding_strip, rod
+
+SHORT = 20e-3  # m
+TURN = 5.0  # 1/s: centrifugal strains are 1e-6
+FAST = 2.0  # m/s: a twentieth of the speed of sound
+SQUEEZED = 0.2  # det F
+
+
+def _offsets(count: int) -> Case:
+    def measure(scene: Scene) -> float:
+        """Largest distance between any two settled tips, over L."""
+        places = np.random.default_rng(5).uniform(0.02, 0.98, (count, 2))
+        tips = []
+        for place in places.tolist():
+            model = build(scene, shift=(place[0], place[1]))
+            moved = move(model)
+            tips.append(last_cells(model) @ (moved.x - model.particles.position))
+        spread = np.array(tips)[:, None] - np.array(tips)[None]
+        return float(np.linalg.norm(spread, axis=2).max()) / scene.length
+
+    return Case(
+        f"{count} offsets of body against grid",
+        lambda: rod(
+            length=SHORT,
+            field=bending_field(1.0, length=SHORT),
+            cells=4,
+            effects={"damping": {"rate": 240.0}},
+            dynamic={"duration": 0.06, "output_every": 0.03},
+        ),
+        "loses slivers of cells, or bends by another amount at every place",
+        "spread of settled tips, over L",
+        measure,
+        0.005,
+        "the grid is not part of the physics",
+        slow=count > 8,
+    )
+
+
+def _turn(scene: Scene) -> float:
+    """Largest entry of F^T F - 1 and of det F - 1 over a turn by 360 degrees; infinite if the body is not back where it was."""
+    motion, dt, _ = at_rest(scene)
+    middle = motion.model.particles.position.mean(axis=0)
+    throw(motion, lambda x: np.cross([0.0, TURN, 0.0], x - middle))
+    steps, worst = round(2 * math.pi / TURN / dt), 0.0
+    for part in np.diff(np.linspace(0, steps, 37).round().astype(int)):
+        advance(motion, int(part), dt)
+        _, _, F = motion.particles()
+        worst = max(worst, float(np.abs(F.transpose(0, 2, 1) @ F - np.eye(3)).max()))
+    x, _, F = motion.particles()
+    back = np.abs(x - motion.model.particles.position).max() < 0.01 * scene.length
+    return worst if back else math.inf
+
+
+def _squeezed(scene: Scene) -> float:
+    """Energy gained by a body let go at det F = 0.2, over that at first, while it swells and swings; infinite if it stays small."""
+    motion, dt, _ = at_rest(scene)
+    stretch(motion, SQUEEZED ** (1 / 3))
+    if isinstance(motion, TotalMotion):
+        dt = min(dt, 0.8 * body_step(motion))
+    begun, most, largest = energy(motion), 0.0, 0.0
+    for _ in range(2000):
+        advance(motion, 1, dt / 16)  # speeds are near the wave's: steps resolve them
+        most = max(most, energy(motion) / begun - 1)
+        largest = max(largest, float(np.median(np.linalg.det(motion.particles()[2]))))
+    return most if largest > 1.0 else math.inf
+
+
+def _impact(scene: Scene) -> float:
+    """Deepest place below the ground, in cells, of a body that hits it; infinite if it does not come back, or with more energy."""
+    motion, dt, _ = at_rest(scene)
+    throw(motion, lambda x: np.tile([0.3, 0.0, -FAST], (len(x), 1)))
+    begun = energy(motion)
+    assert scene.effects.ground is not None
+    floor, deepest = scene.effects.ground.point[2], 0.0
+    for _ in range(200):
+        advance(motion, max(1, int(5e-3 / 200 / dt)), dt)
+        deepest = max(deepest, floor - float(motion.particles()[0][:, 2].min()))
+    _, v, _ = motion.particles()
+    up = float(motion.model.particles.volume @ v[:, 2]) / float(motion.model.particles.volume.sum())
+    if up < 0.1 * FAST or energy(motion) > 1.01 * begun:
+        return math.inf
+    return deepest / float(motion.model.grid.spacing[2])
+
+
+def _fold(scene: Scene) -> float:
+    """How far parts of the body that are far apart in it overlap, in cells; infinite if they never come near each other."""
+    model = build(scene)
+    h = float(model.grid.spacing[2])
+    size = h * (1 - 1 / math.sqrt(3))  # two outermost Gauss points across a common face
+    motion, dt, _ = at_rest(scene)
+    assert scene.solver.dynamic is not None
+    least, X = math.inf, model.particles.position
+    looks = 40
+    for _ in range(looks):
+        advance(motion, int(scene.solver.dynamic.duration / looks / dt), dt)
+        x, _, F = motion.particles()
+        if not np.isfinite(x).all() or np.linalg.det(F).min() <= 0:
+            raise SolveError("a particle was turned inside out")
+        least = min(least, gap(x, X, size, 8 * h, 7 * h) / h)
+    return -least if least < 1.5 else math.inf
+
+
+def _free(formulation: str, **more: object) -> Scene:
+    return rod(length=8e-3, clamp="none", dynamic={"formulation": formulation}, **more)  # type: ignore[arg-type]
+
+
+def _both(name: str, scene: object, *rest: object, bounds: tuple[float, float]) -> tuple[Case, Case]:
+    """The same case in both formulations."""
+    one, two = (
+        Case(f"{name}, {kind}", lambda kind=kind: scene(kind), rest[0], rest[1], rest[2], bound, rest[3])  # type: ignore
+        for kind, bound in zip(("total", "updated"), bounds, strict=True)
+    )
+    return one, two
+
+
+CASES = (
+    _offsets(8),
+    _offsets(64),
+    *_both(
+        "rotation by 360 degrees",
+        _free,
+        "is strained by rotating, or does not come back",
+        "largest strain F^T F - 1 on the way",
+        _turn,
+        f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * 8e-3) ** 2 / 8 / (3 * G):.0e}",
+        bounds=(1e-5, 1e-3),
+    ),
+    *_both(
+        "det F down to 0.2",
+        lambda kind: _free(kind, ratio=5.0),  # let go at once with K = 20 G, the total formulation turns particles inside out, and says so
+        "turns particles inside out, or gains energy while it swells",
+        "energy gained, over that at first",
+        _squeezed,
+        "nothing does work",
+        bounds=(0.02, 0.02),
+    ),
+    *_both(
+        "fast impact on a wall",
+        lambda kind: _free(kind, effects={"ground": {"point": [0.0, 0.0, -2.5e-3], "friction": 0.3}}),
+        "passes through, sticks in the wall, or is thrown back faster than it came",
+        "depth below the wall, in cells",
+        _impact,
+        "a penalty gives way by speed / its frequency, w = c / h: v/c of a cell times the root of the particles above each other",
+        bounds=(0.5, 0.5),
+    ),
+    Case(
+        "folding onto itself",
+        folding_strip,
+        "passes through itself, or tears where it folds",
+        "overlap of the two halves, in cells",
+        _fold,
+        0.1,
+        "surfaces of two bodies do not cross",
+    ),
+)
