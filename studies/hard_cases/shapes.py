@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from magmpm import effects
 from magmpm.dynamics.run import move
 from magmpm.dynamics.stable_step import body_step
 from magmpm.dynamics.total import TotalMotion
@@ -83,20 +84,20 @@ def _squeezed(scene: Scene) -> float:
 
 
 def _impact(scene: Scene) -> float:
-    """Deepest place below the ground, in cells, of a body that hits it; infinite if it does not come back, or with more energy."""
+    """How deep a body that hits the ground gets into it, in cells; infinite if it does not come back, or with more energy."""
     motion, dt, _ = at_rest(scene)
+    model = motion.model
     throw(motion, lambda x: np.tile([0.3, 0.0, -FAST], (len(x), 1)))
-    begun = energy(motion)
-    assert scene.effects.ground is not None
-    floor, deepest = scene.effects.ground.point[2], 0.0
+    begun, deepest, mass = energy(motion), 0.0, model.density * model.particles.volume
+    ground = effects.module_of("ground")
+    record, data = ground.of_scene(scene, 1.0, None)
     for _ in range(200):
         advance(motion, max(1, int(5e-3 / 200 / dt)), dt)
-        deepest = max(deepest, floor - float(motion.particles()[0][:, 2].min()))
-    _, v, _ = motion.particles()
-    up = float(motion.model.particles.volume @ v[:, 2]) / float(motion.model.particles.volume.sum())
-    if up < 0.1 * FAST or energy(motion) > 1.01 * begun:
+        x, v, _ = motion.particles()
+        deepest = max(deepest, ground.report(record, data, x, v, mass, dt)["depth"])
+    if mass @ v[:, 2] / mass.sum() < 0.1 * FAST or energy(motion) > 1.01 * begun or deepest == 0.0:
         return math.inf
-    return deepest / float(motion.model.grid.spacing[2])
+    return deepest / float(model.grid.spacing[2])
 
 
 def _fold(scene: Scene) -> float:
