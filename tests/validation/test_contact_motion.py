@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from reference.moving import FORMULATIONS, block, follow, moving_scene
@@ -13,7 +15,7 @@ from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects import self_contact
 from magmpm.model import Model, build
-from magmpm.scene import Scene
+from magmpm.scene import Scene, load_scene
 
 EARTH, FRICTION = 9.81, 0.3
 SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
@@ -123,6 +125,22 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight(formulatio
     moved = then.x - X
     np.testing.assert_allclose(moved[held], np.tile([0.02 * 0.02, 0, 0], (held.sum(), 1)), rtol=0, atol=1e-6)
     assert moved[X[:, 0] > 11e-3, 2].mean() < -20e-6
+
+
+def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
+    """The base is pushed by speed times time; the wall holds the whole catheter inside, pushes it back and aside, and turns its tip."""
+    scene = load_scene(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
+    model = build(scene)
+    assert scene.effects.walls is not None
+    assert scene.effects.walls.tube is not None
+    axis = curve(np.array(scene.effects.walls.tube.path), 1e-4)
+    for moment in follow(model, [0.1, 0.2]):
+        assert distance.to_path(moment.x, axis).max() < 2.5e-3
+    base, tip = model.particles.position[:, 0] < 2e-3, model.particles.position[:, 0] > 39e-3
+    assert (moment.x - model.particles.position)[base].mean(axis=0) == pytest.approx([12e-3, 0, 0], abs=1e-6)
+    assert moment.x[tip, 2].mean() > 2e-3
+    assert moment.contacts["walls"]["force"][0] < 0 < moment.contacts["walls"]["force"][2]
+    assert moment.contacts["walls"]["depth"] < 5e-6
 
 
 def test_two_blocks_collide_and_part_again() -> None:
