@@ -19,10 +19,12 @@ from typing import TypedDict
 
 import numpy as np
 
+from magmpm.assembly import Parts
 from magmpm.basis import Array
 from magmpm.bodies import gauss, rod_grid, rod_particles, strip_grid
 from magmpm.errors import InputError
 from magmpm.jit import compiled
+from magmpm.mesh_bodies import grid_of_parts, part_particles
 from magmpm.scene import Scene
 
 THROWN = 0.1  # m/s
@@ -68,30 +70,42 @@ def reach(scene: Scene, towards: Array | None = None) -> float:
 
     towards: unit vector (3,) from the body to the obstacle, as the body lies at the start: the particles' depth that way. None: all
     ways, so that no obstacle the body just touches holds a particle already: of a strip's flat faces the Gauss points' depth, of a round
-    catheter the least around its section (it is let in elsewhere, by up to a quarter of a cell). STL parts are anything: a tenth of a cell.
+    catheter the least around its section, and of STL parts, which are anything, nothing (they are let in elsewhere, by up to a quarter of
+    a cell).
     """
-    body, count = scene.body, scene.resolution.particles_per_cell
+    body, across, count = scene.body, scene.resolution.cells_across, scene.resolution.particles_per_cell
     share = 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)  # of a cell: depth of the Gauss points
     if body.catheter is not None:
-        section = (body.catheter.diameter, body.catheter.inner_diameter, scene.resolution.cells_across, count)
-        depths = _depths_of_ring(*section)
+        depths = _depths_of_ring(body.catheter.diameter, body.catheter.inner_diameter, across, count)
         if towards is None:
             return float(depths.min())
-        along, across = abs(float(towards[0])), math.hypot(towards[1], towards[2])
-        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if across > 0 else 0.0
+        along, aside = abs(float(towards[0])), math.hypot(towards[1], towards[2])
+        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if aside > 0 else 0.0
         around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
-        return across * around + along * share * cell_size(scene)
+        return aside * around + along * share * cell_size(scene)
     if body.strip is not None:
         if towards is None:
             return share * cell_size(scene)
         size = np.array([body.strip.length, body.strip.width, body.strip.thickness])
-        across = scene.resolution.cells_across
         spacing = strip_grid(np.zeros(3), size, across, one_wide=body.strip.plane_strain).spacing
         deep = share * spacing
         if body.strip.plane_strain:
             deep[1] = 0.0  # one particle stands for the width
         return float(np.abs(towards) @ deep)
-    return 0.1 * cell_size(scene)
+    assert body.parts is not None  # there is no other body
+    return 0.0 if towards is None else _depth_of_parts(body.parts, across, count, tuple(map(float, towards)))
+
+
+@lru_cache(maxsize=8)
+def _depth_of_parts(parts: Parts, cells: int, count: int, towards: tuple[float, ...]) -> float:
+    """How deep (m) below the outermost vertex, that way, the outermost particle of a free part lies: of the part of which it is least."""
+    triangles, held = parts.triangles(), [part.clamp for part in parts.meshes]
+    grid, _ = grid_of_parts(triangles, held, parts.spacing or parts.thickness / cells)
+    particles = part_particles(grid, triangles, count)
+    extent = particles.position @ np.array(towards)
+    free = [k for k in range(len(triangles)) if not held[k]]
+    depths = [(triangles[k] @ np.array(towards)).max() - extent[particles.segment == k].max() for k in free]
+    return float(max(min(depths), 0.0))
 
 
 @lru_cache(maxsize=8)

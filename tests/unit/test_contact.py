@@ -174,6 +174,22 @@ def test_reach_of_a_strip_is_exact_in_every_direction(rng: np.random.Generator) 
             assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-12)
 
 
+def test_reach_of_parts_is_the_least_of_the_free_ones(tmp_path: Path) -> None:
+    """A free box, whose Gauss points lie 0.21 cells deep on its grid's faces, over a held one, which does not count."""
+    meshes = []
+    for name, low, high in (("free", [0, 0, 0], [3, 2, 1]), ("held", [0, 0, -1], [3, 2, 0])):
+        vertices, faces = box(low, high)
+        write_stl(Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / name)
+        meshes.append({"mesh": str(tmp_path / name), "material": "m", "clamp": name == "held"})
+    scene = moving_scene({"parts": {"unit": "mm", "meshes": meshes}}, {})
+    x = build(scene).particles.position
+    assert contact.reach(scene) == 0.0
+    for way in np.eye(3):
+        free = 1e-3 * np.array([3, 2, 1]) @ way - (x @ way).max()
+        assert contact.reach(scene, way) == pytest.approx(free, abs=1e-12)
+        assert 0.1e-3 < free < 0.12e-3  # of cells of 0.5 mm
+
+
 # what begins in the wrong place
 
 

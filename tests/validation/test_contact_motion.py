@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reference.moving import FORMULATIONS, block, follow, moving_scene
+from reference.solids import ball
 
 from magmpm import distance
 from magmpm.curves import curve
@@ -14,6 +15,7 @@ from magmpm.dynamics.run import begin
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects import self_contact
+from magmpm.meshes import write_stl
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
 
@@ -85,6 +87,22 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
     stiffness = float(model.effects[-2]["ground_stiffness"][0])
     assert told["depth"] == pytest.approx(EARTH * LAYERS / stiffness, rel=0.2)
     assert mean(model, rest.x)[2] == pytest.approx(SIZE[2] / 2, abs=1e-6)
+
+
+def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
+    """From an STL mesh, where no particle lies on the surface: its height to 0.1 % of the radius, and its weight on the ground."""
+    write_stl(ball((0.0, 0.0, 1.0), 1.0), tmp_path / "ball.stl")
+    parts = {"unit": "mm", "meshes": [{"mesh": str(tmp_path / "ball.stl"), "material": "m"}]}
+    effects = {
+        "gravity": {},
+        "damping": {"rate": 300.0},
+        "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION},
+    }
+    model = build(moving_scene({"parts": parts}, effects))
+    (rest,) = follow(model, [0.03])
+    weight = EARTH * float((model.density * model.particles.volume).sum())
+    np.testing.assert_allclose(rest.contacts["ground"]["force"], [0, 0, weight], rtol=0, atol=0.02 * weight)
+    assert mean(model, rest.x) == pytest.approx([0, 0, 1e-3], abs=1e-6)
 
 
 CATHETER = {
