@@ -127,6 +127,10 @@ def costs(scene: Scene, on_progress: Progress | None = None) -> dict[str, float]
     data = at_rest(scene).to_si()
     dynamic = getattr(scene.solver, "dynamic", None)
     data["solver"]["dynamic"] = {"duration": 1.0} if dynamic is None else dynamic.model_dump(mode="json")
+    for material in data[
+        "materials"
+    ].values():  # motion asks for densities; steps of no length do not care which
+        material["density"] = material["density"] or 1000.0
     bare = Scene.from_si({**data, "effects": {}})
     model = build(bare)
     parts: dict[str, tuple[Array, ...]] = {"": ()}
