@@ -24,7 +24,7 @@ FAST = 2.0  # m/s: a twentieth of the speed of sound
 SQUEEZED = 0.2  # det F
 
 
-def _offsets(count: int) -> Case:
+def _offsets(count: int, formulation: str) -> Case:
     def measure(scene: Scene) -> float:
         """Largest distance between any two settled tips, over L."""
         places = np.random.default_rng(5).uniform(0.02, 0.98, (count, 2))
@@ -37,13 +37,13 @@ def _offsets(count: int) -> Case:
         return float(np.linalg.norm(spread, axis=2).max()) / scene.length
 
     return Case(
-        f"{count} offsets of body against grid",
+        f"{count} offsets of body against grid, {formulation}",
         lambda: rod(
             length=SHORT,
             field=bending_field(1.0, length=SHORT),
             cells=4,
             effects={"damping": {"rate": 240.0}},
-            dynamic={"duration": 0.06, "output_every": 0.03},
+            dynamic={"duration": 0.06, "output_every": 0.03, "formulation": formulation},
         ),
         "loses slivers of cells, or bends by another amount at every place",
         "spread of settled tips, over L",
@@ -132,8 +132,9 @@ def _both(name: str, scene: object, *rest: object, bounds: tuple[float, float]) 
 
 
 CASES = (
-    _offsets(8),
-    _offsets(64),
+    _offsets(8, "total"),
+    _offsets(64, "total"),
+    _offsets(64, "updated"),
     *_both(
         "rotation by 360 degrees",
         _free,
