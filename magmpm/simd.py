@@ -175,6 +175,25 @@ def four(typing_context, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def folded(typing_context, value):  # type: ignore[no-untyped-def]
+    """Lanes 0 to 2 plus lanes 4 to 6: three floats."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        number = ir.IntType(32)
+        out = [
+            builder.fadd(
+                builder.extract_element(values[0], ir.Constant(number, i)),
+                builder.extract_element(values[0], ir.Constant(number, i + 4)),
+                flags=_FLAGS,
+            )
+            for i in range(3)
+        ]
+        return context.make_tuple(builder, signature.return_type, out)
+
+    return types.UniTuple(types.float64, 3)(lanes), generate
+
+
+@intrinsic
 def store_folded(typing_context, array, index, value):  # type: ignore[no-untyped-def]
     """array[index : index + 4] = lanes 0 to 3 plus lanes 4 to 7, in a flat contiguous array. Bounds are unchecked."""
 

@@ -5,7 +5,8 @@ difference of the coefficients vanishes at either end), so cubic polynomials are
 faces of the box. The spline has two continuous derivatives. Source: de Boor, A Practical Guide to Splines, chapters 4 and 9.
 
 Compiled functions take one 1-D array `data` and the place `at` where a table begins in it:
-lower corner (3) m, nodes per metre (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 3), last index fastest.
+lower corner (3) m, nodes per metre (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 4), last index fastest. The fourth
+component is empty: so the 4 x 3 numbers of a row of a cell along z are two vectors of eight (magmpm.simd), and are summed as such.
 Beyond the box they go on with the value at the nearest point of its surface: finite, and for `Field.check` to complain about.
 """
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 from magmpm.jit import compiled
+from magmpm.simd import folded, halves, load, splat
 
 Array = NDArray[np.float64]
 HEADER = 9
@@ -51,7 +53,10 @@ def _along(values: Array, axis: int) -> Array:
 
 def packed(lower: Array, spacing: Array, values: Array) -> Array:
     """The table of values (N, M, K, 3) on a grid from `lower` (3,) m with `spacing` (3,) m, as the compiled functions take it."""
-    return np.concatenate([lower, 1.0 / np.asarray(spacing), values.shape[:3], coefficients(values).ravel()])
+    found = coefficients(values)
+    rows = np.zeros((*found.shape[:3], 4))
+    rows[..., :3] = found
+    return np.concatenate([lower, 1.0 / np.asarray(spacing), values.shape[:3], rows.ravel()])
 
 
 @compiled
@@ -103,7 +108,7 @@ def _bend(i, t):  # type: ignore[no-untyped-def]
 @compiled
 def size_of(data, at):  # type: ignore[no-untyped-def]
     """How many floats the table that begins at `at` takes."""
-    return HEADER + 3 * int(data[at + 6] + 2) * int(data[at + 7] + 2) * int(data[at + 8] + 2)
+    return HEADER + 4 * int(data[at + 6] + 2) * int(data[at + 7] + 2) * int(data[at + 8] + 2)
 
 
 @compiled
@@ -113,18 +118,14 @@ def value(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
     rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
-    b0, b1, b2 = 0.0, 0.0, 0.0
+    near, far = splat(0.0), splat(0.0)  # the row's first two nodes, and its last two
     for a in range(4):
         wa = _weight(a, r)
         for b in range(4):
-            wb = wa * _weight(b, s)
-            c = at + HEADER + 3 * (((i + a) * rows + j + b) * columns + k)
-            for d in range(4):
-                w = wb * _weight(d, t)
-                b0 += w * data[c + 3 * d]
-                b1 += w * data[c + 3 * d + 1]
-                b2 += w * data[c + 3 * d + 2]
-    return b0, b1, b2
+            w = wa * _weight(b, s)
+            c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
+            near, far = near + w * load(data, c), far + w * load(data, c + 8)
+    return folded(near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t)))
 
 
 @compiled
@@ -134,31 +135,25 @@ def gradient(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
     rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
-    g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    near_x, far_x, near_y, far_y, near_z, far_z = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
     for a in range(4):
+        wa, sa = _weight(a, r), _slope(a, r)
         for b in range(4):
-            ws, sw, ww = (
-                _weight(a, r) * _slope(b, s),
-                _slope(a, r) * _weight(b, s),
-                _weight(a, r) * _weight(b, s),
-            )
-            c = at + HEADER + 3 * (((i + a) * rows + j + b) * columns + k)
-            for d in range(4):
-                w = _weight(d, t)
-                x, y, z = sw * w, ws * w, ww * _slope(d, t)
-                c0, c1, c2 = data[c + 3 * d], data[c + 3 * d + 1], data[c + 3 * d + 2]
-                g00 += x * c0
-                g01 += y * c0
-                g02 += z * c0
-                g10 += x * c1
-                g11 += y * c1
-                g12 += z * c1
-                g20 += x * c2
-                g21 += y * c2
-                g22 += z * c2
+            wb = _weight(b, s)
+            x, y, z = sa * wb, wa * _slope(b, s), wa * wb
+            c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
+            near, far = load(data, c), load(data, c + 8)
+            near_x, far_x = near_x + x * near, far_x + x * far
+            near_y, far_y = near_y + y * near, far_y + y * far
+            near_z, far_z = near_z + z * near, far_z + z * far
+    first, second = halves(_weight(0, t), _weight(1, t)), halves(_weight(2, t), _weight(3, t))
+    x0, x1, x2 = folded(near_x * first + far_x * second)
+    z0, z1, z2 = folded(near_y * first + far_y * second)
+    first, second = halves(_slope(0, t), _slope(1, t)), halves(_slope(2, t), _slope(3, t))
+    u0, u1, u2 = folded(near_z * first + far_z * second)
     p, q, u = data[at + 3], data[at + 4], data[at + 5]
     p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
-    return g00 * p, g01 * q, g02 * u, g10 * p, g11 * q, g12 * u, g20 * p, g21 * q, g22 * u
+    return p * x0, q * z0, u * u0, p * x1, q * z1, u * u1, p * x2, q * z2, u * u2
 
 
 @compiled
@@ -180,10 +175,10 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):  # type: ignore[no-untyped-def]
         wa, sa, ba = _weight(a, r), _slope(a, r), _bend(a, r)
         for b in range(4):
             wb, sb, bb = _weight(b, s), _slope(b, s), _bend(b, s)
-            c = at + HEADER + 3 * (((i + a) * rows + j + b) * columns + k)
+            c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
             for d in range(4):
                 wd, sd = _weight(d, t), _slope(d, t)
-                f = m0 * data[c + 3 * d] + m1 * data[c + 3 * d + 1] + m2 * data[c + 3 * d + 2]
+                f = m0 * data[c + 4 * d] + m1 * data[c + 4 * d + 1] + m2 * data[c + 4 * d + 2]
                 xx += ba * wb * wd * f
                 yy += wa * bb * wd * f
                 zz += wa * wb * _bend(d, t) * f
