@@ -37,7 +37,7 @@ def test_settled_updated_formulation_is_near_statics(length: float, damping: flo
     """Tip raised by nearly half of L, at 2 cells across: within 1 % of L where L/D is 5.
 
     At L/D = 10 it is 2 to 3 % too far: particles that creep past the grid keep moving a little in ways that C, an average of the
-    velocity's gradient over a cell, does not see, so F loses a part of the strain that their places have (docs/design.md).
+    velocity's gradient over a cell, does not see, so F loses a part of the strain that their places have (docs/stability.md).
     """
     field = field_for_load(2.0, np.pi / 2, length=length, diameter=DIAMETER)
     body = rod_scene(length=length, field=field)
