@@ -34,11 +34,25 @@ def compare(
         for s in series:
             y = np.array([np.nan if value is None else float(value) for value in s.y])
             if s.look in {"line", "dashes"}:
-                axes.plot(s.x, y, color=s.colour, linewidth=1.5, linestyle="-" if s.look == "line" else "--", label=s.name)
+                axes.plot(
+                    s.x,
+                    y,
+                    color=s.colour,
+                    linewidth=1.5,
+                    linestyle="-" if s.look == "line" else "--",
+                    label=s.name,
+                )
             else:
                 face = s.colour if s.look in "x+" else "white"
                 axes.plot(
-                    s.x, y, linestyle="none", marker=s.look, markersize=6, color=s.colour, markerfacecolor=face, label=s.name
+                    s.x,
+                    y,
+                    linestyle="none",
+                    marker=s.look,
+                    markersize=6,
+                    color=s.colour,
+                    markerfacecolor=face,
+                    label=s.name,
                 )
         axes.grid(True, color="#EEEEEE", linewidth=0.8, zorder=0)
         axes.set_axisbelow(True)

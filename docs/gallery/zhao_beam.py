@@ -26,7 +26,24 @@ NUMBERS = ROOT / "docs/gallery/zhao_beam.json"
 BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
 SCENES = {"plane_strain": "zhao_plane_strain", "width_5mm": "zhao_width_5mm"}
 NAMES = {"plane_strain": "plane strain", "width_5mm": "5 mm wide"}
-CURVE = (5.0, 5.1, 5.25, 5.5, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0, 12.0, 15.0, 20.0, 25.0, 32.0, 40.0)  # mT: of the lines in the picture
+CURVE = (
+    5.0,
+    5.1,
+    5.25,
+    5.5,
+    6.0,
+    6.5,
+    7.0,
+    8.0,
+    9.0,
+    10.0,
+    12.0,
+    15.0,
+    20.0,
+    25.0,
+    32.0,
+    40.0,
+)  # mT: of the lines in the picture
 MOTION_CELLS = 3  # through the thickness
 DENSITY, DAMPING = 1900.0, 80.0  # kg/m^3, 1/s: of the motion, whose end depends on neither
 
@@ -56,7 +73,11 @@ def settled(scene: Scene, field: float) -> tuple[float, float]:
     for material in data["materials"].values():
         material["density"] = DENSITY
     data["effects"]["damping"] = {"rate": DAMPING}
-    frames = [{"time": 0.0, "uniform": side}, {"time": 0.04, "uniform": side}, {"time": 0.05, "uniform": alone}]
+    frames = [
+        {"time": 0.0, "uniform": side},
+        {"time": 0.04, "uniform": side},
+        {"time": 0.05, "uniform": alone},
+    ]
     data["field"] = {"uniform": alone, "over_time": {"keyframes": frames}}
     data["solver"]["dynamic"] = {"duration": 0.4 if field >= 10 else 0.8}
     tip = run(Scene.from_si(data)).tip / scene.length
@@ -72,7 +93,10 @@ def sweep(fields: list[float], motion: list[str]) -> dict[str, Any]:
         found["curves"][key] = [tip_at(scene.with_cells(2), field)[0] for field in CURVE]
         found["static"][key] = [tip_at(scene, field) for field in fields]
         if key in motion:
-            found["settled"][key] = {"cells": MOTION_CELLS, "tip": [settled(scene, field) for field in fields[1:]]}
+            found["settled"][key] = {
+                "cells": MOTION_CELLS,
+                "tip": [settled(scene, field) for field in fields[1:]],
+            }
     some = (7.0, 15.0, 40.0)
     found["variants"]["fields_mT"] = some
     plane, wide = scenes["plane_strain"], scenes["width_5mm"].with_cells(2)
@@ -82,7 +106,9 @@ def sweep(fields: list[float], motion: list[str]) -> dict[str, Any]:
         **{f"{w:g} mm wide, K = 20 G": changed(wide, width=1e-3 * w) for w in (20.0, 10.0, 5.0, 2.5, 0.84)},
         "5 mm wide, K = 500 G": changed(wide, bulk_to_shear=500.0),
     }
-    found["variants"]["deflection"] = {name: [tip_at(case, field)[0] for field in some] for name, case in cases.items()}
+    found["variants"]["deflection"] = {
+        name: [tip_at(case, field)[0] for field in some] for name, case in cases.items()
+    }
     return found
 
 
@@ -115,7 +141,12 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
         rows.append((f"**magmpm, {name}**", [d for d, _ in found["static"][key]]))
         rows.append((f"our finite elements, {name}", known["finite_elements"][key]["deflection"]))
         if key in found["settled"]:
-            rows.append((f"magmpm, {name}, {_motion(found, key)}", [None, *[d for d, _ in found["settled"][key]["tip"]]]))
+            rows.append(
+                (
+                    f"magmpm, {name}, {_motion(found, key)}",
+                    [None, *[d for d, _ in found["settled"][key]["tip"]]],
+                )
+            )
     rows += [
         ("experiment (Zhao et al.)", known["published"]["experiment"]),
         ("finite elements (Zhao et al.)", known["published"]["zhao_finite_elements"]),
@@ -123,9 +154,15 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
         ("elastica, 3 G", known["elastica"]["3G"]),
         ("elastica, 4 G", known["elastica"]["4G"]),
     ]
-    lines = ["Deflection of the tip over the length:", "", f"| field (mT) | {' | '.join(f'{x:g}' for x in fields)} |"]
+    lines = [
+        "Deflection of the tip over the length:",
+        "",
+        f"| field (mT) | {' | '.join(f'{x:g}' for x in fields)} |",
+    ]
     lines += ["| --- |" + " --- |" * len(fields)]
-    lines += [f"| {name} | {' | '.join('' if v is None else f'{v:.4g}' for v in values)} |" for name, values in rows]
+    lines += [
+        f"| {name} | {' | '.join('' if v is None else f'{v:.4g}' for v in values)} |" for name, values in rows
+    ]
     lines += ["", "Largest errors against our finite elements from 7 mT up, per cent of the length:", ""]
     lines += ["| | across the beam | along it |", "| --- | --- | --- |"]
     for key, name in NAMES.items():
@@ -140,7 +177,8 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
     lines += ["", "What the deflection hangs on (statics; widths with 2 cells through the thickness):", ""]
     lines += [f"| field (mT) | {' | '.join(f'{x:g}' for x in some)} |", "| --- |" + " --- |" * len(some)]
     lines += [
-        f"| {name} | {' | '.join(f'{v:.4f}' for v in values)} |" for name, values in found["variants"]["deflection"].items()
+        f"| {name} | {' | '.join(f'{v:.4f}' for v in values)} |"
+        for name, values in found["variants"]["deflection"].items()
     ]
     return lines
 
@@ -155,8 +193,12 @@ def _settled(found: dict[str, Any], key: str) -> list[tuple[str, list[tuple[floa
 
 def main() -> int:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--motion", nargs="*", choices=list(SCENES), help="settled motion as well, of both or of those named")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--motion", nargs="*", choices=list(SCENES), help="settled motion as well, of both or of those named"
+    )
     options = parser.parse_args()
     known = json.loads((ROOT / "data/references/zhao_beam.json").read_text(encoding="utf-8"))
     motion = [] if options.motion is None else options.motion or list(SCENES)
