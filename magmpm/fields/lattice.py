@@ -1,7 +1,8 @@
 """A magnet as a cloud of dipoles: for sources that turn or that the body goes round, where no box keeps clear of the magnet.
 
 Each dipole stands for a piece of the magnet, at Gauss points of a block, or of a cylinder's height, radius squared and angle.
-At a distance d from a face of half width a, n points a side err by about (1 + d/a + sqrt((1 + d/a)^2 - 1))^(-2n): their number grows until
+Their error falls exponentially with the number along an edge (a cube, at one edge from its face: 3 a side err by 0.11 %, 4 by 0.008 %),
+and that number grows until
 the field at the asked distance is as exact as asked, against magpylib.
 """
 
