@@ -26,7 +26,8 @@ from magmpm.cli import main as magmpm
 from magmpm.errors import InputError
 from magmpm.scene import load_scene
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 POSTER_BYTES, MOVIE_BYTES = 300_000, 1024 * 1024
 BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
 
@@ -162,8 +163,18 @@ def measured(saved: dict[str, Any], results: Path) -> list[str]:
         ("tip at the end (mm)", ", ".join(f"{1e3 * x:.2f}" for x in saved["tip"])),
         ("det F at the end", f"{saved['min_det_F']:.3f} to {saved['max_det_F']:.3f}"),
         *_from_tables(results),
+        *physics(results.name, results),
     ]
     return ["| measured | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows)]
+
+
+def physics(name: str, results: Path) -> list[tuple[str, str]]:
+    """What this scene is about, in numbers, as measure.py, beside this file, has it."""
+    if str(HERE) not in sys.path:
+        sys.path.insert(0, str(HERE))
+    from measure import rows
+
+    return rows(name, results)
 
 
 def _from_tables(results: Path) -> list[tuple[str, str]]:
