@@ -61,7 +61,7 @@ def test_killed_and_resumed_is_the_same_motion(formulation: str, tmp_path: Path)
     patience = time.monotonic() + 120
     while not (broken / CHECKPOINT).exists() and process.poll() is None and time.monotonic() < patience:
         time.sleep(0.005)
-    time.sleep(0.05)
+    time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL, "the run was over before it could be killed"
     with np.load(broken / CHECKPOINT) as saved:
