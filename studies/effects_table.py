@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
+import numba
 import numpy as np
 
 from magmpm import effects
@@ -26,7 +27,7 @@ from magmpm.surroundings import IN_MOTION
 
 Progress = Callable[[int, int, str], None]
 STILL = 1e-12  # s, a step in which nothing moves
-RUN, REPEATS = 0.03, 7  # s
+RUN, REPEATS = 0.004, 40  # s
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
 
 
@@ -133,7 +134,7 @@ def costs(scene: Scene, on_progress: Progress | None = None) -> dict[str, float]
         material["density"] = material["density"] or 1000.0
     bare = Scene.from_si({**data, "effects": {}})
     model = build(bare)
-    parts: dict[str, tuple[Array, ...]] = {"": ()}
+    parts: dict[str, tuple[Array, ...]] = {}
     for key, module in effects.every().items():
         named = getattr(scene.effects, key)
         try:
@@ -147,26 +148,36 @@ def costs(scene: Scene, on_progress: Progress | None = None) -> dict[str, float]
         if found:
             parts[key] = tuple(found)
     kind = TotalMotion if formulation(scene if dynamic is not None else bare) == "total" else UpdatedMotion
-    spent = {}
+    unloaded, spent = kind(replace(model, effects=())), {}
     for k, (key, found) in enumerate(parts.items()):
         if on_progress is not None:
-            on_progress(k, len(parts), key or "no effect")
-        spent[key] = _seconds_a_step(kind(replace(model, effects=found)), found)
-    return {key: 100 * (spent[key] / spent[""] - 1) for key in parts if key}
+            on_progress(k, len(parts), key)
+        spent[key] = 100 * (_ratio(kind(replace(model, effects=found)), found, unloaded) - 1)
+    return spent
 
 
-def _seconds_a_step(motion: TotalMotion | UpdatedMotion, found: tuple[Array, ...]) -> float:
-    """Least time of a step over REPEATS runs of a few steps, too short to move anything. The first, which may compile, is left out."""
+def _ratio(motion: TotalMotion | UpdatedMotion, found: tuple[Array, ...], bare: TotalMotion | UpdatedMotion) -> float:
+    """Time of a step with an effect over one without: the least of REPEATS short runs of each, taken in turns.
+
+    Steps too short to move anything; the first ones, which may compile, are left out.
+    """
     motion.advance(1, STILL, found)
-    begun = perf_counter()
-    motion.advance(1, STILL, found)
-    steps = int(np.clip(RUN / (perf_counter() - begun), 2, 1000))
-    times = []
-    for _ in range(REPEATS):
-        begun = perf_counter()
+    bare.advance(1, STILL, ())
+    steps = int(np.clip(RUN / _seconds(bare, 1, ()), 2, 1000))
+    runs = [(_seconds(motion, steps, found), _seconds(bare, steps, ())) for _ in range(REPEATS)]
+    return min(run[0] for run in runs) / min(run[1] for run in runs)
+
+
+def _seconds(motion: TotalMotion | UpdatedMotion, steps: int, found: tuple[Array, ...]) -> float:
+    """Time of this processor core, on one thread: what a step asks for, however busy the machine is."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        begun = thread_time()
         motion.advance(steps, STILL, found)
-        times.append((perf_counter() - begun) / steps)
-    return min(times)
+        return thread_time() - begun
+    finally:
+        numba.set_num_threads(before)
 
 
 def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None = None) -> Table:

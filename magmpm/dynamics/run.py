@@ -18,7 +18,7 @@ from magmpm.dynamics.stable_step import StableStep, body_step, stable_step
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects.hooks import has_hook
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import BudgetError, InputError, SolveError
 from magmpm.model import Model
 from magmpm.motion import MotionWriter
 from magmpm.scene import Scene
@@ -88,6 +88,15 @@ def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions)
         raise InputError(
             f"solver.dynamic.max_memory: received {options.max_memory / 1e6:.4g} MB; this scene's particles and grid take "
             f"{needed / 1e6:.4g} MB; raise it, or use fewer cells_across"
+        )
+
+
+def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
+    """The box of the updated formulation grows with the body. Raises BudgetError."""
+    if options.max_memory is not None and (needed := memory(motion)) > options.max_memory:
+        raise BudgetError(
+            f"solver.dynamic.max_memory: received {options.max_memory / 1e6:.4g} MB; the particles and the box around them have grown to "
+            f"{needed / 1e6:.4g} MB; raise it, or hold the body together (clamp, ground, walls)"
         )
 
 
@@ -208,6 +217,7 @@ def _interval(moved: Moved, until: float, on_progress: Progress | None) -> None:
         done += steps
         moved.time, moved.steps = start + dt * done, moved.steps + steps
         x, v, _ = motion.particles()
+        _outgrown(motion, _options(model.scene))
         trouble = watchdog.look(model, x, v) or watchdog.astray(model, x, moved.time)
         if trouble is not None:
             raise _stopped(moved, trouble, moved.steps)
