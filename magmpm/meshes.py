@@ -16,9 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from magmpm.basis import Array
 
@@ -105,6 +102,10 @@ def _text(content: bytes) -> Array | None:
 def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
     """Vertices and faces of loose triangles (f, 3, 3), with near vertices made one and triangles without area left out."""
     points, of = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    from scipy.sparse import coo_matrix  # only where a scene has a mesh: scipy takes a fifth of a second
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(points).query_pairs(SAME * float(np.ptp(points, axis=0).max()), output_type="ndarray")
     if len(pairs):
         links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points), len(points)))
