@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.basis import Array
+from magmpm.effects import self_contact
 from magmpm.motion import Motion
 from magmpm.results import Result
 from magmpm.scene import Scene
@@ -90,10 +91,74 @@ def walk(folder: Path) -> Rows:
     ]
 
 
+HUB, BALL, ARMS = 0, 1, range(3, 15, 2)  # parts of gripper.yaml: ARMS are the outer pieces
+
+
+def grip(folder: Path) -> Rows:
+    """How far the arms close and how high the ball is, at moments of the schedule, and what the ground carries."""
+    motion = Motion.load(folder)
+    rest = mass_centre(motion, 0, BALL)[2]
+    weight = 9.81 * 1000.0 * motion.volume[motion.part == BALL].sum()
+    found = []
+    for name, time in (("closed", 0.1), ("released, at the end", motion.times[-1])):
+        k = motion.nearest(time)
+        angles = [turned(motion, k, piece) for piece in ARMS]
+        height = 1e3 * (mass_centre(motion, k, BALL)[2] - rest)
+        carried = motion.contacts["ground"]["Fz"][k] if "ground" in motion.contacts else 0.0
+        found += [
+            (
+                f"{name}: outer halves of the arms have turned by",
+                f"{min(angles):.1f} to {max(angles):.1f} degrees",
+            ),
+            (f"{name}: ball's height above where it lay", f"{height:.3f} mm"),
+            (
+                f"{name}: force of the ground",
+                f"{1e3 * carried:.3f} mN; the ball weighs {1e3 * weight:.3f} mN",
+            ),
+        ]
+    return found
+
+
+def smallest_gap(motion: Motion, scene: Scene) -> tuple[float, float]:
+    """Smallest gap over all frames, in cells, between parts of a strip that are not neighbours in it, and its time (s)."""
+    h = scene.thickness / scene.resolution.cells_across
+    reference = motion.reference.astype(float)
+    size, apart = h / scene.resolution.particles_per_cell, scene.thickness + 4 * h
+    gaps = [
+        self_contact.gap(motion.position(k).astype(float), reference, size, apart, 3 * h) / h
+        for k in range(len(motion))
+    ]
+    return float(min(gaps)), float(motion.times[int(np.argmin(gaps))])
+
+
+def farthest(motion: Motion, number: int) -> float:
+    """Largest displacement (m) of any particle in a frame."""
+    away = motion.position(number).astype(float) - motion.reference
+    return float(np.linalg.norm(away, axis=1).max())
+
+
+def fold(folder: Path) -> Rows:
+    """How near it comes to itself, and how well it opens."""
+    motion = Motion.load(folder)
+    scene = Scene.from_si(motion.scene)
+    gap, when = smallest_gap(motion, scene)
+    most = max(farthest(motion, k) for k in range(len(motion)))
+    return [
+        ("smallest gap between the halves", f"{gap:.2f} cells, at {when:.3g} s"),
+        ("largest displacement on the way", f"{100 * most / scene.length:.1f} % of the length"),
+        (
+            "largest displacement left at the end",
+            f"{100 * farthest(motion, -1) / scene.length:.2f} % of the length",
+        ),
+    ]
+
+
 MEASURES: dict[str, Callable[[Path], Rows]] = {
     "tentacle_hook": tentacle,
     "tentacle_spiral": tentacle,
     "walking_strip": walk,
+    "gripper": grip,
+    "folding_strip": fold,
 }
 
 
