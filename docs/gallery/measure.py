@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 
 from magmpm.basis import Array
 from magmpm.effects import self_contact
+from magmpm.effects.magnetic_torque import MU0
 from magmpm.motion import Motion
 from magmpm.results import Result
 from magmpm.scene import Scene
@@ -91,6 +93,73 @@ def walk(folder: Path) -> Rows:
     ]
 
 
+def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
+    """Tip (x, z) m of pulled_catheter.yaml by another model, with its magnet moved by `move` (3,) m: an inextensible elastica, its
+    magnetic part pulled and turned by a point dipole of the magnet's moment.
+
+    M' = -(n_z cos a - n_x sin a + m_x B_z - m_z B_x), n' = -grad (m . B), a' = M / (E I), all of it per length of the deformed axis,
+    n = M = 0 at the tip and a = 0 at the base; iterated from straight.
+    """
+    catheter, magnets = scene.body.catheter, scene.field.magnet
+    assert catheter is not None
+    assert magnets is not None
+    assert magnets[0].cylinder is not None
+    magnet, solid = magnets[0], magnets[0].cylinder
+    G, ratio = scene.segment_material(0).shear_modulus, scene.segment_material(0).bulk_to_shear
+    stiffness = 9 * ratio * G / (3 * ratio + 1) * math.pi * catheter.diameter**4 / 64
+    moment = magnet.remanence / MU0 * math.pi / 4 * solid.diameter**2 * solid.length * np.array(magnet.axis)
+    at, ds = (np.array(magnet.position) + move)[:, None], catheter.length / points
+    s = (np.arange(points) + 0.5) * ds
+    area = math.pi * catheter.diameter**2 / 4
+    strength = (
+        np.where(s > catheter.segment_lengths()[0], scene.segment_remanence()[1, 0], 0.0) / MU0 * area
+    )  # A m
+
+    def flux(p: Array) -> Array:
+        away = p - at
+        distance = np.linalg.norm(away, axis=0)
+        unit = away / distance
+        return np.asarray(1e-7 * (3 * unit * (moment @ unit) - moment[:, None]) / distance**3)
+
+    def beyond(load: Array) -> Array:
+        """Integral from each point to the tip."""
+        return np.asarray((np.cumsum(load[::-1])[::-1] - 0.5 * load) * ds)
+
+    angle = np.zeros(points)
+    for _ in range(500):
+        c, w = np.cos(angle), np.sin(angle)
+        p = np.stack([(np.cumsum(c) - 0.5 * c) * ds, 0 * s, (np.cumsum(w) - 0.5 * w) * ds])
+        m = strength * np.stack([c, 0 * s, w])
+        x, z, B = np.array([[1e-6], [0], [0]]), np.array([[0], [0], [1e-6]]), flux(p)
+        nx = beyond((m * (flux(p + x) - flux(p - x))).sum(0) / 2e-6)
+        nz = beyond((m * (flux(p + z) - flux(p - z))).sum(0) / 2e-6)
+        bend = beyond(c * nz - w * nx + m[0] * B[2] - m[2] * B[0]) / stiffness
+        found = (np.cumsum(bend) - 0.5 * bend) * ds
+        if np.abs(found - angle).max() < 1e-10:
+            return np.array([c.sum(), w.sum()]) * ds
+        angle += 0.5 * (found - angle)
+    raise ValueError("the elastica did not converge: the magnet is too near for this iteration")
+
+
+def pull(folder: Path) -> Rows:
+    """Where the tip ends, against statics and against a rod and a dipole."""
+    moved = Result.load(folder)
+    scene = Scene.from_si(moved.scene)
+    assert scene.field.over_time is not None
+    still = equilibrium_of(scene)
+    rod = rod_pulled(scene, np.array(scene.field.over_time.frames[-1].move))
+    axis, tip = distance_from(moved, still)
+    return [
+        ("tip at the end (mm): motion", f"{1e3 * moved.tip[0]:.3f}, {1e3 * moved.tip[2]:.3f}"),
+        ("tip at the end (mm): statics", f"{1e3 * still.tip[0]:.3f}, {1e3 * still.tip[2]:.3f}"),
+        ("tip at the end (mm): elastica and point dipole", f"{1e3 * rod[0]:.3f}, {1e3 * rod[1]:.3f}"),
+        (
+            "motion from statics, largest along the axis",
+            f"{100 * axis:.3f} % of the length; tip {100 * tip:.3f} %",
+        ),
+    ]
+
+
 HUB, BALL, ARMS = 0, 1, range(3, 15, 2)  # parts of gripper.yaml: ARMS are the outer pieces
 
 
@@ -158,6 +227,7 @@ MEASURES: dict[str, Callable[[Path], Rows]] = {
     "tentacle_spiral": tentacle,
     "walking_strip": walk,
     "gripper": grip,
+    "pulled_catheter": pull,
     "folding_strip": fold,
 }
 
