@@ -7,19 +7,21 @@ import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm import fields, measures
 from magmpm.basis import Array
-from magmpm.dynamics.run import Moved, begin, follow
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results import Result
 from magmpm.scene import Scene
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 from magmpm.warmup import prepare_kernels
+
+if TYPE_CHECKING:
+    from magmpm.dynamics.run import Moved
 
 Progress = Callable[[int, float], None]
 
@@ -57,9 +59,11 @@ def run(
 
 
 def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None) -> Result:
+    from magmpm.dynamics import run as dynamics  # a study of static designs needs neither it nor HDF5: 20 MB
+
     begun = time.perf_counter()
     compiled = prepare_kernels(scene)
-    moved = begin(build(scene))
+    moved = dynamics.begin(build(scene))
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
 
@@ -68,10 +72,10 @@ def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: 
             on_progress(steps, at)
 
     try:
-        moved = follow(moved, folder=folder, resume=resume, on_progress=told)
+        moved = dynamics.follow(moved, folder=folder, resume=resume, on_progress=told)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-        state = _moved_result(error.state, seconds, False) if isinstance(error.state, Moved) else None
+        state = _moved_result(error.state, seconds, False) if isinstance(error.state, dynamics.Moved) else None
         raise type(error)(error.reason, state) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
     return _moved_result(moved, seconds, True)

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm import effects
-from magmpm.dynamics.run import formulation, move
 from magmpm.environment import PACKAGE
 from magmpm.errors import SolveError
 from magmpm.model import build
@@ -36,7 +35,7 @@ def prepare_kernels(scene: Scene) -> float:
     """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process."""
     small = _small(scene)
     dynamic = scene.solver.dynamic
-    about = [scene.solver.static.anti_locking, scene.body.kind, dynamic is not None and formulation(scene)]
+    about = [scene.solver.static.anti_locking, scene.body.kind, dynamic is not None and _formulation(scene)]
     kinds = json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
     if kinds in _ready:
         return 0.0
@@ -61,6 +60,12 @@ def _stamp(kinds: str) -> str:
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
 
 
+def _formulation(scene: Scene) -> str:
+    from magmpm.dynamics.run import formulation  # only for motion: statics needs none of it in memory
+
+    return formulation(scene)
+
+
 def _times(scene: Scene) -> NDArray[np.float64] | None:
     """Times of which effects are asked: as a motion asks, or as statics does."""
     return None if scene.solver.dynamic is None else np.zeros(1)
@@ -81,6 +86,8 @@ def solve_small(small: Scene) -> None:
     """Solve the coarse twin: it calls every kernel; its answer is not used, and may well not exist."""
     with contextlib.suppress(SolveError):
         if small.solver.dynamic is not None:
+            from magmpm.dynamics.run import move
+
             move(build(small))
         else:
             solve_static(build(small))

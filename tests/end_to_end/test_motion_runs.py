@@ -113,7 +113,7 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
         moved.dt = 1.2 * moved.stable.largest
         return moved
 
-    monkeypatch.setattr("magmpm.simulate.begin", too_fast)
+    monkeypatch.setattr("magmpm.dynamics.run.begin", too_fast)
     path, out = scene(tmp_path, "duration: 50 ms, output_every: 0.2 ms, time_step: 1 us"), tmp_path / "out"
     assert main(["run", str(path), "--json", "--out", str(out)]) == 3
     printed = capsys.readouterr()
