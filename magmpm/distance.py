@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import spline_filter
-from scipy.spatial import cKDTree
 
 from magmpm.basis import Array
 from magmpm.jit import compiled
@@ -33,6 +31,8 @@ class Table:
     @classmethod
     def through(cls, origin: Array, spacing: float, values: Array) -> Table:
         """The splines that go through these values at the points."""
+        from scipy.ndimage import spline_filter  # only where a scene has walls: every scene imports this file
+
         return cls(origin, spacing, spline_filter(values, order=2, mode="mirror"))
 
     def at(self, points: Array) -> tuple[Array, Array]:
@@ -55,6 +55,8 @@ def points_between(low: Array, high: Array, spacing: float) -> tuple[Array, floa
 
 def to_path(points: Array, path: Array) -> Array:
     """Distance (n,) m of points (n, 3) from a polyline (m, 3) whose first and last piece go on for ever."""
+    from scipy.spatial import cKDTree
+
     _, nearest = cKDTree(path).query(points)
     best = np.full(len(points), np.inf)
     last = len(path) - 2

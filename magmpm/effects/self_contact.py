@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from magmpm.advice import Advice, Body
 from magmpm.contact import Contact, cell_size, reach
@@ -55,6 +54,8 @@ def gap(
     surfaces in touch have their outermost particles; apart m: particles nearer than that in the undeformed body are neighbours (a few cells
     more than the body's thickness); within m: how far to look, at most `apart`.
     """
+    from scipy.spatial import cKDTree  # only where a body touches itself
+
     pairs = cKDTree(position).query_pairs(within, output_type="ndarray")
     rest = np.linalg.norm(reference[pairs[:, 0]] - reference[pairs[:, 1]], axis=1)
     pairs = pairs[rest > apart]
@@ -73,6 +74,8 @@ def observe(model: Any, x: NDArray[np.float64]) -> Contact:
     """
     scene, rest = model.scene, model.particles.position
     cell, size = cell_size(scene), 2 * reach(scene)
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(x).query_pairs(WITHIN * cell + size, output_type="ndarray")
     a, b = pairs.T
     one = np.ones(len(pairs), bool)
