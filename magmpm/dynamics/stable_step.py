@@ -6,8 +6,8 @@ Integration, I.1.4). Three bounds are reported:
 * isolated: of a particle alone on its nodes. In the total formulation it holds for any set of particles, since the fastest oscillation
   of a sum of particles is not faster than that of the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a =
   sum over nodes of slope^2 / weight along each axis, a particle oscillates at omega^2 = largest eigenvalue of S^(1/2) A S^(1/2) / rho,
-  A the elastic tangent at rest and S = diag(s) on its reference side. In the updated formulation s_a = 4 / h_a^2, wherever it is:
-  dt < h / sqrt(3 K / rho) on a cubic grid.
+  A the elastic tangent at rest and S = diag(s) on its reference side. In the updated formulation the particle may be
+  anywhere, and s_a = 6 / h_a^2, the most it can be, on a cell's face (4 / h_a^2 in its middle).
 * wave: the smallest cell's width over the speed of pressure waves, h / c. Not a bound by itself; printed to compare with.
 * body: 2 / omega of the body as a whole at its present deformation, by Lanczos iteration (total formulation only). This is what
   limits the step there: up to twice the isolated bound.
@@ -61,7 +61,7 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
         if model.plane_strain:
             sums[:, 1] = 0.0
     else:
-        sums = np.tile(4.0 / h**2, (len(model.density), 1))
+        sums = np.tile(6.0 / h**2, (len(model.density), 1))
     return StableStep(
         isolated=isolated(sums, model.shear, model.bulk, model.density),
         wave=float(h.min() / speed_of_sound(model).max()),

@@ -20,7 +20,7 @@ NODES_MOST = 60_000_000  # 4 GB of grid
 
 
 class UpdatedMotion:
-    """Positions, velocities, their gradients and deformation gradients of a model's particles, moved by `advance`.
+    """Positions, velocities, their affine parts and deformation gradients of a model's particles, moved by `advance`.
 
     Rows are in sorted order and padded: `particle` (n8,) is the model's particle of a row, -1 for padding, which has no mass.
     """
@@ -29,15 +29,20 @@ class UpdatedMotion:
 
     def __init__(self, model: Model) -> None:
         self.model = model
+        self.keeps_gradient = has_hook("rate_stress", model.effects)
         n = len(model.density)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
 
-    def place(self, x: Array, v: Array, F: Array, C: Array) -> None:
-        """Put the particles, in the model's order: x, v (n, 3), F and C = dv/dx (n, 3, 3). Sorts them."""
+    def place(self, x: Array, v: Array, F: Array, C: Array, L: Array | None = None) -> None:
+        """Put the particles, in the model's order: x, v (n, 3), F, APIC's C and L = dv/dx (n, 3, 3). Sorts them.
+
+        L is needed only where an effect's stress depends on it; C by default, which is the same of a motion that is linear in space.
+        """
         model = self.model
         order, source = self._fit(x)
         self.x, self.v = _blocks(x, source), _blocks(v, source)
         self.C, self.F = _blocks(C.reshape(-1, 9), source), _blocks(F.reshape(-1, 9), source)
+        self.L = _blocks((C if L is None else L).reshape(-1, 9), source) if self.keeps_gradient else np.zeros(0)
         self.volume = np.where(order >= 0, model.particles.volume[source], 0.0)
         self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
         self.magnet = _blocks(model.magnet, source)
@@ -50,7 +55,8 @@ class UpdatedMotion:
         row[self.particle[real]] = np.flatnonzero(real)
         order, source = self._fit(self._in_order(self.x, 3))
         rows = row[source]
-        for name, width in (("x", 3), ("v", 3), ("C", 9), ("F", 9), ("magnet", 3), ("shear", 1), ("bulk", 1), ("density", 1)):
+        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": 3, "shear": 1, "bulk": 1, "density": 1}
+        for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
             moved = np.empty(width * len(rows))
             kernels.rearrange(rows, width, getattr(self, name), moved)
             setattr(self, name, moved)
@@ -124,11 +130,13 @@ class UpdatedMotion:
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s), stopping early where a sort is due. Returns steps taken and whether the motion broke."""
+        if not self.keeps_gradient and has_hook("rate_stress", effects):
+            raise ValueError("effects with a rate stress need a motion that was made for a model with one")
         if self.drift > kernels.DRIFT:
             self.sort()
         taken, self.drift, broken = kernels.advance(
             steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first,
-            self.x, self.v, self.C, self.F, self.volume, self.shear, self.bulk, self.magnet,
+            self.x, self.v, self.C, self.L, self.F, self.volume, self.shear, self.bulk, self.magnet,
             self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.model.plane_strain,
             self.low_det, self.fast, self.drift,
         )  # fmt: skip
@@ -138,8 +146,8 @@ class UpdatedMotion:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""
         return self._in_order(self.x, 3), self._in_order(self.v, 3), self._in_order(self.F, 9).reshape(-1, 3, 3)
 
-    def gradients(self) -> Array:
-        """dv/dx (n, 3, 3) 1/s, in the model's order."""
+    def affine(self) -> Array:
+        """APIC's C (n, 3, 3) 1/s, in the model's order: dv/dx averaged over a cell."""
         return self._in_order(self.C, 9).reshape(-1, 3, 3)
 
     def _in_order(self, blocks: Array, width: int) -> Array:
@@ -163,11 +171,12 @@ class UpdatedMotion:
     def state(self) -> dict[str, Array]:
         """What `restore` needs; taken just after a sort, going on from it gives the same bits as going on."""
         x, v, F = self.particles()
-        return {"x": x, "v": v, "F": F, "C": self.gradients()}
+        kept = {"L": self._in_order(self.L, 9).reshape(-1, 3, 3)} if self.keeps_gradient else {}
+        return {"x": x, "v": v, "F": F, "C": self.affine(), **kept}
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a state."""
-        self.place(state["x"], state["v"], state["F"], state["C"])
+        self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"))
 
 
 def _blocks(rows: Array, source: Index) -> Array:

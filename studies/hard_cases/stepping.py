@@ -176,7 +176,7 @@ CASES = (
         )
         for kind, part, source in (
             ("total", 1.2, "explicit steps beyond 2/omega grow without bound"),
-            ("updated", 1.5, "the bound is of a particle alone: eight in a cell together bear 1.2 times it, and not 1.5 times"),
+            ("updated", 1.7, "the bound is of a particle alone at a corner of cells: eight in a cell bear 1.4 times it, and not 1.7 times"),
         )
     ),
     Case(

@@ -9,14 +9,13 @@ Total (grid in the undeformed body; c (nodes, 3) m displacement and v (nodes, 3)
     f_a = sum_p [ -V P grad N_a + (V f + contact) N_a ]
     v_a += dt f_a / M_a, then the node hooks, then c_a += dt v_a
 
-Updated (grid in space, knots at origin + k h; x, v, F, C per particle), MLS-MPM with APIC:
+Updated (grid in space, knots at origin + k h; x, v, F, C per particle), with APIC:
 
-    p_a = sum_p N_a [ m (v + C d) - dt V P F^T (4/h^2) d + dt (V f + contact) ], d = x_a - x, m_a = sum m N_a
+    p_a = sum_p N_a [ m (v + C d) + dt (V f + contact) ] - dt V P F^T grad N_a, d = x_a - x, m_a = sum m N_a
     v_a = p_a / m_a, then the node hooks
-    v = sum N_a v_a, C = sum N_a v_a (x) (4/h^2) d, x += dt v, F <- (I + dt C) F
+    v = sum N_a v_a, C = sum N_a v_a (x) (4/h^2) d, L = sum v_a (x) grad N_a, x += dt v, F <- (I + dt L) F
 
-P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Sources: Hu et al., ACM
-Trans. Graph. 37 (2018) 150 (MLS-MPM); Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (total).
+P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Sources: Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (total).
 """
 
 from __future__ import annotations
@@ -130,32 +129,35 @@ class Total:
 
 @dataclass
 class Updated:
-    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s of every particle."""
+    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s of every particle."""
 
     model: Model
     x: np.ndarray
     v: np.ndarray
     F: np.ndarray
     C: np.ndarray
+    L: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> Updated:
         n = len(model.density)
         eye = np.tile(np.eye(3), (n, 1, 1))
-        return cls(model, model.particles.position.copy(), np.zeros((n, 3)), eye, np.zeros((n, 3, 3)))
+        return cls(model, model.particles.position.copy(), np.zeros((n, 3)), eye, np.zeros((n, 3, 3)), np.zeros((n, 3, 3)))
 
     def step(self, dt: float, step: int = 0) -> None:
         """Moves the particles on by a time dt, in place."""
         model, h = self.model, self.model.grid.spacing
         mass = model.density * model.particles.volume
-        P, force = particle_forces(model, self.x, self.v, self.F, self.C @ self.F, dt, step)
+        P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, dt, step)
         stress = model.particles.volume[:, None, None] * P @ self.F.transpose(0, 2, 1)  # V P F^T, N m
 
         # The box: the cells of the particles, and from node 0's mirror inwards two more than needed.
         cell = np.floor((self.x - model.grid.origin) / h).astype(int)
         low = np.minimum(cell.min(axis=0), 0) - 2
         shape = tuple(np.maximum(cell.max(axis=0), 2) + 3 - low + 2)
-        weights = spline_weights((self.x - model.grid.origin) / h - cell)
+        local = (self.x - model.grid.origin) / h - cell
+        weights = spline_weights(local)
+        slopes = np.stack([local - 1, 1 - 2 * local, local], -1) / h[:, None]
         m, momentum, fixed = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, bool)
         stencil = []
         for a, b, c in product(range(3), repeat=3):
@@ -163,11 +165,14 @@ class Updated:
             d = model.grid.origin + (node - 0.5) * h - self.x
             N = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             at = tuple((node - low).T)
-            stencil.append((at, N, d * 4 / h**2))
+            wx, wy, wz = weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]
+            sx, sy, sz = slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c]
+            grad = np.stack([sx * wy * wz, wx * sy * wz, wx * wy * sz], -1)
+            stencil.append((at, N, d * 4 / h**2, grad))
             inertia = mass[:, None] * (self.v + np.einsum("nij,nj->ni", self.C, d))
-            push = force - np.einsum("nij,nj->ni", stress, d * 4 / h**2)
             np.add.at(m, at, N * mass)
-            np.add.at(momentum, at, N[:, None] * (inertia + dt * push))
+            push = N[:, None] * force - np.einsum("nij,nj->ni", stress, grad)
+            np.add.at(momentum, at, N[:, None] * inertia + dt * push)
             np.logical_or.at(fixed, at, (N > 0) & model.held)
 
         zero = -low[0]  # index of node 0 along x
@@ -185,9 +190,10 @@ class Updated:
                 v[i] = -v[mirror] if mirror < shape[0] else 0.0
         v[fixed] = 0.0
 
-        self.v, self.C = np.zeros_like(self.v), np.zeros_like(self.C)
-        for at, N, slope in stencil:
+        self.v, self.C, self.L = np.zeros_like(self.v), np.zeros_like(self.C), np.zeros_like(self.L)
+        for at, N, slope, grad in stencil:
             self.v += N[:, None] * v[at]
             self.C += np.einsum("n,ni,nj->nij", N, v[at], slope)
+            self.L += np.einsum("ni,nj->nij", v[at], grad)
         self.x = self.x + dt * self.v
-        self.F = self.F + dt * self.C @ self.F
+        self.F = self.F + dt * self.L @ self.F

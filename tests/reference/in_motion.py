@@ -79,7 +79,7 @@ def quantities(motion: Motion) -> Quantities:
     x, v, _ = motion.particles()
     mass = model.density * model.particles.volume
     found = _quantities(mass, x, v)
-    affine = np.einsum("n,nij,j->ij", mass, motion.gradients(), model.grid.spacing**2 / 4)  # v_i x_j
+    affine = np.einsum("n,nij,j->ij", mass, motion.affine(), model.grid.spacing**2 / 4)  # v_i x_j
     skew = affine - affine.T
     return Quantities(found.momentum, found.spin + np.array([skew[2, 1], skew[0, 2], skew[1, 0]]))
 

@@ -66,11 +66,11 @@ def test_updated(model: Model, rng: np.random.Generator) -> None:
     v, C = 0.5 * rng.standard_normal((n, 3)), 100.0 * rng.standard_normal((n, 3, 3))
     F = np.eye(3) + 0.05 * rng.standard_normal((n, 3, 3))
     touching(model, x)
-    reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy()), UpdatedMotion(model)
+    reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
     motion.place(x, v, F, C)
     for _ in range(STEPS):
         reference.step(DT)
     assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
-    found = (*motion.particles(), motion.gradients())
+    found = (*motion.particles(), motion.affine())
     for a, b in zip(found, (reference.x, reference.v, reference.F, reference.C), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=ROUNDING * np.abs(b).max())

@@ -58,12 +58,12 @@ def test_updated(loads: str, rng: np.random.Generator) -> None:
     x = model.particles.position + 1e-4 * rng.standard_normal((n, 3))
     v, C = 0.5 * rng.standard_normal((n, 3)), 100.0 * rng.standard_normal((n, 3, 3))
     F = np.eye(3) + 0.05 * rng.standard_normal((n, 3, 3))
-    reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy()), UpdatedMotion(model)
+    reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
     motion.place(x, v, F, C)
     for _ in range(STEPS):
         reference.step(DT)
     assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
-    found = (*motion.particles(), motion.gradients())
+    found = (*motion.particles(), motion.affine())
     for a, b in zip(found, (reference.x, reference.v, reference.F, reference.C), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=ROUNDING * np.abs(b).max())
 
@@ -80,7 +80,7 @@ def test_updated_sorts_where_it_must_and_goes_on_as_before(rng: np.random.Genera
     dt = 0.3 * model.grid.spacing[1] / 20.0
     taken = [motion.advance(10, dt, ()) for _ in range(4)]
     assert [count for count, _ in taken] == [4, 4, 4, 4], "a cell is 3.3 steps wide"
-    reference = Updated(model, model.particles.position.copy(), v.copy(), eye.copy(), zero.copy())
+    reference = Updated(model, model.particles.position.copy(), v.copy(), eye.copy(), zero.copy(), zero.copy())
     reference = replace(reference, model=replace(model, layout=replace(model.layout, planes=model.grid.nodes[0])))
     for _ in range(16):
         reference.step(dt)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference.moving import FORMULATIONS, block, follow, moving_scene
+from reference.moving import FORMULATIONS, block, filled, follow, moving_scene
 from reference.solids import ball
 
 from magmpm import distance
@@ -167,7 +167,7 @@ def test_two_blocks_collide_and_part_again() -> None:
     h, X = model.grid.spacing[0], model.particles.position
     right = X[:, 0] > 4.5e-3
     x, v = X + np.outer(right, [3 * h, 0, 0]), np.outer(np.where(right, -1.0, 1.0), [1.0, 0, 0])
-    motion = begin(model).motion
+    motion = begin(filled(model)).motion
     assert isinstance(motion, UpdatedMotion)
     motion.place(x, v, np.tile(np.eye(3), (len(X), 1, 1)), np.zeros((len(X), 3, 3)))
     apart = X + np.outer(right, [1.0, 0, 0])  # two bodies: far from each other in the undeformed state

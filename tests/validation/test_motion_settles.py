@@ -32,17 +32,18 @@ def test_settled_total_formulation_is_statics() -> None:
     assert energy - unloaded == pytest.approx(still.energy, rel=1e-3)
 
 
-@pytest.mark.parametrize(("length", "damping", "bound"), [(20e-3, 240.0, 0.01), (40e-3, 60.0, 0.03)])
-def test_settled_updated_formulation_is_near_statics(length: float, damping: float, bound: float) -> None:
-    """Tip raised by nearly half of L, at 2 cells across: within 1 % of L where L/D is 5.
+@pytest.mark.parametrize(
+    ("length", "damping", "hold"), [(20e-3, 240.0, 18), (40e-3, 60.0, 18), pytest.param(40e-3, 60.0, 72, marks=pytest.mark.slow)]
+)
+def test_settled_updated_formulation_is_near_statics(length: float, damping: float, hold: float) -> None:
+    """Tip raised by nearly half of L, at 2 cells across: within 1 % of L, and it does not creep when held four times as long.
 
-    At L/D = 10 it is 2 to 3 % too far: particles that creep past the grid keep moving a little in ways that C, an average of the
-    velocity's gradient over a cell, does not see, so F loses a part of the strain that their places have (docs/stability.md).
+    What is left is that this formulation has no F-bar (0.8 % at L/D = 5), and that its particles turn against the grid.
     """
     field = field_for_load(2.0, np.pi / 2, length=length, diameter=DIAMETER)
     body = rod_scene(length=length, field=field)
-    moved = move(build(moving(body, {"damping": {"rate": damping}}, duration=18 / damping, formulation="updated")))
+    moved = move(build(moving(body, {"damping": {"rate": damping}}, duration=hold / damping, formulation="updated")))
     model = build(body)
     tip = model.particles.volume * (model.particles.cell[:, 0] == model.particles.cell[:, 0].max())
     far = tip @ (moved.x - run(body).particle_position) / tip.sum()
-    assert np.linalg.norm(far) < bound * length
+    assert np.linalg.norm(far) < 0.01 * length
