@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.basis import Array
+from magmpm.dynamics.anchor import INTERVAL, Anchor
 from magmpm.dynamics.packing import slab_edges
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
@@ -30,6 +31,8 @@ class UpdatedMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.keeps_gradient = has_hook("rate_stress", model.effects)
+        self.anchor: Anchor | None = Anchor(model)  # None: F is what the steps make of it
+        self.since = 0  # steps since F was last relaxed
         n = len(model.density)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
 
@@ -50,9 +53,7 @@ class UpdatedMotion:
 
     def sort(self) -> None:
         """Sort the particles, and fit the box to them: to the same bits as `place` with what they are and do."""
-        row = np.empty(len(self.model.density), np.int64)
-        real = self.particle >= 0
-        row[self.particle[real]] = np.flatnonzero(real)
+        row = self.rows()
         order, source = self._fit(self._in_order(self.x, 3))
         rows = row[source]
         columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": 3, "shear": 1, "bulk": 1, "density": 1}
@@ -84,6 +85,8 @@ class UpdatedMotion:
         self.low, self.origin = low, model.grid.origin + low * h
         self.along = (int(self.shape[1] * self.shape[2]), int(self.shape[2]))
         order, self.slab_first = self._sorted(cell - low)
+        if self.anchor is not None:
+            self.touching = self.anchor.touching(cell - low, self.shape)
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
         nodes = int(np.prod(self.shape))
@@ -140,7 +143,42 @@ class UpdatedMotion:
             self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.model.plane_strain,
             self.low_det, self.fast, self.drift,
         )  # fmt: skip
+        self.since += taken
+        if not broken and self.since >= INTERVAL:
+            self._relax()
         return taken, broken
+
+    def _relax(self) -> None:
+        """Take places and F towards the anchor.
+
+        Places that are shifted under their velocities change a free body's spin: it is given back as a rotation of the whole.
+        """
+        if self.anchor is None:
+            return
+        before = self.x.copy()
+        self.anchor.relax(self.x, self.F, self.rows(), self.touching, self.since)
+        self.since = 0
+        if not self.model.free:
+            return
+        mass = self.density * self.volume
+        x, v, moved = (self._rowwise(blocks) for blocks in (self.x, self.v, self.x - before))
+        lost = -mass @ np.cross(moved, v)
+        arm = x - mass @ x / mass.sum()
+        affine = np.diag(self.model.grid.spacing**2 / 4)  # of APIC: C of a particle turns as a block with this second moment does
+        second = arm.T @ (mass[:, None] * arm) + mass.sum() * affine
+        turn = np.linalg.solve(np.trace(second) * np.eye(3) - second, lost)
+        self.v += _flat(np.cross(turn, arm))
+        C = self.C.reshape(-1, 9, WIDTH)
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            C[:, 3 * j + i] += turn[k]
+            C[:, 3 * i + j] -= turn[k]
+
+    def rows(self) -> Index:
+        """Row (n,) of each of the model's particles."""
+        row = np.empty(len(self.model.density), np.int64)
+        real = self.particle >= 0
+        row[self.particle[real]] = np.flatnonzero(real)
+        return row
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""
@@ -152,11 +190,16 @@ class UpdatedMotion:
 
     def _in_order(self, blocks: Array, width: int) -> Array:
         """(n, width) values in the model's order, of blocks as the kernel has them."""
-        rows = blocks.reshape(-1, width, WIDTH).transpose(0, 2, 1).reshape(-1, width)
+        rows = self._rowwise(blocks, width)
         real = self.particle >= 0
         out = np.empty((len(self.model.density), width))
         out[self.particle[real]] = rows[real]
         return out
+
+    @staticmethod
+    def _rowwise(blocks: Array, width: int = 3) -> Array:
+        """(n8, width) values of blocks as the kernel has them, padding included."""
+        return blocks.reshape(-1, width, WIDTH).transpose(0, 2, 1).reshape(-1, width)
 
     def kinetic_energy(self) -> float:
         """Of the particles' velocities, J."""
@@ -171,14 +214,23 @@ class UpdatedMotion:
     def state(self) -> dict[str, Array]:
         """What `restore` needs; taken just after a sort, going on from it gives the same bits as going on."""
         x, v, F = self.particles()
-        kept = {"L": self._in_order(self.L, 9).reshape(-1, 3, 3)} if self.keeps_gradient else {}
+        kept: dict[str, Array] = {"L": self._in_order(self.L, 9).reshape(-1, 3, 3)} if self.keeps_gradient else {}
+        if self.anchor is not None:
+            kept |= {"fit": self.anchor.field.copy(), "since": np.array(self.since)}
         return {"x": x, "v": v, "F": F, "C": self.affine(), **kept}
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a state."""
         self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"))
+        if self.anchor is not None:
+            self.anchor.field[:], self.since = state["fit"], int(state["since"])
 
 
 def _blocks(rows: Array, source: Index) -> Array:
     """Values (n, k) of particles, taken in an order, in blocks of eight: flat, (n8 / 8, k, 8)."""
-    return np.ascontiguousarray(rows[source].reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1)).reshape(-1)
+    return _flat(rows[source])
+
+
+def _flat(rows: Array) -> Array:
+    """Rows (n8, k) as the kernel has them."""
+    return np.ascontiguousarray(rows.reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1)).reshape(-1)

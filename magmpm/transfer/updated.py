@@ -130,8 +130,8 @@ def _add(grid, k, low, high):  # type: ignore[no-untyped-def]
 def _scatter(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
     """Adds mass and momentum of a block's particles (rows (8 ROW,)) to their 27 nodes.
 
-    Node (i, j, k) gets N_i N_j N_k (base + sum over axes q d) - t . grad(N_i N_j N_k), written as A_i N_j + B_j N_i with rows of k in A and B.
-    Neighbours in the order are mostly of one cell: their sums stay in 18 registers until the next cell.
+    Node (i, j, k) gets N_i N_j N_k (base + sum over axes q d) - t . grad(N_i N_j N_k), written as A_i N_j + B_j N_i with rows of k in
+    A and B. Neighbours in the order are mostly of one cell: their sums stay in 18 registers until the next cell.
     """
     p, zero = 0, splat(0.0)
     while p < 8:
@@ -183,7 +183,7 @@ def _gather(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
         ny0, ny1, ny2 = rows[at + 42], rows[at + 43], rows[at + 44]
         my0, my1, my2 = rows[at + 45], rows[at + 46], rows[at + 47]
         sy0, sy1, sy2 = rows[at + 48], rows[at + 49], rows[at + 50]
-        # sums of the nodes along x and y, each for nodes 0 and 1, and for node 2 along z; named by what they are multiplied with: N, N d, slope
+        # sums over the nodes along x and y, for nodes 0 and 1 and for node 2 along z, named by what multiplies them: N, N d, slope
         nn_low, nn_high, mn_low, mn_high, sn_low, sn_high = zero, zero, zero, zero, zero, zero
         nm_low, nm_high, ns_low, ns_high = zero, zero, zero, zero
         for i in range(3):
@@ -279,11 +279,11 @@ def advance(
 ):  # fmt: skip
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
-    Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place: volume, shear,
-    bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first (slabs + 1,) first block of each slab; momentum, velocity (4 nodes + 8,), momentum empty; fixed
-    (nodes,); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1; flat: nothing moves along y; low, fast
-    (slabs,): smallest det F, largest move along an axis in cells a step; drift: cells that particles may have moved since they were
-    sorted.
+    Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place; volume, shear,
+    bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first
+    (slabs + 1,) first block of each slab; momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp:
+    first node of the plane before the clamped face, or -1; flat: nothing moves along y; low, fast (slabs,): smallest det F, largest move
+    along an axis in cells a step; drift: cells that particles may have moved since they were sorted.
     Returns steps taken, drift, and whether the motion broke: det F, or a particle that crosses a cell in one step.
     """
     slabs = len(slab_first) - 1

@@ -64,6 +64,20 @@ def twisting_field(load: float) -> list[float]:
     return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]
 
 
+def opening_strip() -> Scene:
+    """The strip of `folding_strip`, thinner and in plane strain, folded in 50 ms, held for 200 ms and let open."""
+    data = folding_strip().to_si()
+    data["materials"]["silicone"]["shear_modulus"] = 30e3
+    data["body"]["strip"] |= {"length": 12e-3, "thickness": 0.5e-3, "plane_strain": True}
+    for segment, along in zip(data["body"]["strip"]["segments"], (-1.0, 1.0), strict=True):
+        segment["magnetization"] = [along, 0.0, -0.36]
+    frames = [{"time": t, "strength": s} for t, s in ((0.0, 0.0), (0.05, 1.0), (0.25, 1.0), (0.29, 0.0))]
+    data["field"] = {"uniform": [0.0, 0.0, 20e-3], "over_time": {"keyframes": frames}}
+    data["effects"]["damping"] = {"rate": 100.0}
+    data["solver"]["dynamic"] = {"duration": 0.45, "output_every": 0.05}
+    return Scene.from_si(data)
+
+
 def folding_strip() -> Scene:
     """A free strip of two halves magnetised against each other: across its plane a field folds it like a book."""
     silicone = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": REMANENCE}

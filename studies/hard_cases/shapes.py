@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from magmpm import effects
-from magmpm.dynamics.run import move
+from magmpm.dynamics.run import Moved, begin, follow, move
 from magmpm.dynamics.stable_step import body_step
 from magmpm.dynamics.total import TotalMotion
 from magmpm.effects.self_contact import gap
@@ -16,7 +17,7 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from studies.hard_cases.case import Case
 from studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
-from studies.hard_cases.scenes import DENSITY, G, bending_field, folding_strip, rod
+from studies.hard_cases.scenes import DENSITY, G, bending_field, folding_strip, opening_strip, rod
 
 SHORT = 20e-3  # m
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
@@ -118,6 +119,29 @@ def _fold(scene: Scene) -> float:
     return -least if least < 1.5 else math.inf
 
 
+def _opened(scene: Scene) -> float:
+    """How far particles are from the undeformed shape, laid over what is left of it, over L; infinite if it never folded."""
+    model = build(scene)
+    widest: list[float] = []
+    X = model.particles.position
+    first, last = X[:, 0] < 0.5e-3, X[:, 0] > X[:, 0].max() - 0.5e-3
+    moved = begin(model)
+    follow(
+        moved,
+        on_progress=lambda *_: widest.append(float(np.linalg.norm(np.subtract(*_ends(moved, first, last))))),
+    )
+    if min(widest) > 0.3 * scene.length:
+        return math.inf
+    rest, x = X - X.mean(axis=0), moved.x - moved.x.mean(axis=0)
+    turn = Rotation.align_vectors(x, rest)[0]
+    return float(np.linalg.norm(x - turn.apply(rest), axis=1).max()) / scene.length
+
+
+def _ends(moved: Moved, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x = moved.motion.particles()[0]
+    return x[first].mean(axis=0), x[last].mean(axis=0)
+
+
 def _free(formulation: str, **more: object) -> Scene:
     return rod(length=8e-3, clamp="none", dynamic={"formulation": formulation}, **more)  # type: ignore[arg-type]
 
@@ -170,5 +194,15 @@ CASES = (
         _fold,
         0.1,
         "surfaces of two bodies do not cross",
+    ),
+    Case(
+        "folded, held and let open",
+        opening_strip,
+        "keeps a bend, though nothing in it is plastic, or slowly tears while it is held",
+        "distance of particles from the undeformed shape, over L",
+        _opened,
+        0.002,
+        "a hyperelastic body without load is as it was made; damping leaves exp(-8)",
+        slow=True,
     ),
 )

@@ -118,9 +118,11 @@ def _one_particle(scene: Scene) -> float:
     thin = replace(
         full,
         particles=replace(full.particles, position=middle, volume=volume, segment=full.particles.segment[first], cell=cells),
-        **{name: getattr(full, name)[first] for name in ("weights", "slopes", "shear", "bulk", "magnet", "density", "held", "modes")},
+        **{name: getattr(full, name)[first] for name in ("weights", "slopes", "shear", "bulk", "magnet", "density", "held")},
+        modes=np.zeros((len(cells), 0)),
     )  # splines of the updated formulation are found anew at every step; those of the model are not used
     motion = UpdatedMotion(thin)
+    motion.anchor = None  # it would hold what this case is about
     throw(motion, lambda x: np.outer(x[:, 0] ** 2, [0.0, 0.0, 300.0]))
     dt = 0.8 * stable_step(motion).largest
     begun, most = energy(motion), 0.0

@@ -201,5 +201,5 @@ def folds(measure: ModuleType, what: Scene, folder: Path, left: float) -> None:
 
 @pytest.mark.slow
 def test_the_folding_strip_of_the_gallery_meets_itself_and_opens(measure: ModuleType, tmp_path: Path) -> None:
-    # 0.144 measured: a bend that the updated formulation leaves, see docs/gallery/folding_strip.md. The bound keeps it from growing.
-    folds(measure, scene("folding_strip"), tmp_path, 0.17)
+    # 0.0015 measured, most of it swinging that is not yet damped
+    folds(measure, scene("folding_strip"), tmp_path, 0.005)

@@ -15,7 +15,8 @@ Updated (grid in space, knots at origin + k h; x, v, F, C per particle), with AP
     v_a = p_a / m_a, then the node hooks
     v = sum N_a v_a, C = sum N_a v_a (x) (4/h^2) d, L = sum v_a (x) grad N_a, x += dt v, F <- (I + dt L) F
 
-P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Sources: Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (total).
+P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Sources: Jiang et al.,
+ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (total).
 """
 
 from __future__ import annotations
@@ -39,18 +40,23 @@ def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
             function(record[min(step, len(record) - 1)], data, *arguments)
 
 
+def projected(model: Model, change: np.ndarray) -> np.ndarray:
+    """det F - 1 (n,) projected on the modes of each cell (F-bar)."""
+    if not model.modes.shape[1]:
+        return change
+    found = np.zeros(len(change))
+    for cell in (slice(a, b) for a, b in pairwise(model.layout.cell_first)):
+        modes = model.modes[cell]
+        found[cell] = modes @ (modes.T @ (model.particles.volume[cell] * change[cell]))
+    return found
+
+
 def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     """P (n, 3, 3) Pa: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T, where p = K (J - 1), J projected on the modes of each cell."""
     J = np.linalg.det(F)
     H = np.linalg.inv(F).transpose(0, 2, 1)
     I1 = np.einsum("nij,nij->n", F, F)
-    change = J - 1
-    if model.modes.shape[1]:
-        change = np.zeros(len(J))
-        first = model.layout.cell_first
-        for cell in (slice(a, b) for a, b in pairwise(first)):
-            modes = model.modes[cell]
-            change[cell] = modes @ (modes.T @ (model.particles.volume[cell] * (J[cell] - 1)))
+    change = projected(model, J - 1)
     shape = (model.shear * J ** (-2 / 3))[:, None, None] * (F - I1[:, None, None] / 3 * H)
     return shape + (model.bulk * change * J)[:, None, None] * H
 
@@ -197,3 +203,24 @@ class Updated:
             self.L += np.einsum("ni,nj->nij", v[at], grad)
         self.x = self.x + dt * self.v
         self.F = self.F + dt * self.L @ self.F
+
+
+def anchor(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where particles at x (n, 3) m would be if the grid of the undeformed body carried their displacements, and F there, with F-bar.
+
+    The displacements' least-squares fit, weighted by mass, with all splines of that grid; no node is held.
+    """
+    xi, first = model.grid.locate(model.particles.position, model.particles.cell), model.particles.cell
+    weights, slopes = spline_weights(xi), np.stack([xi - 1, 1 - 2 * xi, xi], -1) / model.grid.spacing[:, None]
+    rows = np.arange(len(x))
+    N, dN = np.zeros((len(x), np.prod(model.grid.nodes))), np.zeros((3, len(x), np.prod(model.grid.nodes)))
+    for a, b, c in product(range(3), repeat=3):
+        node = np.ravel_multi_index((first + np.array([a, b, c])).T, model.grid.nodes)
+        w, s = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
+        N[rows, node] = w[0] * w[1] * w[2]
+        dN[:, rows, node] = s[0] * w[1] * w[2], w[0] * s[1] * w[2], w[0] * w[1] * s[2]
+    root = np.sqrt(model.density * model.particles.volume)[:, None]
+    field = np.linalg.lstsq(root * N, root * (x - model.particles.position), rcond=None)[0]
+    A = np.eye(3) + np.einsum("jna,ai->nij", dN, field)
+    J = np.linalg.det(A)
+    return model.particles.position + N @ field, A * ((1 + projected(model, J - 1)) / J)[:, None, None] ** (1 / 3)

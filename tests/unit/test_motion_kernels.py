@@ -10,6 +10,7 @@ import pytest
 from reference.dynamics import Total, Updated
 from reference.scenes import rod_scene
 
+from magmpm.dynamics.anchor import INTERVAL
 from magmpm.dynamics.packing import slab_edges
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
@@ -98,7 +99,7 @@ def test_same_bits_at_any_number_of_threads(kind: type[TotalMotion] | type[Updat
         for threads in range(1, before + 1):
             numba.set_num_threads(threads)
             motion = kind(model)
-            motion.advance(40, 2e-6, model.effects)
+            motion.advance(600, 2e-6, model.effects)  # with a fit of the updated formulation (dynamics.anchor)
             found.append([a.tobytes() for a in motion.particles()])
     finally:
         numba.set_num_threads(before)
@@ -137,6 +138,7 @@ def test_sorting_gives_the_bits_that_placing_gives(rng: np.random.Generator) -> 
     n = len(model.density)
     motions = [UpdatedMotion(model), UpdatedMotion(model)]
     for motion in motions:
+        motion.since = INTERVAL - 90  # so that there is a fit on the way
         motion.place(
             model.particles.position, np.tile([0.0, 8.0, -3.0], (n, 1)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
         )

@@ -36,9 +36,9 @@ def test_settled_total_formulation_is_statics() -> None:
     ("length", "damping", "hold"), [(20e-3, 240.0, 18), (40e-3, 60.0, 18), pytest.param(40e-3, 60.0, 72, marks=pytest.mark.slow)]
 )
 def test_settled_updated_formulation_is_near_statics(length: float, damping: float, hold: float) -> None:
-    """Tip raised by nearly half of L, at 2 cells across: within 1 % of L, and it does not creep when held four times as long.
+    """Tip raised by nearly half of L, at 2 cells across: within 0.5 % of L (0.4 and 0.13 %), also when held four times as long.
 
-    What is left is that this formulation has no F-bar (0.8 % at L/D = 5), and that its particles turn against the grid.
+    What is left is that particles turn against the grid, and at L/D = 5 that its few steps leave the anchor little time.
     """
     field = field_for_load(2.0, np.pi / 2, length=length, diameter=DIAMETER)
     body = rod_scene(length=length, field=field)
@@ -46,4 +46,4 @@ def test_settled_updated_formulation_is_near_statics(length: float, damping: flo
     model = build(body)
     tip = model.particles.volume * (model.particles.cell[:, 0] == model.particles.cell[:, 0].max())
     far = tip @ (moved.x - run(body).particle_position) / tip.sum()
-    assert np.linalg.norm(far) < 0.01 * length
+    assert np.linalg.norm(far) < 0.005 * length

@@ -1,0 +1,146 @@
+"""Keeps the updated formulation's particles true to the body they are of.
+
+F is integrated step by step, of a velocity that lies in the splines of a grid past which the particles move. In time particles shift,
+by parts of a cell, in ways that relax the strain at the particles and leave the body bent: a strip of two cells that was folded and
+let go kept a bend of 13 % of its length, in steps eight times smaller 3 %. A hyperelastic body has no such memory: its F is the gradient
+of its deformation. So every INTERVAL steps the displacements of the particles are fitted, by least squares, with the splines of the
+undeformed body's grid: the deformations that statics and the total formulation know. Places go a part of the way to that fit,
+and F to its gradient, with its det averaged over cells as in statics (F-bar). The same strip keeps 0.2 %, and a catheter under
+load settles where statics has it (docs/stability.md has the numbers). F alone is not enough: what the fit can't see would then have no
+stiffness, and slowly grows.
+
+The fit is weighted by mass: the centre of mass stays where it is. Velocities are not touched.
+
+Left alone are parts of the body that touch and are not neighbours (their pressure is strain that only the grid in space gives them:
+relaxed, it would let them sink into each other), and what is OFF cells off the fit: there the body has been torn. Pieces of the body
+that lie apart, by a cell or more, are fitted apart.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.basis import Array
+from magmpm.dynamics.packing import slab_edges
+from magmpm.model import Index, Model
+from magmpm.transfer import anchor as kernels
+
+INTERVAL = 512  # steps from one fit to the next
+SPAN = 1024.0  # steps in which they go 1 - 1/e of the way; a third of it is stable as well
+OFF = 0.25  # cells
+EXACT = 1e-6  # cells: what is left of the fit's normal equations, per node
+FAR = 6.0  # cells: particles that share nodes, and were farther apart than that along an axis, touch (turned and at half their length: 5.2)
+MOST = 16  # iterations of a fit: from nothing, 20 come within 1e-4 cells of the best; one fit begins where the last one ended
+
+
+class Anchor:
+    """Fits of a model's displacements. `field` (nodes, 3) m: the last fit's coefficients, from which the next one starts."""
+
+    def __init__(self, model: Model) -> None:
+        grid, particles = model.grid, model.particles
+        cell = particles.cell.astype(np.int64)
+        change = np.flatnonzero((np.diff(cell, axis=0) != 0).any(axis=1) | (np.diff(particles.segment) != 0)) + 1
+        self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
+        base = cell[self.cell_first[:-1]]
+        piece = _pieces(model, base)
+        self.node, nodes = _stencils(base, piece, grid.nodes)
+        far = 10.0 * FAR * len(cell) * piece.repeat(np.diff(self.cell_first))  # pieces are far from each other
+        self.where = np.column_stack([particles.position / grid.spacing, far])  # (n, 4) cells
+        self.slab_first = _slabs(base[:, 0])
+        self.rest, self.volume, self.modes = particles.position, particles.volume, model.modes
+        self.mass = model.density * particles.volume
+        self.xi = grid.locate(particles.position, particles.cell)
+        self.cells = 1.0 / grid.spacing
+        self.size = float(grid.spacing.min())
+        self.node_mass = self._moments(np.ones((len(cell), 3)), nodes)
+        self.field = np.zeros((nodes, 3))
+
+    def _moments(self, values: Array, nodes: int) -> Array:
+        out = np.zeros((nodes, 3))
+        kernels.moments(self.slab_first, self.cell_first, self.node, self.xi, self.mass, values, out)
+        return out
+
+    def _values(self, field: Array) -> Array:
+        out = np.empty((len(self.xi), 3))
+        kernels.interpolate(self.cell_first, self.node, self.xi, field, out)
+        return out
+
+    def fit(self, moved: Array) -> None:
+        """Fit displacements moved (n, 3) m: conjugate gradients on the normal equations, of all three axes at once."""
+        residual = self._moments(moved - self._values(self.field), len(self.field))
+        step, before = np.zeros_like(residual), np.ones(3)
+        for _ in range(MOST):
+            z = residual / self.node_mass
+            if not np.abs(z).max() > EXACT * self.size:
+                break
+            now = (residual * z).sum(axis=0)
+            step = z + step * np.divide(now, before, out=np.zeros(3), where=before > 0)
+            pushed = self._moments(self._values(step), len(self.field))
+            scale = (step * pushed).sum(axis=0)
+            part = np.divide(now, scale, out=np.zeros(3), where=scale > 0)
+            self.field += part * step
+            residual -= part * pushed
+            before = now
+        self.field += residual.sum(axis=0) / self.mass.sum()  # splines add up to 1: nothing is left of the centre of mass
+
+    def touching(self, cell: Index, shape: Index) -> NDArray[np.bool_]:
+        """Which particles (n,) share nodes with some that are not their neighbours.
+
+        cell (n, 3): where they are in a box of so many nodes (3,).
+        """
+        key = np.ravel_multi_index(tuple(cell.T), tuple(shape))
+        full, of = np.unique(key, return_inverse=True)
+        low, high = np.full((len(full), 4), np.inf), np.full((len(full), 4), -np.inf)
+        np.minimum.at(low, of, self.where)
+        np.maximum.at(high, of, self.where)
+        least, most = low.copy(), high.copy()
+        for offset in product((-1, 0, 1), repeat=3):
+            to = full + int(np.dot(offset, [shape[1] * shape[2], shape[2], 1]))
+            at = np.minimum(np.searchsorted(full, to), len(full) - 1)
+            on = full[at] == to
+            least[on], most[on] = np.minimum(least[on], low[at[on]]), np.maximum(most[on], high[at[on]])
+        return (most - least > FAR).any(axis=1)[of]
+
+    def relax(self, x: Array, F: Array, row: Index, touching: NDArray[np.bool_], steps: int) -> None:
+        """Take x m and F the way they go in so many steps: flat in blocks of eight, row (n,) of each particle in them.
+
+        touching (n,): left alone.
+        """
+        block, lane = np.divmod(row, 8)
+        moved = x.reshape(-1, 3, 8)[block, :, lane] - self.rest
+        self.fit(moved)
+        part = 1.0 - np.exp(-steps / SPAN)
+        kernels.relax(
+            self.cell_first, self.node, self.xi, self.cells, self.volume, self.modes, self.field, moved, touching, OFF * self.size,
+            part, row, x, F,
+        )  # fmt: skip
+
+
+def _slabs(plane: Index) -> Index:
+    """First cell of each slab of at least two planes, with cells sorted by plane (cells,)."""
+    edges = slab_edges(int(plane[-1] - plane[0]) + 1, 2) + plane[0]
+    first: Index = np.searchsorted(plane, edges)
+    return first
+
+
+def _pieces(model: Model, base: Index) -> Index:
+    """Which piece of the body each cell (cells, 3) is of: cells that touch by a face are of one."""
+    if model.scene.body.parts is None:
+        return np.zeros(len(base), np.int64)
+    from scipy.ndimage import label  # only for such bodies
+
+    full = np.zeros(model.grid.cells, bool)
+    full[tuple(base.T)] = True
+    return np.asarray(label(full)[0][tuple(base.T)], np.int64)
+
+
+def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[Index, int]:
+    """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a piece has; and how many there are."""
+    offsets = np.array(list(product(range(3), repeat=3)))
+    near = base[:, None, :] + offsets
+    key = np.ravel_multi_index(tuple(near.reshape(-1, 3).T), shape) + piece.repeat(27) * int(np.prod(shape))
+    found, node = np.unique(key, return_inverse=True)
+    return node.reshape(-1, 27).astype(np.int64), len(found)
