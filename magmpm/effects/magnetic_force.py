@@ -27,7 +27,7 @@ from magmpm.scene import Scene
 PHASE = "force"
 
 MU0 = 4e-7 * np.pi  # T m/A
-DTYPE = np.dtype([*PLACE, ("pulls", np.int8)])
+DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
 
 
 def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:

@@ -26,7 +26,7 @@ PHASE = "force"
 
 MU0 = 4e-7 * np.pi  # T m/A
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
-VARYING = np.dtype([*PLACE, ("turns", np.int8)])
+VARYING = np.dtype([("turns", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
 
 
 def parameters(field: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np.float64]]:

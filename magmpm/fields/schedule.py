@@ -42,7 +42,7 @@ def places(field: FieldSource, times: Array | None = None, strength: float = 1.0
 
 
 def records(field: FieldSource, dtype: np.dtype[Any], times: Array | None, strength: float) -> NDArray[np.void]:
-    """`places` as records of a dtype that begins with PLACE: an effect's."""
+    """`places` as records of a dtype that has those of PLACE: an effect's."""
     found = places(field, times, strength)
     out = np.zeros(len(found), dtype)
     for entry in PLACE:

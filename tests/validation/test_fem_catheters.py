@@ -65,7 +65,7 @@ def test_shipped_scene(name: str) -> None:
     assert twin.body.catheter.diameter == pytest.approx(scene.body.catheter.diameter)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the task's own references are not here")
+@pytest.mark.skipif(not SHARED.exists(), reason="../shared is not here; data/references has references of our own")
 @pytest.mark.parametrize(("cells", "bound"), [(4, 0.3e-2), (6, 0.12e-2)])
 @pytest.mark.parametrize("name", ["axial_transverse_5mT", "three_segments_3d"])
 def test_references_that_came_with_the_task(name: str, cells: int, bound: float) -> None:
