@@ -45,27 +45,26 @@ class Anchor:
         change = np.flatnonzero((np.diff(cell, axis=0) != 0).any(axis=1) | (np.diff(particles.segment) != 0)) + 1
         self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
         base = cell[self.cell_first[:-1]]
-        piece = _pieces(model, base)
-        self.node, nodes = _stencils(base, piece, grid.nodes)
-        far = 10.0 * FAR * len(cell) * piece.repeat(np.diff(self.cell_first))  # pieces are far from each other
-        self.where = np.column_stack([particles.position / grid.spacing, far])  # (n, 4) cells
+        self.piece = _pieces(model, base)
+        self.node, nodes = _stencils(base, self.piece, grid.nodes)
         self.slab_first = _slabs(base[:, 0])
-        self.rest, self.volume, self.modes = particles.position, particles.volume, model.modes
-        self.mass = model.density * particles.volume
-        self.xi = grid.locate(particles.position, particles.cell)
-        self.cells = 1.0 / grid.spacing
+        self.rest, self.volume, self.density, self.modes = particles.position, particles.volume, model.density, model.modes
+        self.low, self.per = grid.origin + base * grid.spacing, 1.0 / grid.spacing
         self.size = float(grid.spacing.min())
+        self.mass = float(self.density @ self.volume)
         self.node_mass = self._moments(np.ones((len(cell), 3)), nodes)
         self.field = np.zeros((nodes, 3))
 
     def _moments(self, values: Array, nodes: int) -> Array:
         out = np.zeros((nodes, 3))
-        kernels.moments(self.slab_first, self.cell_first, self.node, self.xi, self.mass, values, out)
+        kernels.moments(
+            self.slab_first, self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.density, values, out
+        )
         return out
 
     def _values(self, field: Array) -> Array:
-        out = np.empty((len(self.xi), 3))
-        kernels.interpolate(self.cell_first, self.node, self.xi, field, out)
+        out = np.empty((len(self.rest), 3))
+        kernels.interpolate(self.cell_first, self.node, self.low, self.per, self.rest, field, out)
         return out
 
     def fit(self, moved: Array) -> None:
@@ -84,18 +83,20 @@ class Anchor:
             self.field += part * step
             residual -= part * pushed
             before = now
-        self.field += residual.sum(axis=0) / self.mass.sum()  # splines add up to 1: nothing is left of the centre of mass
+        self.field += residual.sum(axis=0) / self.mass  # splines add up to 1: nothing is left of the centre of mass
 
     def touching(self, cell: Index, shape: Index) -> NDArray[np.bool_]:
         """Which particles (n,) share nodes with some that are not their neighbours.
 
         cell (n, 3): where they are in a box of so many nodes (3,).
         """
+        apart = 10.0 * FAR * len(cell) * self.piece.repeat(np.diff(self.cell_first))  # pieces are far from each other
+        where = np.column_stack([self.rest * self.per, apart])  # cells
         key = np.ravel_multi_index(tuple(cell.T), tuple(shape))
         full, of = np.unique(key, return_inverse=True)
         low, high = np.full((len(full), 4), np.inf), np.full((len(full), 4), -np.inf)
-        np.minimum.at(low, of, self.where)
-        np.maximum.at(high, of, self.where)
+        np.minimum.at(low, of, where)
+        np.maximum.at(high, of, where)
         least, most = low.copy(), high.copy()
         for offset in product((-1, 0, 1), repeat=3):
             to = full + int(np.dot(offset, [shape[1] * shape[2], shape[2], 1]))
@@ -114,8 +115,8 @@ class Anchor:
         self.fit(moved)
         part = 1.0 - np.exp(-steps / SPAN)
         kernels.relax(
-            self.cell_first, self.node, self.xi, self.cells, self.volume, self.modes, self.field, moved, touching, OFF * self.size,
-            part, row, x, F,
+            self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.modes, self.field, moved, touching,
+            OFF * self.size, part, row, x, F,
         )  # fmt: skip
 
 
@@ -137,10 +138,10 @@ def _pieces(model: Model, base: Index) -> Index:
     return np.asarray(label(full)[0][tuple(base.T)], np.int64)
 
 
-def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[Index, int]:
+def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], int]:
     """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a piece has; and how many there are."""
     offsets = np.array(list(product(range(3), repeat=3)))
     near = base[:, None, :] + offsets
     key = np.ravel_multi_index(tuple(near.reshape(-1, 3).T), shape) + piece.repeat(27) * int(np.prod(shape))
     found, node = np.unique(key, return_inverse=True)
-    return node.reshape(-1, 27).astype(np.int64), len(found)
+    return node.reshape(-1, 27).astype(np.int32), len(found)

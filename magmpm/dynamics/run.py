@@ -110,7 +110,8 @@ def lean(model: Model, formulation: str) -> Model:
 
 def memory(motion: TotalMotion | UpdatedMotion) -> int:
     """Bytes of a motion's particles and grid, its model's included."""
-    owners = [motion, getattr(motion, "packed", motion), motion.model, motion.model.particles]
+    parts_of = (getattr(motion, "packed", None), getattr(motion, "anchor", None))
+    owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
     parts = [part for owner in owners for part in vars(owner).values()]
     arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
     return sum(arrays.values())

@@ -1,7 +1,8 @@
 """Kernels of dynamics.anchor: between a model's particles and the splines of the grid in its undeformed body, cell by cell.
 
-A cell is a run of particles (cell_first (cells + 1,)) with 27 nodes, z fastest (node (cells, 27)); xi (n, 3) are places in the
-cell, 0 to 1. Sums are made in one order at any number of threads.
+A cell is a run of particles (cell_first (cells + 1,)) with 27 nodes, z fastest (node (cells, 27)); low (cells, 3) m is its lower
+corner, per (3,) 1/m is 1 / h, and rest (n, 3) m are the particles' places in the undeformed body. Sums are made in one order at any
+number of threads.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def _sum(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def interpolate(cell_first, node, xi, field, out):  # type: ignore[no-untyped-def]
+def interpolate(cell_first, node, low, per, rest, field, out):  # type: ignore[no-untyped-def]
     """out (n, 3): a nodal field (nodes, 3) at the particles."""
     for cell in prange(len(cell_first) - 1):
         N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
@@ -46,14 +47,14 @@ def interpolate(cell_first, node, xi, field, out):  # type: ignore[no-untyped-de
                 near[i, a] = field[node[cell, a], i]
         for p in range(cell_first[cell], cell_first[cell + 1]):
             for axis in range(3):
-                _splines(xi[p, axis], N[axis], S)
+                _splines((rest[p, axis] - low[cell, axis]) * per[axis], N[axis], S)
             _weights(N[0], N[1], N[2], W)
             for i in range(3):
                 out[p, i] = _sum(W, near[i])
 
 
 @kernel
-def moments(slab_first, cell_first, node, xi, mass, values, out):  # type: ignore[no-untyped-def]
+def moments(slab_first, cell_first, node, low, per, rest, volume, density, values, out):  # type: ignore[no-untyped-def]
     """out (nodes, 3) += sum over particles of m N values (n, 3). slab_first (slabs + 1,): first cells; every second slab shares no node."""
     slabs = len(slab_first) - 1
     for colour in range(2):
@@ -64,10 +65,10 @@ def moments(slab_first, cell_first, node, xi, mass, values, out):  # type: ignor
                 near[:] = 0.0
                 for p in range(cell_first[cell], cell_first[cell + 1]):
                     for axis in range(3):
-                        _splines(xi[p, axis], N[axis], S)
+                        _splines((rest[p, axis] - low[cell, axis]) * per[axis], N[axis], S)
                     _weights(N[0], N[1], N[2], W)
                     for i in range(3):
-                        share = mass[p] * values[p, i]
+                        share = volume[p] * density[p] * values[p, i]
                         for a in range(27):
                             near[i, a] += share * W[a]
                 for a in range(27):
@@ -76,11 +77,11 @@ def moments(slab_first, cell_first, node, xi, mass, values, out):  # type: ignor
 
 
 @kernel
-def relax(cell_first, node, xi, cells, volume, modes, field, moved, alone, torn, part, row, x, F):  # type: ignore[no-untyped-def]
+def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, torn, part, row, x, F):  # type: ignore[no-untyped-def]
     """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
 
-    cells (3,) 1/m: 1 / h; modes (n, 0) or (n, 4): model.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that
-    are to be left alone (n,), or torn (m) off the fit, or whose A is turned inside out. row (n,): of a particle in x and F, flat in blocks
+    modes (n, 0) or (n, 4): model.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
+    (n,), or torn (m) off the fit, or whose A is turned inside out. row (n,): of a particle in x and F, flat in blocks
     of eight (dynamics.updated).
     """
     count = modes.shape[1]
@@ -94,14 +95,14 @@ def relax(cell_first, node, xi, cells, volume, modes, field, moved, alone, torn,
         for p in range(first, last):
             B = A[p - first]
             for axis in range(3):
-                _splines(xi[p, axis], N[axis], S[axis])
+                _splines((rest[p, axis] - low[cell, axis]) * per[axis], N[axis], S[axis])
             _weights(N[0], N[1], N[2], W)
             for i in range(3):
                 off[p - first, i] = _sum(W, near[i]) - moved[p, i]
             for axis in range(3):
                 _weights(S[0] if axis == 0 else N[0], S[1] if axis == 1 else N[1], S[2] if axis == 2 else N[2], W)
                 for i in range(3):
-                    B[i, axis] = _sum(W, near[i]) * cells[axis] + (1.0 if i == axis else 0.0)
+                    B[i, axis] = _sum(W, near[i]) * per[axis] + (1.0 if i == axis else 0.0)
             J[p - first] = determinant(B)
             for k in range(count):
                 c[k] += volume[p] * modes[p, k] * (J[p - first] - 1.0)
