@@ -11,13 +11,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from magmpm.basis import Array
-from magmpm.inputs import Part, Quantity, fault, folder_of
+from magmpm.inputs import Part, Quantity, fault
+from magmpm.mesh_keys import read_mesh
 from magmpm.meshes import (
     PREFIX,
-    MeshError,
     overlap_of,
-    pack_mesh,
-    read_stl,
     thickness_of,
     unpack_mesh,
     volume_of,
@@ -32,23 +30,10 @@ TOUCHING = 1e-4  # of the body's length: parts this near touch
 LEAST_CELLS = 2  # through the thinnest part
 
 
-def _read_mesh(value: Any, info: ValidationInfo) -> Any:
-    """The mesh a path names, as the text a scene keeps; such a text is taken as it is."""
-    if not isinstance(value, (str, Path)):
-        raise fault("must be the path of an STL file", "write, say, `mesh: meshes/base.stl`")
-    try:
-        if isinstance(value, str) and value.startswith(PREFIX):
-            unpack_mesh(value)
-            return value
-        return pack_mesh(read_stl(folder_of(info) / value))
-    except MeshError as error:
-        raise fault(error.rule, error.remedy) from None
-
-
 class MeshPart(Part):
     """One mesh with one material."""
 
-    mesh: Annotated[str, BeforeValidator(_read_mesh), WithJsonSchema({"type": "string"})] = Field(
+    mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
         description="Path, relative to this file, of an STL file: a closed surface.", examples=["meshes/base.stl"]
     )
     name: str = Field(

@@ -13,7 +13,8 @@ from magmpm.assembly import UNITS
 from magmpm.basis import Array
 from magmpm.curves import curve, tightest_bend
 from magmpm.inputs import Part, Quantity, fault, folder_of
-from magmpm.meshes import PREFIX, MeshError, pack_mesh, read_stl, unpack_mesh
+from magmpm.mesh_keys import read_mesh
+from magmpm.meshes import unpack_mesh
 from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Direction, three
 
@@ -124,23 +125,10 @@ class Tube(Part):
         return self
 
 
-def _read_surface(value: Any, info: ValidationInfo) -> Any:
-    """The mesh a path names, as the text a scene keeps; such a text is taken as it is."""
-    if not isinstance(value, (str, Path)):
-        raise fault("must be the path of an STL file", "write, say, `mesh: vessel.stl`")
-    try:
-        if isinstance(value, str) and value.startswith(PREFIX):
-            unpack_mesh(value)
-            return value
-        return pack_mesh(read_stl(folder_of(info) / value))
-    except MeshError as error:
-        raise fault(error.rule, error.remedy) from None
-
-
 class Surface(Part):
     """The inside of a closed surface."""
 
-    mesh: Annotated[str, BeforeValidator(_read_surface), WithJsonSchema({"type": "string"})] = Field(
+    mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
         description="Path, relative to this file, of an STL file: a closed surface around the lumen.",
         examples=["vessel.stl"],
     )

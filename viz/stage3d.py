@@ -6,6 +6,7 @@ import numpy as np
 
 from viz import stage_layout, stage_page, style
 from viz.canvas import Canvas, PanelCanvas
+from viz.layout import compass_view
 from viz.shapes import normals
 from viz.stage import Shot, Stage, floor_colours
 from viz.stage_layout import Layout
@@ -18,12 +19,12 @@ def draw(canvas: Canvas, stage: Stage, shot: Shot, size: tuple[int, int], layout
     for place, view in zip(layout.mains, views):
         _main(canvas.panel(place, view, shot.reach), stage, shot)
     for place, view in zip(layout.compasses, views):
-        compass = canvas.panel(place, stage_layout.around(view), reach=10.0)
+        compass = canvas.panel(place, compass_view(view), reach=10.0)
         for _, vector in stage_layout.compass_arrows(stage):
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
-        arrow = canvas.panel(layout.field, stage_layout.around(views[0]), reach=10.0)
+        arrow = canvas.panel(layout.field, compass_view(views[0]), reach=10.0)
         arrow.arrow(-0.5 * field, field, 0.2, style.FIELD)
     image = canvas.image(fine=not layout.written or size[0] > style.TRIAL_SIZE[0])
     return stage_page.written_on(image, stage, views, layout) if layout.written else image

@@ -11,6 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from viz import stage_layout, stage_page, style
+from viz.layout import compass_view
 from viz.matplotlib_scene import FlatPanel
 from viz.shade import brightness
 from viz.stage import Shot, Stage, floor_colours
@@ -30,12 +31,12 @@ def draw(stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout) -> np.
         _solids(main, stage)
         _signs(main, stage)
     for place, view in zip(layout.compasses, views):
-        compass = FlatPanel(figure, place, stage_layout.around(view))
+        compass = FlatPanel(figure, place, compass_view(view))
         for _, vector in stage_layout.compass_arrows(stage):
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
-        arrow = FlatPanel(figure, layout.field, stage_layout.around(views[0]))
+        arrow = FlatPanel(figure, layout.field, compass_view(views[0]))
         arrow.arrow(-0.5 * field, field, 0.2, style.FIELD)
     canvas.draw()
     image = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()

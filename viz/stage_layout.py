@@ -17,7 +17,16 @@ import numpy as np
 
 from viz import style
 from viz.camera import View
-from viz.layout import AXIS_LENGTH, FIELD_LENGTH, LABEL_GAP, LegendItem, Panel, ScaleBar
+from viz.layout import (
+    AXIS_LENGTH,
+    FIELD_LENGTH,
+    LABEL_GAP,
+    CompassLabel,
+    LegendItem,
+    Panel,
+    ScaleBar,
+    compass_view,
+)
 from viz.stage import Shot, Stage
 
 TITLE_Y = 0.952
@@ -68,22 +77,8 @@ def bare(size: tuple[int, int]) -> Layout:
     )
 
 
-@dataclass(frozen=True)
-class Label:
-    """Text at (x, y), fractions of the page."""
-
-    text: str
-    x: float
-    y: float
-
-
-def around(view: View) -> View:
-    """The view's directions about the origin, one unit to half a panel's height."""
-    return View(view.right, view.up, view.toward, np.zeros(3), 1.0)
-
-
 def compass_arrows(stage: Stage) -> list[tuple[str, np.ndarray]]:
-    """Label and vector (3,) from the compass's origin: the axes, and which way things fall."""
+    """CompassLabel and vector (3,) from the compass's origin: the axes, and which way things fall."""
     arrows = [(name, AXIS_LENGTH * np.eye(3)[i]) for i, name in enumerate("xyz")]
     if stage.gravity is not None and np.linalg.norm(stage.gravity) > 0:
         down = AXIS_LENGTH * stage.gravity / np.linalg.norm(stage.gravity)
@@ -96,15 +91,15 @@ def compass_arrows(stage: Stage) -> list[tuple[str, np.ndarray]]:
     return arrows
 
 
-def compass_labels(stage: Stage, view: View, place: Panel, aspect: float) -> list[Label]:
+def compass_labels(stage: Stage, view: View, place: Panel, aspect: float) -> list[CompassLabel]:
     """Where the compass's labels stand: a little beyond each arrow's point."""
     labels = []
     for text, vector in compass_arrows(stage):
-        flat = around(view).project(vector[None])[0, :2]
+        flat = compass_view(view).project(vector[None])[0, :2]
         seen = float(np.linalg.norm(flat))
         away = flat / seen if seen > 0.1 else np.array([0.0, -1.0])
         ((x, y),) = place.place((flat + LABEL_GAP * away)[None], place.aspect(aspect))
-        labels.append(Label(text, float(x), float(y)))
+        labels.append(CompassLabel(text, float(x), float(y)))
     return labels
 
 
