@@ -36,7 +36,7 @@ class DynamicOptions(Part):
     )
     formulation: Literal["total", "updated"] | None = Field(
         default=None,
-        description="total: grid in the undeformed body, no losses of its own; updated: grid in space (MLS-MPM), where bodies touch "
+        description="total: grid in the undeformed body, no losses of its own; updated: grid in space (APIC), where bodies touch "
         "themselves and each other. total unless self_contact is named.",
         examples=["total"],
     )

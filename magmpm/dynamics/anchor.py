@@ -33,7 +33,8 @@ SPAN = 1024.0  # steps in which they go 1 - 1/e of the way; a third of it is sta
 OFF = 0.25  # cells
 EXACT = 1e-6  # cells: what is left of the fit's normal equations, per node
 FAR = 6.0  # cells: particles that share nodes, and were farther apart than that along an axis, touch (turned and at half their length: 5.2)
-MOST = 16  # iterations of a fit: from nothing, 20 come within 1e-4 cells of the best; one fit begins where the last one ended
+MOST = 24  # iterations of a fit: 20 take a swing from rest to within 1e-4 cells of the best
+GOOD = 1e-3  # cells: what a fit may lack; F waits for the next one where it lacks more
 
 
 class Anchor:
@@ -46,14 +47,16 @@ class Anchor:
         self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
         base = cell[self.cell_first[:-1]]
         self.piece = _pieces(model, base)
-        self.node, nodes = _stencils(base, self.piece, grid.nodes)
+        self.node, key = _stencils(base, self.piece, grid.nodes)
+        self.node_piece, within = np.divmod(key, int(np.prod(grid.nodes)))
+        self.node_place = grid.origin + grid.spacing * (np.stack(np.unravel_index(within, grid.nodes), axis=1) - 0.5)
         self.slab_first = _slabs(base[:, 0])
         self.rest, self.volume, self.density, self.modes = particles.position, particles.volume, model.density, model.modes
         self.low, self.per = grid.origin + base * grid.spacing, 1.0 / grid.spacing
         self.size = float(grid.spacing.min())
         self.mass = float(self.density @ self.volume)
-        self.node_mass = self._moments(np.ones((len(cell), 3)), nodes)
-        self.field = np.zeros((nodes, 3))
+        self.node_mass = self._moments(np.ones((len(cell), 3)), len(key))
+        self.field = np.zeros((len(key), 3))
 
     def _moments(self, values: Array, nodes: int) -> Array:
         out = np.zeros((nodes, 3))
@@ -67,8 +70,13 @@ class Anchor:
         kernels.interpolate(self.cell_first, self.node, self.low, self.per, self.rest, field, out)
         return out
 
-    def fit(self, moved: Array) -> None:
-        """Fit displacements moved (n, 3) m: conjugate gradients on the normal equations, of all three axes at once."""
+    def fit(self, moved: Array) -> bool:
+        """Fit displacements moved (n, 3) m, from the last fit on. Returns whether the fit is good enough to be used.
+
+        What has changed by an affine motion of each piece is added as it is: splines hold it exactly. The rest by conjugate gradients on
+        the normal equations, of all three axes at once.
+        """
+        self._add_affine(moved - self._values(self.field))
         residual = self._moments(moved - self._values(self.field), len(self.field))
         step, before = np.zeros_like(residual), np.ones(3)
         for _ in range(MOST):
@@ -84,6 +92,18 @@ class Anchor:
             residual -= part * pushed
             before = now
         self.field += residual.sum(axis=0) / self.mass  # splines add up to 1: nothing is left of the centre of mass
+        return bool(np.abs(residual / self.node_mass).max() < GOOD * self.size)
+
+    def _add_affine(self, left: Array) -> None:
+        """Take the affine part, piece by piece, of what is left (n, 3) m into the field: at a node, its value at the spline's middle."""
+        of = self.piece.repeat(np.diff(self.cell_first))
+        for piece in np.unique(self.piece):
+            mine, nodes = of == piece, self.node_piece == piece
+            middle = self.rest[mine].mean(axis=0)
+            row = np.column_stack([np.ones(np.count_nonzero(mine)), (self.rest[mine] - middle) / self.size])
+            weighed = row * (self.density[mine] * self.volume[mine])[:, None]
+            affine = np.linalg.lstsq(weighed.T @ row, weighed.T @ left[mine], rcond=1e-9)[0]
+            self.field[nodes] += np.column_stack([np.ones(np.count_nonzero(nodes)), (self.node_place[nodes] - middle) / self.size]) @ affine
 
     def touching(self, cell: Index, shape: Index) -> NDArray[np.bool_]:
         """Which particles (n,) share nodes with some that are not their neighbours.
@@ -112,7 +132,8 @@ class Anchor:
         """
         block, lane = np.divmod(row, 8)
         moved = x.reshape(-1, 3, 8)[block, :, lane] - self.rest
-        self.fit(moved)
+        if not self.fit(moved):
+            return
         part = 1.0 - np.exp(-steps / SPAN)
         kernels.relax(
             self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.modes, self.field, moved, touching,
@@ -138,10 +159,13 @@ def _pieces(model: Model, base: Index) -> Index:
     return np.asarray(label(full)[0][tuple(base.T)], np.int64)
 
 
-def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], int]:
-    """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a piece has; and how many there are."""
+def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], Index]:
+    """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a piece has.
+
+    And (nodes,) which they are: the piece times the number of nodes of the grid, plus the node's number in it.
+    """
     offsets = np.array(list(product(range(3), repeat=3)))
     near = base[:, None, :] + offsets
     key = np.ravel_multi_index(tuple(near.reshape(-1, 3).T), shape) + piece.repeat(27) * int(np.prod(shape))
     found, node = np.unique(key, return_inverse=True)
-    return node.reshape(-1, 27).astype(np.int32), len(found)
+    return node.reshape(-1, 27).astype(np.int32), found

@@ -1,7 +1,7 @@
 """P2G, grid update and G2P of the updated formulation (APIC): the grid is fixed in space, and particles move through it.
 
 Stress goes to the nodes, and F grows, by the splines' own gradients, so that strain is that of the motion that carries the particles.
-(MLS-MPM uses APIC's C for both, a mean of the gradient over a cell: bodies at rest under load then creep. docs/design.md has the numbers.)
+(MLS-MPM uses APIC's C for both, a mean of the gradient over a cell: bodies at rest under load then creep; docs/stability.md.)
 
 A node holds four floats: mass and momentum, or 0 and velocity. Two nodes of a row along z are one register, so a particle scatters to its
 27 nodes in 36 multiplications and additions, and no sum over lanes is needed; neighbours in one cell share the registers. All else

@@ -126,7 +126,7 @@ def test_a_torn_body_is_left_alone(model: Model) -> None:
 def test_numbering_keeps_pieces_apart() -> None:
     """Cells of two pieces have no node in common, cells of one share those between them."""
     base = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    node, count = anchor._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
+    node, key = anchor._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
     assert len(set(node[0]) & set(node[1])) == 18
     assert not set(node[1]) & set(node[2])
-    assert count == 36 + 27
+    assert len(key) == 36 + 27
