@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from magmpm.basis import Array
@@ -142,14 +143,22 @@ class Parts(Part):
 
     def near(self, reach: float) -> list[tuple[str, str, float]]:
         """Names of parts that lie nearer to each other than `reach` (m) and do not touch, with the gap (m) between their boxes."""
-        boxes = np.array([[t.reshape(-1, 3).min(0), t.reshape(-1, 3).max(0)] for t in self.triangles()])
-        least = TOUCHING * self.length
+        least, gaps = TOUCHING * self.length, self._gaps()
         found = []
         for (i, one), (j, other) in itertools.combinations(enumerate(self.pieces()), 2):
-            gap = float(np.linalg.norm(np.maximum(np.maximum(boxes[i, 0] - boxes[j, 1], boxes[j, 0] - boxes[i, 1]), 0.0)))
-            if least < gap < reach and not (one.held and other.held):
-                found.append((one.name, other.name, gap))
+            if least < gaps[i, j] < reach and not (one.held and other.held):
+                found.append((one.name, other.name, float(gaps[i, j])))
         return found
+
+    def touching(self) -> NDArray[np.bool_]:
+        """Which parts' boxes touch which, (parts, parts): parts that touch move as one body."""
+        return self._gaps() <= TOUCHING * self.length
+
+    def _gaps(self) -> Array:
+        """Between the parts' boxes, (parts, parts) m."""
+        low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
+        high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
+        return np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
 
     @property
     def line(self) -> None:

@@ -11,9 +11,9 @@ stiffness, and slowly grows.
 
 The fit is weighted by mass: the centre of mass stays where it is. Velocities are not touched.
 
-Left alone are parts of the body that touch and are not neighbours (their pressure is strain that only the grid in space gives them:
-relaxed, it would let them sink into each other), and what is OFF cells off the fit: there the body has been torn. Pieces of the body
-that lie apart, by a cell or more, are fitted apart.
+Parts of the body that touch and are not neighbours keep their pressure (it is strain that only the grid in space gives them: relaxed, it
+would let them sink into each other), but not their tension: what sticks lets go within some spans. Left alone is what is OFF cells off
+the fit: there the body has been torn. Pieces of the body that do not touch as they are made are fitted apart.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Anchor:
         change = np.flatnonzero((np.diff(cell, axis=0) != 0).any(axis=1) | (np.diff(particles.segment) != 0)) + 1
         self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
         base = cell[self.cell_first[:-1]]
-        self.piece = _pieces(model, base)
+        self.piece = _pieces(model, base, particles.segment[self.cell_first[:-1]].astype(np.int64))
         self.node, key = _stencils(base, self.piece, grid.nodes)
         self.node_piece, within = np.divmod(key, int(np.prod(grid.nodes)))
         self.node_place = grid.origin + grid.spacing * (np.stack(np.unravel_index(within, grid.nodes), axis=1) - 0.5)
@@ -54,6 +54,7 @@ class Anchor:
         self.rest, self.volume, self.density, self.modes = particles.position, particles.volume, model.density, model.modes
         self.low, self.per = grid.origin + base * grid.spacing, 1.0 / grid.spacing
         self.size = float(grid.spacing.min())
+        self.held = model.held
         self.mass = float(self.density @ self.volume)
         self.node_mass = self._moments(np.ones((len(cell), 3)), len(key))
         self.field = np.zeros((len(key), 3))
@@ -125,20 +126,22 @@ class Anchor:
             least[on], most[on] = np.minimum(least[on], low[at[on]]), np.maximum(most[on], high[at[on]])
         return (most - least > FAR).any(axis=1)[of]
 
-    def relax(self, x: Array, F: Array, row: Index, touching: NDArray[np.bool_], steps: int) -> None:
+    def relax(self, x: Array, F: Array, row: Index, touching: NDArray[np.bool_], steps: int) -> float:
         """Take x m and F the way they go in so many steps: flat in blocks of eight, row (n,) of each particle in them.
 
-        touching (n,): left alone.
+        touching (n,): keep their pressure. Held particles stay. Returns how far a particle has been moved at most, in cells along an axis.
         """
         block, lane = np.divmod(row, 8)
         moved = x.reshape(-1, 3, 8)[block, :, lane] - self.rest
         if not self.fit(moved):
-            return
+            return 0.0
+        before = x.copy()
         part = 1.0 - np.exp(-steps / SPAN)
         kernels.relax(
-            self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.modes, self.field, moved, touching,
-            OFF * self.size, part, row, x, F,
+            self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.modes, self.field, moved, self.held,
+            touching, OFF * self.size, part, row, x, F,
         )  # fmt: skip
+        return float((np.abs(x - before).reshape(-1, 3, 8).max(axis=(0, 2)) * self.per).max())
 
 
 def _slabs(plane: Index) -> Index:
@@ -148,15 +151,19 @@ def _slabs(plane: Index) -> Index:
     return first
 
 
-def _pieces(model: Model, base: Index) -> Index:
-    """Which piece of the body each cell (cells, 3) is of: cells that touch by a face are of one."""
-    if model.scene.body.parts is None:
+def _pieces(model: Model, base: Index, part: Index) -> Index:
+    """Which piece of the body each cell (cells, 3), of that part (cells,), is of: parts whose boxes and cells touch are of one."""
+    parts = model.scene.body.parts
+    if parts is None:
         return np.zeros(len(base), np.int64)
-    from scipy.ndimage import label  # only for such bodies
+    from scipy.sparse.csgraph import connected_components  # only for such bodies
+    from scipy.spatial import cKDTree
 
-    full = np.zeros(model.grid.cells, bool)
-    full[tuple(base.T)] = True
-    return np.asarray(label(full)[0][tuple(base.T)], np.int64)
+    near = np.zeros((len(parts.meshes), len(parts.meshes)), bool)
+    pairs = part[cKDTree(base).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbours by a face
+    near[pairs[:, 0], pairs[:, 1]] = True
+    found: Index = connected_components(near & parts.touching(), directed=False)[1].astype(np.int64)[part]
+    return found
 
 
 def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], Index]:

@@ -156,7 +156,7 @@ class UpdatedMotion:
         if self.anchor is None:
             return
         before = self.x.copy()
-        self.anchor.relax(self.x, self.F, self.rows(), self.touching, self.since)
+        self.drift += self.anchor.relax(self.x, self.F, self.rows(), self.touching, self.since)
         self.since = 0
         if not self.model.free:
             return

@@ -76,13 +76,20 @@ def moments(slab_first, cell_first, node, low, per, rest, volume, density, value
                         out[node[cell, a], i] += near[i, a]
 
 
+@compiled
+def _determinant(F, at):  # type: ignore[no-untyped-def]
+    """det of the matrix in one lane of a block, its first entry at `at`."""
+    a, b, c, d, e, f, g, h, i = F[at], F[at + 8], F[at + 16], F[at + 24], F[at + 32], F[at + 40], F[at + 48], F[at + 56], F[at + 64]
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
 @kernel
-def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, torn, part, row, x, F):  # type: ignore[no-untyped-def]
+def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, pressed, torn, part, row, x, F):  # type: ignore[no-untyped-def]
     """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
 
     modes (n, 0) or (n, 4): model.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
-    (n,), or torn (m) off the fit, or whose A is turned inside out. row (n,): of a particle in x and F, flat in blocks
-    of eight (dynamics.updated).
+    (n,), or torn (m) off the fit, or whose A is turned inside out. pressed (n,): only F goes, and only where it is wider than A.
+    row (n,): of a particle in x and F, flat in blocks of eight (dynamics.updated).
     """
     count = modes.shape[1]
     for cell in prange(len(cell_first) - 1):
@@ -116,8 +123,13 @@ def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, 
                 continue
             scale = (projected / J[p - first]) ** (1.0 / 3.0)
             block, lane = row[p] // 8, row[p] % 8
+            if pressed[p]:
+                if not _determinant(F, 72 * block + lane) > projected:
+                    continue
+            else:
+                for i in range(3):
+                    x[24 * block + 8 * i + lane] += part * off[p - first, i]
             for i in range(3):
-                x[24 * block + 8 * i + lane] += part * off[p - first, i]
                 for j in range(3):
                     k = 72 * block + 8 * (3 * i + j) + lane
                     F[k] += part * (scale * A[p - first, i, j] - F[k])
