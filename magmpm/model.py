@@ -93,6 +93,7 @@ class Model:
     clamped_face: bool  # the grid's lower x face is at rest: node 0 along x is eliminated (basis.clamp_first_node)
     plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
     line: Line | None  # the undeformed axis of a straight body
+    planes: tuple[ClampPlane, ...] = ()  # the grid's faces on which held parts, or a far end's clamp, hold the rest
     order: tuple[int, int, int] = (0, 1, 2)  # reference axes that the grid's axes are: see statics.arrange
 
     @property
@@ -164,6 +165,7 @@ def build(scene: Scene, *, shift: tuple[float, float] = (0.0, 0.0)) -> Model:
         clamped_face=clamped_face,
         plane_strain=plane_strain,
         line=shape.line,
+        planes=(*planes, *([ClampPlane(0, False, grid.cells[0] - 1)] if shape.clamp == "both" else [])),
     )
     effects.check(model)
     return model

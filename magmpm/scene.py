@@ -391,11 +391,13 @@ class Scene(Part):
             found.append("field: its y component does nothing to a strip in plane strain")
         parts, dynamic = self.body.parts, self.solver.dynamic
         apart = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
-        if parts is not None and not apart:
+        if parts is not None:
             cell = parts.spacing or parts.thickness / across
+            joined = "they move as if joined, unless self_contact is named"
+            stick = "what begins so near sticks, and may not let go; use smaller cells, or move them apart"
             found += [
                 f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * cell:.3g} mm: "
-                "they move as if joined, unless self_contact is named"
+                + (stick if apart else joined)
                 for one, other, gap in parts.near(2 * cell)
             ]
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]

@@ -32,7 +32,7 @@ INTERVAL = 512  # steps from one fit to the next
 SPAN = 1024.0  # steps in which they go 1 - 1/e of the way; a third of it is stable as well
 OFF = 0.25  # cells
 EXACT = 1e-6  # cells: what is left of the fit's normal equations, per node
-FAR = 6.0  # cells: particles that share nodes, and were farther apart than that along an axis, touch (turned and at half their length: 5.2)
+FAR = 7.0  # of the longest cell: particles within three cells of each other that were farther apart along an axis touch (turned: 5.2)
 MOST = 24  # iterations of a fit: 20 take a swing from rest to within 1e-4 cells of the best
 GOOD = 1e-3  # cells: what a fit may lack; F waits for the next one where it lacks more
 
@@ -112,7 +112,7 @@ class Anchor:
         cell (n, 3): where they are in a box of so many nodes (3,).
         """
         apart = 10.0 * FAR * len(cell) * self.piece.repeat(np.diff(self.cell_first))  # pieces are far from each other
-        where = np.column_stack([self.rest * self.per, apart])  # cells
+        where = np.column_stack([self.rest * self.per.min(), apart])  # cells
         key = np.ravel_multi_index(tuple(cell.T), tuple(shape))
         full, of = np.unique(key, return_inverse=True)
         low, high = np.full((len(full), 4), np.inf), np.full((len(full), 4), -np.inf)
@@ -133,6 +133,7 @@ class Anchor:
         """
         block, lane = np.divmod(row, 8)
         moved = x.reshape(-1, 3, 8)[block, :, lane] - self.rest
+        moved[self.held] = 0.0
         if not self.fit(moved):
             return 0.0
         before = x.copy()

@@ -54,7 +54,7 @@ class UpdatedMotion:
     def sort(self) -> None:
         """Sort the particles, and fit the box to them: to the same bits as `place` with what they are and do."""
         row = self.rows()
-        order, source = self._fit(self._in_order(self.x, 3))
+        order, source = self._fit(self._places())
         rows = row[source]
         columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": 3, "shear": 1, "bulk": 1, "density": 1}
         for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
@@ -84,7 +84,9 @@ class UpdatedMotion:
             )
         self.low, self.origin = low, model.grid.origin + low * h
         self.along = (int(self.shape[1] * self.shape[2]), int(self.shape[2]))
-        order, self.slab_first = self._sorted(cell - low)
+        free = np.flatnonzero(~model.held)  # what is held has no rows: its nodes are at rest, it moves nothing and does not move
+        order, self.slab_first = self._sorted((cell - low)[free])
+        order = np.where(order >= 0, free[order], -1)
         if self.anchor is not None:
             self.touching = self.anchor.touching(cell - low, self.shape)
         real = order >= 0
@@ -92,6 +94,7 @@ class UpdatedMotion:
         nodes = int(np.prod(self.shape))
         self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
         self.fixed = self._fixed(nodes)
+        self.mirrors = self._mirrors()
         self.nodes_place = self._nodes_place() if has_hook("node", model.effects) else np.zeros((1, 3))
         self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
         self.low_det, self.fast = np.ones(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
@@ -126,6 +129,25 @@ class UpdatedMotion:
                     fixed[(first + a * self.along[0] + b * self.along[1])[:, None] + np.arange(3)] = 1
         return fixed
 
+    def _mirrors(self) -> Index:
+        """(pairs, 2) nodes on either side of a face that is at rest, the outer one first: it moves as the inner one does, backwards.
+
+        So the face is at rest, and nothing more (basis.clamp_first_node). Nodes inside a face are free, though a held part touches them.
+        """
+        found = [np.zeros((0, 2), np.int64)]
+        number = np.arange(int(np.prod(self.shape))).reshape(self.shape)
+        for plane in self.model.planes:
+            inner = plane.cell + 1 - int(self.low[plane.axis])
+            pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=plane.axis)
+            pairs = np.moveaxis(pair, plane.axis, -1).reshape(-1, 2)
+            if self.model.held.any():
+                pairs = pairs[(self.fixed[pairs] != 0).all(axis=1)]
+            found.append(pairs)
+        mirrors = np.concatenate(found)
+        if self.model.held.any():
+            self.fixed[mirrors[:, 1]] = 0
+        return mirrors
+
     def _nodes_place(self) -> Array:
         h = self.model.grid.spacing
         axes = [self.origin[a] + h[a] * (np.arange(self.shape[a]) - 0.5) for a in range(3)]
@@ -140,8 +162,8 @@ class UpdatedMotion:
         taken, self.drift, broken = kernels.advance(
             steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first,
             self.x, self.v, self.C, self.L, self.F, self.volume, self.shear, self.bulk, self.magnet,
-            self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.model.plane_strain,
-            self.low_det, self.fast, self.drift,
+            self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.mirrors,
+            self.model.plane_strain, self.low_det, self.fast, self.drift,
         )  # fmt: skip
         self.since += taken
         if not broken and self.since >= INTERVAL:
@@ -174,15 +196,22 @@ class UpdatedMotion:
             C[:, 3 * i + j] -= turn[k]
 
     def rows(self) -> Index:
-        """Row (n,) of each of the model's particles."""
-        row = np.empty(len(self.model.density), np.int64)
+        """Row (n,) of each of the model's particles; 0 of held ones, which have none."""
+        row = np.zeros(len(self.model.density), np.int64)
         real = self.particle >= 0
         row[self.particle[real]] = np.flatnonzero(real)
         return row
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""
-        return self._in_order(self.x, 3), self._in_order(self.v, 3), self._in_order(self.F, 9).reshape(-1, 3, 3)
+        F = self._in_order(self.F, 9).reshape(-1, 3, 3)
+        F[self.model.held] = np.eye(3)
+        return self._places(), self._in_order(self.v, 3), F
+
+    def _places(self) -> Array:
+        x = self._in_order(self.x, 3)
+        x[self.model.held] = self.model.particles.position[self.model.held]
+        return x
 
     def affine(self) -> Array:
         """APIC's C (n, 3, 3) 1/s, in the model's order: dv/dx averaged over a cell."""
@@ -192,7 +221,7 @@ class UpdatedMotion:
         """(n, width) values in the model's order, of blocks as the kernel has them."""
         rows = self._rowwise(blocks, width)
         real = self.particle >= 0
-        out = np.empty((len(self.model.density), width))
+        out = np.zeros((len(self.model.density), width))
         out[self.particle[real]] = rows[real]
         return out
 

@@ -2,7 +2,8 @@
 
 The updated formulation has it of itself: parts that share grid nodes share velocities, so they cannot pass through each other, and parts
 that move apart share none. Naming self_contact switches to that formulation; it has no hooks and no settings, and costs nothing beyond.
-What is touching sticks (no slip), and bodies feel each other when they come nearer than about a cell: `gap` measures it.
+What is touching sticks (no slip), and bodies feel each other when they come nearer than one to two cells: `gap` measures it. Parts
+that begin so near stick, and may not let go.
 """
 
 from __future__ import annotations

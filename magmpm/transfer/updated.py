@@ -272,18 +272,38 @@ def _mirror(velocity, clamp, along_x):  # type: ignore[no-untyped-def]
                 velocity[4 * (before + n) + i] = -velocity[4 * (after + n) + i]
 
 
+@compiled
+def _fold_pairs(momentum, mirrors):  # type: ignore[no-untyped-def]
+    """Faces at rest elsewhere: momentum of the outer node of each pair (pairs, 2) is taken from the inner one."""
+    for pair in range(len(mirrors)):
+        outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
+        momentum[inner] += momentum[outer]
+        for i in range(1, 4):
+            momentum[inner + i] -= momentum[outer + i]
+
+
+@compiled
+def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
+    """The outer node of each pair moves as the inner one, backwards."""
+    for pair in range(len(mirrors)):
+        outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
+        for i in range(1, 4):
+            velocity[outer + i] = -velocity[inner + i]
+
+
 @kernel
 def advance(
     steps, dt, origin, h, along_x, along_y, nodes, slab_first, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
-    momentum, velocity, fixed, place, clamp, flat, low, fast, drift,
+    momentum, velocity, fixed, place, clamp, mirrors, flat, low, fast, drift,
 ):  # fmt: skip
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
     Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place; volume, shear,
     bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first
     (slabs + 1,) first block of each slab; momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp:
-    first node of the plane before the clamped face, or -1; flat: nothing moves along y; low, fast (slabs,): smallest det F, largest move
-    along an axis in cells a step; drift: cells that particles may have moved since they were sorted.
+    first node of the plane before the clamped face, or -1; mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat:
+    nothing moves along y; low, fast (slabs,): smallest det F, largest move along an axis in cells a step; drift: cells that particles
+    may have moved since they were sorted.
     Returns steps taken, drift, and whether the motion broke: det F, or a particle that crosses a cell in one step.
     """
     slabs = len(slab_first) - 1
@@ -305,6 +325,7 @@ def advance(
                 low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
         if clamp >= 0:
             _fold(momentum, clamp, along_x)
+        _fold_pairs(momentum, mirrors)
         for plane in prange(nodes // along_x):
             for n in range(plane * along_x, (plane + 1) * along_x):
                 _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still)
@@ -312,6 +333,7 @@ def advance(
                     velocity[4 * n + 2] = 0.0
         if clamp >= 0:
             _mirror(velocity, clamp, along_x)
+        _mirror_pairs(velocity, mirrors)
         for slab in range(slabs):
             if not low[slab] > 0.0:
                 return step, drift, True

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from reference.in_motion import moving
+from reference.moving import moving_scene
 from reference.scenes import field_for_load, rod_scene
+from reference.solids import box
 
-from magmpm.dynamics.run import move
+from magmpm.dynamics.run import Moved, move
+from magmpm.meshes import write_stl
 from magmpm.model import build
+from magmpm.scene import Scene
 from magmpm.simulate import run
 
 LENGTH, DIAMETER = 40e-3, 4e-3
@@ -47,3 +54,42 @@ def test_settled_updated_formulation_is_near_statics(length: float, damping: flo
     tip = model.particles.volume * (model.particles.cell[:, 0] == model.particles.cell[:, 0].max())
     far = tip @ (moved.x - run(body).particle_position) / tip.sum()
     assert np.linalg.norm(far) < 0.005 * length
+
+
+CLAMPED = {"total": 0.2e-2, "updated": 1e-2}  # of the length
+
+
+@pytest.mark.parametrize("formulation", CLAMPED)
+def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it(formulation: str) -> None:
+    """Magnetised outwards from its middle, it bows in a field across; its far end stays."""
+    halves = [{"magnetization": [sign, 0.0, 0.0]} for sign in (1.0, -1.0)]
+    strip = {"length": 20e-3, "width": 4e-3, "thickness": 2e-3, "material": "m", "clamp": "both", "segments": halves}
+    _settles({"strip": strip}, formulation, length=20e-3, field=20e-3)
+
+
+@pytest.mark.parametrize("formulation", CLAMPED)
+def test_a_beam_on_a_held_base_settles_where_statics_has_it(formulation: str, tmp_path: Path) -> None:
+    """The base's face is at rest, and nothing more; what is held does not move at all."""
+    write_stl(box((-4.0, -4.0, -4.0), (0.0, 4.0, 4.0)), tmp_path / "base.stl")
+    write_stl(box((0.0, -2.0, -2.0), (20.0, 2.0, 2.0)), tmp_path / "beam.stl")
+    meshes = [
+        {"mesh": str(tmp_path / "base.stl"), "material": "m", "clamp": True},
+        {"mesh": str(tmp_path / "beam.stl"), "material": "m", "magnetization": [1.0, 0.0, 0.0]},
+    ]
+    moved = _settles({"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes}}, formulation, length=20e-3, field=10e-3)
+    held = moved.motion.model.held
+    assert np.array_equal(moved.x[held], moved.motion.model.particles.position[held])
+    assert np.array_equal(moved.F[held], np.tile(np.eye(3), (held.sum(), 1, 1)))
+
+
+def _settles(body: dict[str, Any], formulation: str, length: float, field: float) -> Moved:
+    effects = {"magnetic_torque": {}, "damping": {"rate": 200.0}}
+    scene = moving_scene(body, effects, formulation=formulation, duration=0.12, field={"uniform": [0.0, 0.0, field]})
+    data = scene.to_si()
+    still = run(Scene.from_si({**data, "solver": {"static": {}}, "effects": {"magnetic_torque": {}}}))
+    moved = move(build(scene))
+    far = np.linalg.norm(moved.x - still.particle_position, axis=1).max()
+    risen = np.abs(still.particle_position - moved.motion.model.particles.position).max()
+    assert risen > 0.05 * length
+    assert far < CLAMPED[formulation] * length
+    return moved
