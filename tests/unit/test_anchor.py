@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from reference import dynamics as reference
-from reference.in_motion import free_rod, quantities
+from reference.in_motion import advance, free_rod, quantities
+from reference.moving import moving_scene
 from reference.scenes import rod_scene
+from reference.solids import box
 
-from magmpm.dynamics import anchor
+from magmpm.dynamics import anchor, energies
+from magmpm.dynamics.anchor import Anchor
+from magmpm.dynamics.run import begin
 from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.meshes import write_stl
 from magmpm.model import Model, build
+from magmpm.scene import Scene
 
 WHOLE = 10**9  # steps: all the way
 L = 8e-3
@@ -133,3 +140,33 @@ def test_numbering_keeps_pieces_apart() -> None:
     assert len(set(node[0]) & set(node[1])) == 18
     assert not set(node[1]) & set(node[2])
     assert len(key) == 36 + 27
+
+
+def cubes(tmp_path: Path, gap: float) -> Scene:
+    """Two free cubes of 8 mm, so far apart along z (mm), on cells of 2 mm."""
+    write_stl(box((0.0, 0.0, gap), (8.0, 8.0, 8.0 + gap)), tmp_path / "upper.stl")
+    write_stl(box((0.0, 0.0, -8.0), (8.0, 8.0, 0.0)), tmp_path / "lower.stl")
+    meshes = [{"mesh": str(tmp_path / f"{name}.stl"), "material": "m"} for name in ("upper", "lower")]
+    return moving_scene({"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes}}, {"self_contact": {}}, formulation="updated")
+
+
+@pytest.mark.parametrize(("gap", "count"), [(0.0, 1), (0.4, 2), (3.0, 2), (7.0, 2)])
+def test_parts_that_touch_are_one_piece(tmp_path: Path, gap: float, count: int) -> None:
+    """And others are not, though they share cells of the grid."""
+    assert len(np.unique(Anchor(build(cubes(tmp_path, gap))).piece)) == count
+
+
+def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:
+    """They begin 1.5 cells apart, where they still feel each other: the energy of both only falls, over ten fits."""
+    motion = begin(build(cubes(tmp_path, 3.0)))
+    state, model = motion.motion, motion.motion.model
+    assert isinstance(state, UpdatedMotion)
+    x, n = model.particles.position, len(model.density)
+    v = np.outer(np.where(model.particles.segment == 0, 0.2, -0.2), [0.0, 0.0, 1.0])
+    state.place(x, v, np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+    found = []
+    for _ in range(10):
+        advance(state, anchor.INTERVAL, motion.dt)
+        found.append(state.kinetic_energy() + energies.elastic_energy(model, state.particles()[2], False))
+    assert np.diff(found).max() < 0.01 * found[0]
+    assert (state.particles()[0] - x)[:, 2].max() > 10e-3, "they have flown apart"
