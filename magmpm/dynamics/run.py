@@ -160,10 +160,10 @@ def follow(
             if balance is not None and (trouble := balance.look(moved.energies)) is not None:
                 raise _stopped(moved, trouble, moved.steps)
             _write(moved, writer)
+            _shorten(moved, options)  # before the checkpoint, which holds the step that the motion goes on with
             last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
             if folder is not None:
                 last.save(folder)
-            _shorten(moved, options)
     except SolveError as error:
         _go_on_from(moved, last, options)
         _look_at_particles(moved)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -15,7 +16,7 @@ import pytest
 
 from magmpm.cli import main
 from magmpm.dynamics.checkpoint import CHECKPOINT
-from magmpm.dynamics.run import begin
+from magmpm.dynamics.run import begin, follow
 from magmpm.model import build
 from magmpm.motion import Motion
 from magmpm.results import Result
@@ -79,6 +80,33 @@ def test_killed_and_resumed_is_the_same_motion(formulation: str, tmp_path: Path)
     assert len(first) == len(second) == 41
     for k in (0, frame, 40):
         assert first[k].position.tobytes() == second[k].position.tobytes()
+
+
+class Interrupted(Exception):
+    """Stands for what ends a run between two frames."""
+
+
+def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
+    """A step near the bound, shortened where the body is deformed: a run resumed after that equals an unbroken one bit for bit."""
+    path = tmp_path / "scene.yaml"
+    heavy = SCENE.replace("effects: {{", "effects: {{gravity: {{acceleration: [1000 m/s^2, 0 m/s^2, 0 m/s^2]}}, ")
+    path.write_text(heavy.format(dynamic="duration: 5.97 ms, output_every: 1.99 ms, safety: 0.97"), encoding="utf-8")
+    loaded = load_scene(path)
+    begun = begin(build(loaded))
+    at_first = math.ceil(1.99e-3 / begun.dt)  # steps between two frames
+    whole = follow(begun)
+    assert whole.steps > 3 * at_first, "the step must have been shortened"
+
+    def interrupt(at: float, steps: int) -> None:
+        if at > 2e-3:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        follow(begin(build(loaded)), folder=tmp_path, on_progress=interrupt)
+    again = follow(begin(build(loaded)), folder=tmp_path, resume=True)
+    assert again.steps == whole.steps
+    assert again.x.tobytes() == whole.x.tobytes()
+    assert again.F.tobytes() == whole.F.tobytes()
 
 
 def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
