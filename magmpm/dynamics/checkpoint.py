@@ -10,6 +10,7 @@ import numpy as np
 
 from magmpm.basis import Array
 from magmpm.errors import InputError
+from magmpm.wording import report
 
 CHECKPOINT = "checkpoint.npz"
 
@@ -47,12 +48,23 @@ class Checkpoint:
         try:
             with np.load(path) as stored:
                 arrays = dict(stored)
-            about = json.loads(str(arrays.pop("about")))
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{path}: the checkpoint can't be read ({error}); remove it, and run from the start") from None
-        if about["scene_hash"] != scene_hash:
+            saved = cls(**json.loads(str(arrays.pop("about"))), state=arrays)
+        except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, TypeError, ...
+            raise _useless(path, f"a file that can't be read ({type(error).__name__}: {error})") from None
+        if saved.scene_hash != scene_hash:
             raise InputError(
                 f"{path}: belongs to another scene (the file was changed since); "
                 "run without --resume, or into another folder with --out"
             )
-        return cls(**about, state=arrays)
+        return saved
+
+    def must_fit(self, state: dict[str, Array], folder: Path | str) -> None:
+        """Raises InputError unless it holds the arrays that a motion's state has, in their shapes; folder: where it was loaded from."""
+        found, needed = ({name: array.shape for name, array in arrays.items()} for arrays in (self.state, state))
+        if found != needed:
+            raise _useless(Path(folder) / CHECKPOINT, f"arrays {found}, where this motion has {needed}")
+
+
+def _useless(path: Path, received: str) -> InputError:
+    rule = "the checkpoint to resume from must be whole, and of this version of magmpm"
+    return InputError(report(str(path), received=received, rule=rule, remedy="remove it, or run without --resume: from the start"))

@@ -139,7 +139,8 @@ def follow(
     options = _options(model.scene)
     scene_hash = model.scene.hash()
     saved = Checkpoint.load(folder, scene_hash) if folder is not None and resume else None
-    if saved is not None:
+    if saved is not None and folder is not None:
+        saved.must_fit(moved.motion.state(), folder)
         _go_on_from(moved, saved, options)
     writer = None
     if folder is not None:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,53 @@ def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.Captur
     assert main(["run", str(scene(tmp_path, "duration: 1 ms, output_every: 1 ms")), "--out", str(out)]) == 0
     assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 2
     assert "another scene" in capsys.readouterr().err
+
+
+def _cut_short(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def _emptied(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _of_another_version(path: Path) -> None:
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    about = json.loads(str(arrays.pop("about")))
+    np.savez(path, about=np.array(json.dumps({**about, "unknown": 1})), **arrays)
+
+
+def _no_archive(path: Path) -> None:
+    np.save(path.with_suffix(".npy"), np.zeros(3))
+    path.with_suffix(".npy").replace(path)
+
+
+def _a_byte_changed(path: Path) -> None:
+    whole = bytearray(path.read_bytes())
+    whole[len(whole) // 2] ^= 0xFF
+    path.write_bytes(whole)
+
+
+def _without_state(path: Path) -> None:
+    with np.load(path) as stored:
+        about = stored["about"]
+    np.savez(path, about=about)
+
+
+@pytest.mark.parametrize("damage", [_cut_short, _emptied, _of_another_version, _no_archive, _a_byte_changed, _without_state])
+def test_a_damaged_checkpoint_is_refused(
+    damage: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the file and what to do; never a traceback."""
+    path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
+    assert main(["run", str(path), "--out", str(out)]) == 0
+    damage(out / CHECKPOINT)
+    capsys.readouterr()
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
+    said = capsys.readouterr().err
+    assert str(out / CHECKPOINT) in said
+    assert "remedy: remove it" in said
 
 
 @pytest.mark.parametrize("formulation", ["total", "updated"])
