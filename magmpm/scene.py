@@ -337,6 +337,13 @@ class Scene(Part):
         return shape.diameter if isinstance(shape, Catheter) else shape.thickness
 
     @property
+    def cell(self) -> float:
+        """Width of the grid's cells, m, as asked for; the grid's own fit the body and may be a little smaller."""
+        parts = self.body.parts
+        asked = None if parts is None else parts.spacing
+        return asked or self.thickness / self.resolution.cells_across
+
+    @property
     def anchored(self) -> bool:
         """Whether it is held at its base alone, and so stays within its length of it."""
         return getattr(self.body.shape, "clamp", None) == "base"
@@ -392,13 +399,12 @@ class Scene(Part):
         parts, dynamic = self.body.parts, self.solver.dynamic
         apart = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
         if parts is not None:
-            cell = parts.spacing or parts.thickness / across
             joined = "they move as if joined, unless self_contact is named"
             stick = "what begins so near sticks, and may not let go; use smaller cells, or move them apart"
             found += [
-                f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * cell:.3g} mm: "
+                f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * self.cell:.3g} mm: "
                 + (stick if apart else joined)
-                for one, other, gap in parts.near(2 * cell)
+                for one, other, gap in parts.near(2 * self.cell)
             ]
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]
         return found

@@ -7,7 +7,7 @@ In the sources' frame nothing changes in time: a schedule changes strength and p
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,7 +19,7 @@ from magmpm.fields import lattice, table
 from magmpm.fields.evaluate import fields_at, gradients_at
 from magmpm.fields.region import Box, cut_for, reach, seen_from_sources
 from magmpm.fields.schedule import end_time, places, records, sample_times
-from magmpm.fields.solids import Solid, dipole_rows, exact, polarization, taken, wires
+from magmpm.fields.solids import Solid, bare_dipoles, dipole_rows, exact, polarization, taken, wires
 from magmpm.scene import Scene
 from magmpm.wording import report
 
@@ -46,7 +46,8 @@ class Field:
     """A field of any sources over time.
 
     data: the sources as the kernels take them (fields.evaluate); solids: what the body can't be in, each with the distance (m) up to
-    which the field is good; limits: boxes out of which it is not known; errors: of the table of magnets and coils, if there is one.
+    which the field is good; limits: boxes out of which it is not known; errors: of the table of magnets and coils, if there is one;
+    cell: the grid's, m, of what the body is: nearer to a point dipole its field has no meaning.
     """
 
     source: FieldSource
@@ -55,6 +56,7 @@ class Field:
     limits: tuple[Limit, ...] = ()
     errors: table.Errors | None = None
     warnings: list[str] = field(default_factory=list)
+    cell: float = 0.0
 
     def at(self, points: Array, time: float | None = None) -> Array:
         """B (n, 3) T at points (n, 3) m and a time (s; the end of the schedule unless given)."""
@@ -75,7 +77,8 @@ class Field:
 
     def trouble(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
         """Where points (n, 3) m of a body are not where the field is known: what happened, the source, the remedy; else None."""
-        if not (self.solids or self.limits) or len(points) == 0:
+        bare = bare_dipoles(self.source)
+        if not (self.solids or self.limits or bare) or len(points) == 0:
             return None
         place = places(self.source, _times(time))[0]
         local = (np.asarray(points) - place["origin"]) @ place["frame"].reshape(3, 3)
@@ -94,6 +97,16 @@ class Field:
                     "is not known",
                     solid.name,
                     "begin with the body nearer to the magnet, or raise field.tabulation.tolerance",
+                )
+        for name, position in bare:
+            distance = np.linalg.norm(local - position, axis=1)
+            worst = int(np.argmin(distance))
+            if distance[worst] < self.cell:
+                return (
+                    f"the body's point at {_mm(points[worst])} is {1e3 * distance[worst]:.3g} mm from the point dipole {name} at "
+                    f"{_mm(_outward(place, position))}, nearer than a cell of the grid, {1e3 * self.cell:.3g} mm",
+                    name,
+                    "move the dipole away, or give it its size: its `diameter`, or a `magnet` in its place",
                 )
         for limit in self.limits:
             out = ~limit.box.holds(local)
@@ -121,7 +134,7 @@ class Field:
         found = self.trouble(points, time)
         if found is not None:
             when = "" if self.source.over_time is None else f" at {time:g} s"
-            rule = "the undeformed body is where the field is known, and outside of every magnet"
+            rule = "the undeformed body is where the field is known, outside of every magnet, and a cell away from every point dipole"
             raise InputError(report(found[1], received=found[0] + when, rule=rule, remedy=found[2]))
 
 
@@ -133,7 +146,8 @@ def of(scene: Scene) -> Field:
     if not scene.field.varies:
         return Field(scene.field, np.zeros(2))
     lower, upper = scene.box()
-    return _of(scene.field, tuple(lower), tuple(upper), scene.anchored)
+    found = _of(scene.field, tuple(lower), tuple(upper), scene.anchored)
+    return replace(found, cell=scene.cell)  # of no account to the tables, so not among what they are kept by
 
 
 @lru_cache(maxsize=8)

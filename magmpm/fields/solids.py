@@ -78,6 +78,15 @@ def taken(field: FieldSource) -> list[Solid]:
     return found
 
 
+def bare_dipoles(field: FieldSource) -> list[tuple[str, Array]]:
+    """Dipoles that take up no space, by name, with their position (3,) m in the sources' frame."""
+    return [
+        (_name("dipole", k, field.dipole), np.array(dipole.position))
+        for k, dipole in enumerate(field.dipole or ())
+        if dipole.diameter is None
+    ]
+
+
 def wires(field: FieldSource) -> list[Solid]:
     """Coils as flat boxes: a table must not hold their wire, where the field has no bound."""
     return [

@@ -184,6 +184,26 @@ def test_a_magnet_in_the_body_is_refused_before_the_run() -> None:
         build(scene_in({"dipole": sphere}, *BOTH))
 
 
+@pytest.mark.parametrize("place", [(3e-3, 0, 0), (4e-3, 0.7e-3, -1.1e-3), (4e-3, 0, 2.3e-3)], ids=["axis", "inside", "at the surface"])
+def test_a_point_dipole_in_or_at_the_body_is_refused(place: tuple[float, float, float]) -> None:
+    """Nearer than a cell, 2 mm, its field has no meaning: which dipole, where, and what to do."""
+    near = {"position": place, "moment": (0.1, 0, 0)}
+    with pytest.raises(InputError, match=r"field.dipole\[1\]: received .* mm from the point dipole field.dipole\[1\] at ") as caught:
+        build(scene_in({"dipole": [NEAR, near]}, *BOTH))
+    for part in ("nearer than a cell of the grid, 2 mm", "rule: ", "remedy: move the dipole away", "`diameter`", "`magnet`"):
+        assert part in str(caught.value)
+    build(scene_in({"dipole": [NEAR, {**near, "position": (4e-3, 0, 4.5e-3)}]}, *BOTH))
+
+
+def test_a_point_dipole_that_comes_near_is_met_in_time() -> None:
+    moves = {"keyframes": [{"time": 0, "move": (0, 0, 0)}, {"time": 1, "move": (-40e-3, 0, 0)}]}
+    scene = scene_in({"dipole": {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0)}, "over_time": moves}, *BOTH)
+    x, source = build(scene).particles.position, fields.of(scene)
+    source.check(x, 0.0)
+    with pytest.raises(SolveError, match=r"mm from the point dipole field.dipole at \(6, 0, 0\) mm, nearer than a cell"):
+        source.check(x, 0.6)
+
+
 def test_a_magnet_that_passes_through_the_body_is_met_in_time() -> None:
     """Outside at first, inside later: the check at a time says where, and names the magnet."""
     sphere = {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0), "diameter": 2e-3}
