@@ -277,6 +277,6 @@ def _shorten(moved: Moved, options: DynamicOptions) -> None:
     """A deformed body may oscillate faster than at rest: shorter steps from here on where it does."""
     if not isinstance(moved.motion, TotalMotion):
         return
-    largest = min([body_step(moved.motion), *moved.stable.effects.values()])
+    largest = moved.stable.largest_beside(body_step(moved.motion))
     if moved.dt > 0.95 * largest and options.time_step is None:
         moved.dt = options.safety * largest

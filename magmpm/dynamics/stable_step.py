@@ -11,6 +11,9 @@ Integration, I.1.4). Three bounds are reported:
 * wave: the smallest cell's width over the speed of pressure waves, h / c. Not a bound by itself; printed to compare with.
 * body: 2 / omega of the body as a whole at its present deformation, by Lanczos iteration (total formulation only). This is what
   limits the step there: up to twice the isolated bound.
+
+A step is also kept to 1/20 of the period of a field that turns or swings (schedule): no matter of stability, but sampled at
+longer intervals a field seems to change more slowly than it does, or not at all.
 """
 
 from __future__ import annotations
@@ -27,27 +30,37 @@ from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.model import Model
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
+A_PERIOD = 20  # steps in the shortest period of the field, at least: between two steps it is off a straight line by about 1 %
 
 
 @dataclass(frozen=True)
 class StableStep:
-    """Bounds in s; `effects` by effect, `largest` the one that counts."""
+    """Bounds in s; `effects` by effect, `schedule` of the field's, `largest` the one that counts."""
 
     isolated: float
     wave: float
     body: float | None
     effects: dict[str, float]
+    schedule: float | None = None
 
     @property
     def largest(self) -> float:
-        """Largest stable step, s."""
-        return min([self.isolated if self.body is None else self.body, *self.effects.values()])
+        """Largest step, s."""
+        return self.largest_beside(self.isolated if self.body is None else self.body)
+
+    def largest_beside(self, body: float) -> float:
+        """Largest step, s, where the body's own bound is another."""
+        return min([body, *self.effects.values(), *self._of_schedule.values()])
 
     @property
     def named(self) -> dict[str, float]:
         """Every bound by its name, s."""
         body = {} if self.body is None else {"body": self.body}
-        return {"isolated": self.isolated, "wave": self.wave, **body, **self.effects}
+        return {"isolated": self.isolated, "wave": self.wave, **body, **self.effects, **self._of_schedule}
+
+    @property
+    def _of_schedule(self) -> dict[str, float]:
+        return {} if self.schedule is None else {"schedule": self.schedule}
 
 
 def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
@@ -67,6 +80,7 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
         wave=float(h.min() / speed_of_sound(model).max()),
         body=body_step(motion) if isinstance(motion, TotalMotion) else None,
         effects=_of_effects(model),
+        schedule=_of_schedule(model),
     )
 
 
@@ -118,3 +132,13 @@ def _of_effects(model: Model) -> dict[str, float]:
             if named:
                 found[key] = float(module.stable_step(named[0], named[1], model))
     return found
+
+
+def _of_schedule(model: Model) -> float | None:
+    """The step that resolves a field that turns or swings, s; None where it does neither, or no effect feels it."""
+    over = model.scene.field.over_time
+    if over is None or not model.scene.effects.in_a_field:
+        return None
+    parts = [part for part in (over.rotation, over.oscillation) if part is not None]
+    fastest = max((abs(part.frequency) for part in parts), default=0.0)
+    return 1.0 / (A_PERIOD * fastest) if fastest > 0 else None

@@ -18,6 +18,7 @@ import pytest
 from magmpm.cli import main
 from magmpm.dynamics.checkpoint import CHECKPOINT
 from magmpm.dynamics.run import begin, follow
+from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.motion import Motion
 from magmpm.results import Result
@@ -224,3 +225,21 @@ def test_a_full_disk_stops_the_run_with_its_state(tmp_path: Path, capsys: pytest
     assert 1 <= len(frames) < 40
     assert kept.time == pytest.approx(frames.times[-1], abs=1e-12)
     assert sum(file.stat().st_size for file in out.glob("motion.*")) < 400e3
+
+
+@pytest.mark.parametrize("formulation", ["total", "updated"])
+@pytest.mark.parametrize("over", ["oscillation: {frequency: 26 kHz}", "rotation: {axis: [0, 1, 0], frequency: -26 kHz}"])
+def test_the_step_resolves_a_field_that_changes_fast(over: str, formulation: str, tmp_path: Path) -> None:
+    """26 kHz looks like no change at all to steps of 1/26 ms: 1/20 of the period is the largest step then, and is named."""
+    path = scene(tmp_path, f"duration: 1 ms, formulation: {formulation}")
+    slow = path.read_text(encoding="utf-8").replace("20 mT]", "20 mT], over_time: {" + over + "}")
+    path.write_text(slow, encoding="utf-8")
+    moved = begin(build(load_scene(path)))
+    assert moved.stable.named["schedule"] == pytest.approx(1 / (20 * 26e3))
+    assert moved.stable.largest == moved.stable.named["schedule"]
+    assert moved.dt <= moved.stable.largest
+    path.write_text(slow.replace("26 kHz", "5 Hz"), encoding="utf-8")
+    assert begin(build(load_scene(path))).stable.largest > moved.stable.largest
+    path.write_text(slow.replace("duration: 1 ms", "duration: 1 ms, time_step: 3 us"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"time_step: received 3e-06 s.*\n?.*schedule 1.923e-06 s"):
+        begin(build(load_scene(path)))
