@@ -23,6 +23,7 @@ from magmpm.model import Model
 from magmpm.motion import MotionWriter
 from magmpm.scene import Scene
 from magmpm.solvers import DynamicOptions
+from magmpm.wording import report
 
 CHUNK = 256  # steps between two looks at the motion
 Progress = Callable[[float, int], None]
@@ -76,8 +77,12 @@ def begin(model: Model) -> Moved:
     if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
         bounds = ", ".join(f"{name} {step:.4g} s" for name, step in stable.named.items())
         raise InputError(
-            f"solver.dynamic.time_step: received {options.time_step:.4g} s; must be at most the stable step, {stable.largest:.4g} s "
-            f"({bounds}); lower it, or leave it out: it is then chosen"
+            report(
+                "solver.dynamic.time_step",
+                received=f"{options.time_step:.4g} s",
+                rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
+                remedy="lower it, or leave it out: it is then chosen",
+            )
         )
     return Moved(motion, stable, options.time_step or options.safety * stable.largest)
 
@@ -86,8 +91,12 @@ def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions)
     needed = memory(motion)
     if options.max_memory is not None and needed > options.max_memory:
         raise InputError(
-            f"solver.dynamic.max_memory: received {options.max_memory / 1e6:.4g} MB; this scene's particles and grid take "
-            f"{needed / 1e6:.4g} MB; raise it, or use fewer cells_across"
+            report(
+                "solver.dynamic.max_memory",
+                received=f"{options.max_memory / 1e6:.4g} MB",
+                rule=f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB",
+                remedy="raise it, or use fewer cells_across",
+            )
         )
 
 
@@ -95,8 +104,12 @@ def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> N
     """The box of the updated formulation grows with the body. Raises BudgetError."""
     if options.max_memory is not None and (needed := memory(motion)) > options.max_memory:
         raise BudgetError(
-            f"solver.dynamic.max_memory: received {options.max_memory / 1e6:.4g} MB; the particles and the box around them have grown to "
-            f"{needed / 1e6:.4g} MB; raise it, or hold the body together (clamp, ground, walls)"
+            report(
+                "solver.dynamic.max_memory",
+                received=f"{options.max_memory / 1e6:.4g} MB",
+                rule=f"the particles and the box around them must stay within it, and have grown to {needed / 1e6:.4g} MB",
+                remedy="raise it, or hold the body together (clamp, ground, walls)",
+            )
         )
 
 
