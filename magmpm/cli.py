@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.motion_files import CHECKPOINT, forget
 from magmpm.progress import Progress
 
 if TYPE_CHECKING:
@@ -206,6 +207,8 @@ def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     folder = writable(options.out or results_folder(scene.name))
     dynamic = scene.solver.dynamic
+    if options.resume:
+        _say_if_afresh(folder, dynamic is not None)
     with Progress(f"{scene.name}") as progress:
 
         def tell(step: int, number: float) -> None:
@@ -219,17 +222,32 @@ def _run(options: argparse.Namespace) -> int:
         except SolveError as error:
             if error.state is None:
                 raise
-            saved = error.state.save(folder)
+            saved = _save(error.state, folder)
             if options.json:
                 print(json.dumps({**error.state.summary(), "folder": str(folder), "reason": error.reason}))
             raise SolveError(f"{error.reason}; the last good state is in {saved}", error.state) from None
-    result.save(folder)
+    _save(result, folder)
     summary = {**result.summary(), "folder": str(folder)}
     if options.render:
         summary["files"] = _draw(folder, folder)
         summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
     _print(options, summary, _report(result, folder))
     return 0
+
+
+def _say_if_afresh(folder: Path, moving: bool) -> None:
+    """--resume where there is nothing to go on from."""
+    if not moving:
+        print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)
+    elif not (folder / CHECKPOINT).exists():
+        print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
+
+
+def _save(result: Result, folder: Path) -> Path:
+    """Save a result, in place of an earlier one of either kind. Returns the folder."""
+    if result.formulation == "static":
+        forget(folder)
+    return result.save(folder)
 
 
 def _report(result: Result, folder: Path) -> str:

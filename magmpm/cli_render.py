@@ -64,7 +64,8 @@ def draw_result(result: Result, path: Path, renderer: Renderer) -> Path:
 
 def motion_of(folder: Path) -> Motion | None:
     """The motion in a folder, unless an equilibrium was saved there later."""
-    from magmpm.motion import ABOUT, MOTION, Motion
+    from magmpm.motion import Motion
+    from magmpm.motion_files import ABOUT, MOTION
     from magmpm.results import NUMBERS
 
     if not (folder / MOTION).exists():

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from magmpm.basis import Array
 from magmpm.errors import BudgetError, InputError
+from magmpm.motion_files import ABOUT, CONTACTS, ENERGIES, MOTION
 
-MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.csv", "motion.json"
 QUANTITIES = {  # name of each array of the file: its components
     "displacement": 3,  # m
     "velocity": 3,  # m/s

@@ -10,9 +10,8 @@ import numpy as np
 
 from magmpm.basis import Array
 from magmpm.errors import InputError
+from magmpm.motion_files import CHECKPOINT
 from magmpm.wording import report
-
-CHECKPOINT = "checkpoint.npz"
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm import effects, fields
+from magmpm import effects, fields, motion_files
 from magmpm.basis import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint
@@ -156,6 +156,8 @@ def follow(
         saved.must_fit(moved.motion.state(), folder)
         _go_on_from(moved, saved, options)
     writer = None
+    if folder is not None and saved is None:
+        motion_files.forget(folder)
     if folder is not None:
         writer = MotionWriter(folder, model, max_disk=options.max_disk, resume_at=moved.time if saved else None)
     balance = watchdog.EnergyBalance() if _conserves(model) else None

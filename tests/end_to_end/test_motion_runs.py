@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from magmpm.cli import main
-from magmpm.dynamics.checkpoint import CHECKPOINT
 from magmpm.dynamics.run import begin, follow
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.motion import Motion
+from magmpm.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
 from magmpm.results import Result
 from magmpm.scene import load_scene
 
@@ -245,3 +245,39 @@ def test_the_step_resolves_a_field_that_changes_fast(over: str, formulation: str
     path.write_text(slow.replace("duration: 1 ms", "duration: 1 ms, time_step: 3 us"), encoding="utf-8")
     with pytest.raises(InputError, match=r"time_step: received 3e-06 s.*\n?.*schedule 1.923e-06 s"):
         begin(build(load_scene(path)))
+
+
+def test_an_equilibrium_takes_the_place_of_a_motion(tmp_path: Path) -> None:
+    """Nothing of an older motion in the folder stays beside it."""
+    path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
+    assert main(["run", str(path), "--out", str(out)]) == 0
+    (out / CONTACTS).touch()
+    path.write_text(path.read_text(encoding="utf-8").replace("dynamic: {duration: 0.4 ms, output_every: 0.4 ms}", "static: {}"))
+    assert main(["run", str(path), "--out", str(out)]) == 0
+    assert Result.load(out).formulation == "static"
+    assert not [name for name in (MOTION, ENERGIES, CONTACTS, ABOUT, CHECKPOINT) if (out / name).exists()]
+
+
+def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path) -> None:
+    """Killed before its first frame, it must not be resumed from another run's last."""
+    path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
+    assert main(["run", str(path), "--out", str(out)]) == 0
+
+    def interrupt(at: float, steps: int) -> None:
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        follow(begin(build(load_scene(path))), folder=out, on_progress=interrupt)
+    assert not (out / CHECKPOINT).exists()
+
+
+def test_resuming_from_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The motion begins at the start; a second --resume, from its checkpoint, says nothing."""
+    path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
+    assert f"{out} holds no checkpoint.npz; the motion begins at the start" in capsys.readouterr().err
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
+    assert "--resume" not in capsys.readouterr().err
+    path.write_text(path.read_text(encoding="utf-8").replace("dynamic: {duration: 0.4 ms, output_every: 0.4 ms}", "static: {}"))
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
+    assert "a static scene has no checkpoints" in capsys.readouterr().err
