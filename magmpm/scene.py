@@ -396,6 +396,9 @@ class Scene(Part):
         strip = self.body.strip
         if strip is not None and strip.plane_strain and self.field.uniform[1] and self.effects.magnetic_torque is not None:
             found.append("field: its y component does nothing to a strip in plane strain")
+        gravity = self.effects.gravity
+        if strip is not None and strip.plane_strain and gravity is not None and gravity.acceleration[1]:
+            found.append("effects.gravity: the y component of its acceleration does nothing to a strip in plane strain")
         parts, dynamic = self.body.parts, self.solver.dynamic
         apart = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
         if parts is not None:

@@ -65,6 +65,15 @@ def test_where_it_stands_does_not_matter() -> None:
     np.testing.assert_allclose(there.tip - [0.01, 0.02, -0.03], here.tip, atol=1e-12)
 
 
+@pytest.mark.parametrize(("plane_strain", "y", "warned"), [(True, 9.81, True), (True, 0.0, False), (False, 9.81, False)])
+def test_gravity_across_a_plane_strain_strip_is_warned_of(plane_strain: bool, y: float, warned: bool) -> None:
+    """Nothing moves along y there, as with the field's y component."""
+    scene = strip_scene(plane_strain=plane_strain).with_effects(gravity={"acceleration": [0.0, y, -1.0]})
+    assert [text for text in scene.warnings() if "gravity" in text] == [
+        "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
+    ] * warned
+
+
 def test_plane_strain_is_plane() -> None:
     """Nothing moves along y, nothing varies along it, and the strip is stiffer than one that is free to narrow."""
     free = run(strip_scene(width=T))
