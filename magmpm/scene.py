@@ -393,6 +393,8 @@ class Scene(Part):
                     f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
                     f"cells_across {int(np.ceil(across / wall - 1e-9))}"
                 )
+        if catheter is not None and catheter.clamp == "none" and self.effects.feed is not None:
+            found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
         strip = self.body.strip
         if strip is not None and strip.plane_strain and self.field.uniform[1] and self.effects.magnetic_torque is not None:
             found.append("field: its y component does nothing to a strip in plane strain")

@@ -145,6 +145,19 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight(formulatio
     assert moved[X[:, 0] > 11e-3, 2].mean() < -20e-6
 
 
+def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
+    """`clamp: none` beside feed is the same model, and the same motion, as `clamp: base`; only a warning tells them apart."""
+    effects = {"gravity": {}, "feed": {"speed": 0.02, "exit": 6e-3}}
+    free = {"catheter": {**CATHETER["catheter"], "clamp": "none"}}
+    clamped, loose = (moving_scene(body, effects, duration=0.02) for body in (CATHETER, free))
+    assert not any("clamp" in text for text in clamped.warnings() + moving_scene(free, {"gravity": {}}).warnings())
+    assert [text for text in loose.warnings() if "clamp" in text] == [
+        "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not"
+    ]
+    (one,), (two,) = (follow(build(scene), [0.2e-3]) for scene in (clamped, loose))
+    assert one.x.tobytes() == two.x.tobytes()
+
+
 def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
     """The base is pushed by speed times time; the wall holds the whole catheter inside, pushes it back and aside, and turns its tip."""
     scene = load_scene(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
