@@ -52,8 +52,12 @@ class Checkpoint:
             raise _useless(path, f"a file that can't be read ({type(error).__name__}: {error})") from None
         if saved.scene_hash != scene_hash:
             raise InputError(
-                f"{path}: belongs to another scene (the file was changed since); "
-                "run without --resume, or into another folder with --out"
+                report(
+                    str(path),
+                    received="the checkpoint of another scene (or the file was changed since)",
+                    rule="only the scene that it was written by can be resumed from it",
+                    remedy="run without --resume, or into another folder with --out",
+                )
             )
         return saved
 

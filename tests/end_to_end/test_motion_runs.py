@@ -115,7 +115,10 @@ def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.Captur
     out = tmp_path / "out"
     assert main(["run", str(scene(tmp_path, "duration: 1 ms, output_every: 1 ms")), "--out", str(out)]) == 0
     assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 2
-    assert "another scene" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"{out / CHECKPOINT}: received the checkpoint of another scene" in said
+    assert "\n  rule: " in said
+    assert "\n  remedy: " in said
 
 
 def _cut_short(path: Path) -> None:
