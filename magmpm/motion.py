@@ -75,6 +75,7 @@ class MotionWriter:
             raise InputError(f"quantities: received {unknown[0]!r}; must be among {', '.join(QUANTITIES)}")
         self.reference = np.array(model.particles.position, dtype=float)
         self.magnet = np.array(model.magnet[:, :3], dtype=float)
+        self._places = 0  # frames the file has room for: after a resume the dropped ones' is used again
         if resume_at is not None and self.path.exists():
             self.frames = self._resume(resume_at)
         else:
@@ -128,7 +129,7 @@ class MotionWriter:
         self.frames += 1
 
     def _afford(self, time: float) -> None:
-        needed = self.frame_size
+        needed = _OVERHEAD if self.frames < self._places else self.frame_size
         at = f"after {self.frames} frames, before the one at t = {time:g} s"
         remedy = (
             "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across make them smaller; "
@@ -210,8 +211,8 @@ class MotionWriter:
                 raise ValueError(f"frame at t = {time} s, but the last one is at {steps['Values'][k - 1]} s")
             for name, array in arrays.items():
                 stored = root["Points"] if name == "Points" else root["PointData"][name]
-                stored.resize((k + 1) * n, axis=0)
-                stored[k * n :] = array
+                stored.resize(max((k + 1) * n, len(stored)), axis=0)
+                stored[k * n : (k + 1) * n] = array
             rows: list[tuple[Any, Any]] = [
                 (steps["Values"], time),
                 (steps["NumberOfParts"], 1),
@@ -226,7 +227,7 @@ class MotionWriter:
                 *((steps["PointDataOffsets"][name], 0) for name in STATIC),
             ]
             for stored, row in rows:
-                stored.resize(k + 1, axis=0)
+                stored.resize(max(k + 1, len(stored)), axis=0)
                 stored[k] = row
             file.flush()  # the frame is on its way to the disk before the number of frames counts it
             steps.attrs.modify("NSteps", k + 1)
@@ -257,9 +258,9 @@ class MotionWriter:
             )
 
     def _resume(self, time: float) -> int:
-        """Drop the frames after a time; how many are left."""
+        """Drop the frames after a time; how many are left. They are no longer counted, and what follows is written over them."""
         mend(self.path)
-        with h5py.File(self.path, "r+", libver=_FORMAT, locking=False) as file:
+        with _opened_for_growth(self.path) as file:
             root = file["VTKHDF"]
             steps = root["Steps"]
             n = len(self.reference)
@@ -271,13 +272,7 @@ class MotionWriter:
                 )
             kept = int(np.count_nonzero(steps["Values"][: steps.attrs["NSteps"]] <= time * (1 + 1e-12)))
             steps.attrs.modify("NSteps", kept)
-            root["Points"].resize(kept * n, axis=0)
-            for name in self.quantities:
-                root["PointData"][name].resize(kept * n, axis=0)
-            root["FieldData"]["field"].resize(kept, axis=0)
-            steps.visititems(
-                lambda _, item: item.resize(kept, axis=0) if isinstance(item, h5py.Dataset) else None
-            )
+            self._places = len(steps["Values"])
             last = float(steps["Values"][kept - 1]) if kept else -np.inf
         for name in (ENERGIES, CONTACTS):
             _cut_rows(self.folder / name, last)
@@ -285,10 +280,17 @@ class MotionWriter:
 
 
 def _opened_for_growth(path: Path) -> h5py.File:
-    """The file, in the mode in which what HDF5 writes can be read at every moment."""
-    file = h5py.File(path, "r+", libver=_FORMAT, locking=False)
-    file.swmr_mode = True
-    return file
+    """The file, in the mode in which what HDF5 writes can be read at every moment.
+
+    It enters that mode as it is opened: between `h5py.File(path, "r+")` and `swmr_mode = True` the file would be marked as written in
+    no readable order, and a run killed there would leave a file that nothing opens any more.
+    """
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
+    access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
+    access.set_file_locking(False, False)
+    flags = h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE
+    return h5py.File(h5py.h5f.open(bytes(path), flags, access))
 
 
 def _steps(group: Any, name: str, tail: tuple[int, ...], dtype: np.dtype[Any]) -> None:
@@ -399,11 +401,18 @@ def mend(path: Path) -> None:
     except OSError:
         pass
     unfinished = path.with_name(f".{path.name}")
-    with (
-        h5py.File(path, "r", libver="latest", swmr=True, locking=False) as marked,
-        h5py.File(unfinished, "w", libver=_FORMAT, locking=False) as whole,
-    ):
-        marked.copy("VTKHDF", whole)
+    try:
+        with (
+            h5py.File(path, "r", libver="latest", swmr=True, locking=False) as marked,
+            h5py.File(unfinished, "w", libver=_FORMAT, locking=False) as whole,
+        ):
+            marked.copy("VTKHDF", whole)
+    except (OSError, KeyError, RuntimeError) as error:
+        unfinished.unlink(missing_ok=True)
+        raise InputError(
+            f"{path}: can't be read, nor can its whole frames be saved: {error}\n  rule: must be the motion that a run here wrote\n"
+            "  remedy: run again without --resume, or put back a copy of the file"
+        ) from error
     unfinished.replace(path)
 
 

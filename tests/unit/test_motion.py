@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -168,6 +169,10 @@ def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
     assert caught.value.exit_status == 3
     assert writer.size <= budget < writer.size + writer.frame_size
     assert len(Motion.load(tmp_path / "kept")) == writer.frames > 2
+    # dropped frames leave their room to those that follow: a resumed run keeps to the budget it was begun with
+    resumed = MotionWriter(tmp_path / "kept", model, max_disk=free.size + 1e5, resume_at=TIMES[0])
+    motions.write(resumed, motions.bending(model, TIMES[1:]))
+    assert abs(resumed.size - free.size) < 1e5
     # and the estimate that guards it is never less than what a frame took
     assert free.size - writer.size <= (free.frames - writer.frames) * writer.frame_size
 
@@ -207,6 +212,53 @@ def test_folders_without_a_motion_are_said_to_be(tmp_path: Path) -> None:
     (tmp_path / motion.MOTION).write_bytes(b"not HDF5")
     with pytest.raises(InputError, match="can't be read"):
         Motion.load(tmp_path)
+
+
+WATCH_THE_MARK = """
+import sys
+seen = set()
+with open(sys.argv[1], "rb", buffering=0) as file:
+    print("watching", flush=True)
+    while True:
+        file.seek(11)
+        seen.add(file.read(1)[0])
+        try:
+            open(sys.argv[2]).close()
+            break
+        except FileNotFoundError:
+            pass
+print(*sorted(seen))
+"""
+
+
+def test_a_file_is_at_no_moment_marked_as_written_in_no_order(tmp_path: Path) -> None:
+    """Byte 11 of HDF5's superblock says how a file is open: 0 not, 5 for frames that can be read at any moment, 1 otherwise.
+
+    A run that is killed while it is 1 leaves a file that nothing opens. What watches it looks a hundred times a frame.
+    """
+    model = motions.body(0.5e-3)
+    writer = MotionWriter(tmp_path, model)
+    command = [sys.executable, "-c", WATCH_THE_MARK, str(tmp_path / motion.MOTION), str(tmp_path / "over")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watch:
+        assert watch.stdout is not None
+        assert watch.stdout.readline() == "watching\n"
+        try:
+            motions.write(writer, motions.bending(model, np.arange(1, 300) * 1e-3))
+            left = MotionWriter(tmp_path, model, resume_at=0.1).frames
+        finally:
+            (tmp_path / "over").touch()
+        assert watch.stdout.read().split() == ["0", "5"]
+    assert left == 100
+
+
+def test_a_motion_marked_as_being_written_in_no_order_is_said_to_be(tmp_path: Path) -> None:
+    motions.written(tmp_path)
+    left = tmp_path / "left.vtkhdf"
+    with h5py.File(tmp_path / motion.MOTION, "r+", locking=False):
+        shutil.copy(tmp_path / motion.MOTION, left)  # as it would be after a kill at this moment
+    with pytest.raises(InputError, match="whole frames"):
+        motion.mend(left)
+    assert sorted(path.name for path in tmp_path.glob("*left*")) == ["left.vtkhdf"]
 
 
 WRITE_FOR_EVER = """
