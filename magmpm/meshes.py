@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.basis import Array
+from magmpm.shells import shared, trouble
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
@@ -25,7 +26,6 @@ SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them 
 RAYS = 400  # points from which the thickness is measured
 THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL
-LINES = 40  # lines along x each way, by which the overlap of two meshes is measured
 
 
 class MeshError(Exception):
@@ -119,7 +119,7 @@ def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
 
 
 def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
-    """The mesh, if it encloses a volume with its normals outward. Raises MeshError with what is wrong and how to mend it."""
+    """The mesh, if it encloses a volume once with its normals outward. Raises MeshError with what is wrong and how to mend it."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     low, high = edges.min(1), edges.max(1)
     _, of = np.unique(low * len(vertices) + high, return_inverse=True)
@@ -149,6 +149,8 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
             "a mesh must enclose a volume, and this one encloses none: a part without volume has no mass",
             "export the solid part, not a surface",
         )
+    if (found := trouble(vertices, faces, size)) is not None:
+        raise MeshError(*found)
     return mesh
 
 
@@ -224,45 +226,5 @@ def _hits(start: Array, along: Array, triangles: Array) -> Array:
 
 @lru_cache(maxsize=4096)
 def overlap_of(one: str, other: str) -> float:
-    """Volume (in their unit cubed) that two stored meshes share, within a few per cent: exact along LINES^2 lines parallel to x."""
-    meshes = [unpack_mesh(text).triangles for text in (one, other)]
-    low = np.max([t.reshape(-1, 3).min(0) for t in meshes], axis=0)
-    high = np.min([t.reshape(-1, 3).max(0) for t in meshes], axis=0)
-    smaller = min(volume_of(t) for t in meshes)
-    if np.any(high <= low) or np.prod(high - low) < 1e-6 * smaller:
-        return 0.0
-    # An irrational shift of each row keeps lines off edges that are parallel to the axes.
-    k = np.arange(LINES * LINES)
-    unit = np.column_stack([(k + 0.5) / len(k), (k * 0.6180339887498949 + 0.37) % 1.0])
-    yz = low[1:] + unit * (high - low)[1:]
-    events = [_crossings(t, yz) for t in meshes]
-    shared = sum(_shared_length(a, b) for a, b in zip(*events, strict=True))
-    return float(shared / len(yz) * np.prod((high - low)[1:]))
-
-
-def _crossings(triangles: Array, yz: Array) -> list[Array]:
-    """For each line (y, z), the sorted x at which it enters and leaves the mesh."""
-    where: list[tuple[NDArray[Any], Array]] = []
-    for first in range(0, len(triangles), 2000):
-        t = triangles[first : first + 2000]
-        a, b, c = t[:, 0], t[:, 1], t[:, 2]
-        area = (b[:, 1] - a[:, 1]) * (c[:, 2] - a[:, 2]) - (b[:, 2] - a[:, 2]) * (c[:, 1] - a[:, 1])
-        d = yz[:, None, :] - a[None, :, 1:]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = (d[..., 0] * (c[:, 2] - a[:, 2]) - d[..., 1] * (c[:, 1] - a[:, 1])) / area
-            v = (d[..., 1] * (b[:, 1] - a[:, 1]) - d[..., 0] * (b[:, 2] - a[:, 2])) / area
-            line, face = np.nonzero((u >= 0) & (v >= 0) & (u + v <= 1))
-        x = a[face, 0] + u[line, face] * (b - a)[face, 0] + v[line, face] * (c - a)[face, 0]
-        where.append((line, x))
-    line, x = (np.concatenate(values) for values in zip(*where, strict=True))
-    order = np.lexsort((x, line))
-    return np.split(x[order], np.cumsum(np.bincount(line.astype(int), minlength=len(yz)))[:-1])
-
-
-def _shared_length(a: Array, b: Array) -> float:
-    """Length that two sets of intervals (sorted ends; an odd one out is dropped) share."""
-    total = 0.0
-    for s, e in a[: len(a) // 2 * 2].reshape(-1, 2):
-        for t, f in b[: len(b) // 2 * 2].reshape(-1, 2):
-            total += max(0.0, min(e, f) - max(s, t))
-    return total
+    """Volume (in their unit cubed) that two stored meshes share, within a few per cent: see shells.shared."""
+    return shared(unpack_mesh(one).triangles, unpack_mesh(other).triangles)

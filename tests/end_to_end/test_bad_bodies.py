@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bad_scenes import BadScene
 from reference.solids import box
@@ -87,6 +88,7 @@ ASSEMBLIES = [
     edit("an open mesh", "mesh: arm.stl", "mesh: open.stl", "body.parts.meshes[1].mesh", '"open.stl"', "must be watertight", "3 edges", "close the holes"),
     edit("an inverted mesh", "mesh: arm.stl", "mesh: inverted.stl", "body.parts.meshes[1].mesh", '"inverted.stl"', "its volume is negative", "flip the normals"),
     edit("a mesh of two minds", "mesh: arm.stl", "mesh: mixed.stl", "body.parts.meshes[1].mesh", '"mixed.stl"', "face opposite ways", "consistent"),
+    edit("a piece inverted", "mesh: arm.stl", "mesh: pieces.stl", "body.parts.meshes[1].mesh", '"pieces.stl"', "2 shells: shell 2 of volume 1 faces inward", "flip the normals of what is inverted"),
     edit("no mass", "mesh: arm.stl", "mesh: flat.stl", "body.parts.meshes[1].mesh", '"flat.stl"', "no mass", "export the solid part"),
     edit("an overlap", "mesh: arm.stl", "mesh: shifted.stl", "body.parts.meshes[1].mesh", '"shifted.stl"', "must not overlap", "shifted shares 0.5 mm^3 with base, 50 % of the smaller"),
     edit("a thin part", "mesh: arm.stl", "mesh: sheet.stl", "body.parts.spacing", '"0.5 mm"', "sheet is 0.2 mm, 0.4 cells of 0.5 mm", "at most `spacing: 0.1 mm`", line=7),
@@ -102,6 +104,7 @@ ASSEMBLIES = [
 def meshes(folder: Path) -> None:
     """The meshes that the scenes name, good and bad, in mm."""
     arm = box((0, 0, 0), (3, 1, 1))
+    piece = box((4, 0, 0), (5, 1, 1))
     mixed = arm.faces.copy()
     mixed[0] = mixed[0, ::-1]
     solids = {
@@ -110,6 +113,7 @@ def meshes(folder: Path) -> None:
         "open": Mesh(arm.vertices, arm.faces[1:]),
         "inverted": Mesh(arm.vertices, arm.faces[:, ::-1]),
         "mixed": Mesh(arm.vertices, mixed),
+        "pieces": Mesh(np.concatenate([arm.vertices, piece.vertices]), np.concatenate([arm.faces, 8 + piece.faces[:, ::-1]])),
         "shifted": box((-0.5, 0, 0), (3, 1, 1)),
         "sheet": box((0, 0, 0), (3, 1, 0.2)),
     }

@@ -16,6 +16,7 @@ from magmpm.mesh_bodies import grid_of_parts, part_errors, part_particles
 from magmpm.meshes import (
     Mesh,
     MeshError,
+    _merged,
     checked,
     overlap_of,
     pack_mesh,
@@ -28,6 +29,7 @@ from magmpm.meshes import (
 from magmpm.model import build
 from magmpm.results import Result
 from magmpm.scene import Scene, load_scene
+from magmpm.shells import shells_of
 from magmpm.simulate import run
 
 MATERIAL = {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1500.0, "remanence": 0.1}
@@ -145,6 +147,55 @@ def faces_changed(kind: str) -> tuple[np.ndarray, np.ndarray]:
 def test_meshes_that_enclose_nothing_definite_are_refused(kind: str, says: str) -> None:
     with pytest.raises(MeshError, match=says):
         checked(*faces_changed(kind))
+
+
+def together(*solids: Mesh, inverted: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Solids as one mesh, as an STL file holds them: near vertices made one."""
+    corners = [s.triangles[:, ::-1] if k in inverted else s.triangles for k, s in enumerate(solids)]
+    return _merged(np.concatenate(corners))
+
+
+BLOCK, SMALL = box((0, 0, 0), (4, 4, 4)), box((1, 1, 1), (3, 3, 3))
+APART = box((6, 0, 0), (9, 3, 3))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "says"),
+    [
+        (together(BLOCK, APART, inverted=(1,)), r"has 2 shells: shell 2 of volume 27 faces inward and is no cavity.*flip the normals"),
+        (together(BLOCK, BLOCK), "12 of this one stand again.*remove the doubled solid"),
+        (together(box((0, 0, 0), (10, 2, 2)), box((4, -4, 0), (6, 6, 2))),
+         "2 shells: shell 1 of volume 40 and shell 2 of volume 40 share 8 .*unite"),
+        (together(box((0, 0, 0), (6, 2, 2)), box((4, 0, 0), (9, 2, 2))), "shell 1 of volume 24 and shell 2 of volume 20 share 8 "),
+        (together(BLOCK, SMALL), "shell 2 of volume 8 lies in the material of another"),
+        (together(BLOCK, ball((2, 2, 2), 1)), "lies in the material of another"),
+        (together(BLOCK, turned(BLOCK, (0, 0, 1), np.pi / 2)), None),
+        (together(BLOCK, SMALL, SMALL, inverted=(1, 2)), "stand again"),
+        (together(BLOCK, box((3, 1, 1), (5, 3, 3)), inverted=(1,)), "shell 1 of volume 64 and shell 2 of volume 8 share 4"),
+        (together(BLOCK, SMALL, inverted=(1,)), None),  # a cavity
+        (together(BLOCK, ball((2, 2, 2), 1), inverted=(1,)), None),
+        (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1,)), None),  # a stone in a cavity
+        (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1, 2)), "shell 3 of volume 0.125 faces inward"),
+        (together(BLOCK, APART), None),
+        (together(BLOCK, box((4, 0, 0), (8, 4, 4))), None),  # one face in common
+        (together(BLOCK, box((4, 4, 0), (8, 8, 4))), None),  # one edge in common
+        (together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4))), None),
+        (together(BLOCK, box((4, 4, 4), (8, 8, 8))), None),  # one corner in common
+    ],
+)  # fmt: skip
+def test_shells_of_a_mesh_cover_each_point_once(mesh: tuple[np.ndarray, np.ndarray], says: str | None) -> None:
+    """Pieces that share a volume, that face inward or lie in one another are refused; cavities, and pieces apart or that touch, are not."""
+    if says is None:
+        checked(*mesh)
+        return
+    with pytest.raises(MeshError, match=says):
+        checked(*mesh)
+
+
+def test_boxes_that_touch_are_shells_of_their_own() -> None:
+    vertices, faces = together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4)))
+    label = shells_of(vertices, faces)
+    assert [volume_of(vertices[faces[label == k]]) for k in range(3)] == pytest.approx([64.0, 64.0, 64.0])
 
 
 def test_thickness_and_overlap() -> None:
