@@ -203,6 +203,7 @@ class Scene(Part):
                 ("body", self.body.kind, *where),
             )
         self._motion_has_its_solver()
+        self._contact_has_its_formulation()
         self._feed_can_push()
         self._field_suits_the_solver()
         if from_file(info):
@@ -237,6 +238,16 @@ class Scene(Part):
                     f"write `solver: {{dynamic: {{duration: 0.5 s}}}}`, or do not name {name}",
                     ("effects", name),
                 )
+
+    def _contact_has_its_formulation(self) -> None:
+        """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
+        dynamic = self.solver.dynamic
+        if self.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
+            raise fault(
+                "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
+                "leave formulation out, or write `formulation: updated`; or do not name self_contact",
+                ("solver", "dynamic", "formulation"),
+            )
 
     def _feed_can_push(self) -> None:
         """The guide must hold some of a catheter, and go on holding it."""

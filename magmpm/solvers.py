@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from magmpm.inputs import Part, Quantity
+from magmpm.inputs import Part, Quantity, fault
+
+MOST_FRAMES = 100_000
 
 
 class DynamicOptions(Part):
@@ -48,6 +50,18 @@ class DynamicOptions(Part):
         description="What particles and grid may take in memory; all there is unless given.",
         examples=["4 GB"],
     )
+
+    @model_validator(mode="after")
+    def _frames_can_be_counted(self) -> DynamicOptions:
+        frames = self.duration / (self.output_every or self.duration)
+        if frames > MOST_FRAMES * (1 + 1e-9):
+            raise fault(
+                f"a motion has at most {MOST_FRAMES} frames, and this would have {frames:.4g}",
+                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or leave it out for a hundred frames, here "
+                f"`output_every: {10 * self.duration:.3g} ms`",
+                ("output_every",),
+            )
+        return self
 
     @property
     def frame_times(self) -> list[float]:

@@ -417,6 +417,10 @@ MOTION = [
     motion("beyond safety", "duration: 1 s, safety: 1.5", "safety", "1.5", "must be at most 1"),
     motion("disk in metres", "duration: 1 s, max_disk: 2 m", "max_disk", '"2 m"', "is not a unit of size", "2 GB"),
     motion("no memory", "duration: 1 s, max_memory: 0 B", "max_memory", '"0 B"', "must be greater than 0 B"),
+    motion("a frame a nanosecond", "duration: 1 s, output_every: 1 ns", "output_every", '"1 ns"', "at most 100000 frames", "1e+09", "`output_every: 10 ms`"),
+    BadScene("contact in the total formulation", (("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s, formulation: total}"),
+                                                  ("  gravity: {}", "  gravity: {}\n  self_contact: {}")),
+             "solver.dynamic.formulation", '"total"', ("self_contact acts in the updated formulation only", "formulation: updated"), line=28),
     motion("a step of no unit", "duration: 1 s, time_step: 0.001", "time_step", "0.001", "a time needs a unit"),
 ]
 
