@@ -9,11 +9,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.motion_files import CHECKPOINT, forget
 from magmpm.progress import Progress
 
@@ -195,6 +196,17 @@ def writable(folder: Path) -> Path:
     return folder
 
 
+@contextmanager
+def _of_file(path: str) -> Iterator[None]:
+    """What turns out to be wrong with a scene once it is built is told with its file and line, as what its loading finds."""
+    try:
+        yield
+    except SceneError as error:
+        from magmpm.yamlfile import placed
+
+        raise placed(error, path) from None
+
+
 def _print(options: argparse.Namespace, summary: dict[str, Any], text: str) -> None:
     """The one JSON object, or the text for people."""
     print(json.dumps(summary) if options.json else text)
@@ -218,7 +230,8 @@ def _run(options: argparse.Namespace) -> int:
                 progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
 
         try:
-            result = run(scene, folder=folder, resume=options.resume, on_progress=tell)
+            with _of_file(options.scene):
+                result = run(scene, folder=folder, resume=options.resume, on_progress=tell)
         except SolveError as error:
             if error.state is None:
                 raise
@@ -303,7 +316,7 @@ def _accuracy(options: argparse.Namespace) -> int:
 
     scene = load_scene(options.scene)
     folder = writable(options.out or results_folder(scene.name))
-    with Progress(f"accuracy of {scene.name}") as progress:
+    with Progress(f"accuracy of {scene.name}") as progress, _of_file(options.scene):
         ladder = climb(scene, run, _cells(options.cells) or LADDER, progress.at)
     files = [
         *save(ladder, folder),
@@ -319,7 +332,7 @@ def _effects(options: argparse.Namespace) -> int:
     from studies.effects_table import survey
 
     scene = load_scene(options.scene)
-    with Progress(f"effects of {scene.name}") as progress:
+    with Progress(f"effects of {scene.name}") as progress, _of_file(options.scene):
         table = survey(scene, measure=not options.quick, on_progress=progress.at)
     _print(options, table.summary(), table.text())
     return 0

@@ -22,7 +22,7 @@ import numpy as np
 from magmpm.assembly import Parts
 from magmpm.basis import Array
 from magmpm.bodies import gauss, rod_grid, rod_particles, strip_grid
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.jit import compiled
 from magmpm.mesh_bodies import grid_of_parts, part_particles
 from magmpm.scene import Scene
@@ -137,13 +137,15 @@ def stable_step(stiffness: float) -> float:
 
 
 def refuse_overlap(key: str, depth: float, energy: float, mass: float, remedy: str) -> None:
-    """A body that begins within an obstacle would be thrown out of it: InputError where that is faster than THROWN.
+    """A body that begins within an obstacle would be thrown out of it: SceneError where that is faster than THROWN.
 
     depth m: its deepest; energy J: of the contact; mass kg: of the body.
     """
     speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
     if speed > THROWN:
-        raise InputError(
-            f"effects.{key}: the body begins {1e3 * depth:.3g} mm inside, and would be thrown out at {speed:.2g} m/s\n"
-            f"  rule: a body must begin clear of it, or just touching\n  remedy: {remedy}, by {1e3 * depth:.3g} mm or more"
+        raise SceneError(
+            f"effects.{key}",
+            found=f"the body begins {1e3 * depth:.3g} mm inside, and would be thrown out at {speed:.2g} m/s",
+            rule="a body must begin clear of it, or just touching",
+            remedy=f"{remedy}, by {1e3 * depth:.3g} mm or more",
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from magmpm.basis import Array, Grid
 from magmpm.bodies import Particles, gauss
 from magmpm.cut_cells import cell_moments
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 
 ON_PLANE = 1e-9  # of a cell
 MOST_CELLS = 20_000_000  # of the box around all parts
@@ -39,7 +39,7 @@ def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple
     """Grid around parts (each (f, 3, 3) m) with cells of about `spacing` m, and the planes on which free parts are clamped.
 
     Knots lie on the faces of the box around the free parts, and the held parts stand in as many more cells as they need.
-    Raises InputError where the box has too many cells.
+    Raises SceneError where the box has too many cells.
     """
     boxes = np.array([[p.reshape(-1, 3).min(0), p.reshape(-1, 3).max(0)] for p in parts])
     still = np.array(held)
@@ -52,9 +52,11 @@ def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple
     count = below + cells + above
     if np.prod(count.astype(float)) > MOST_CELLS:
         extent = " x ".join(f"{1e3 * x:.4g}" for x in boxes[:, 1].max(0) - boxes[:, 0].min(0))
-        raise InputError(
-            f"body.parts: the box around all parts, {extent} mm, has {np.prod(count.astype(float)):.3g} cells of "
-            f"{1e3 * spacing:.3g} mm; at most {MOST_CELLS:.0e} can be had; check units and places of the parts, or raise spacing"
+        raise SceneError(
+            "body.parts",
+            found=f"the box around all parts, {extent} mm, has {np.prod(count.astype(float)):.3g} cells of {1e3 * spacing:.3g} mm",
+            rule=f"at most {MOST_CELLS:.0e} cells can be had",
+            remedy="check units and places of the parts, or raise spacing",
         )
     grid = Grid(low - below * size, size, (int(count[0]), int(count[1]), int(count[2])))
     return grid, _clamp_planes(parts, boxes, still, grid, below, below + cells)

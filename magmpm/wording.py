@@ -28,6 +28,12 @@ def dotted(at: Key) -> str:
     return out
 
 
+def undotted(key: str) -> Key:
+    """What `dotted` made: "segments[2].length" -> ("segments", 2, "length")."""
+    parts = re.findall(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)', key)
+    return tuple(int(index) if index else quoted or word for quoted, index, word in parts)
+
+
 def flow(value: Any) -> str:
     """Plain data as one would write them on a line of YAML: {uniform: [0 mT, 6 mT, 8 mT]}."""
     if isinstance(value, dict):

@@ -13,8 +13,8 @@ from typing import Any
 
 import yaml
 
-from magmpm.errors import InputError
-from magmpm.wording import Key, dotted, report, show
+from magmpm.errors import InputError, SceneError
+from magmpm.wording import Key, dotted, report, show, undotted
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
@@ -79,6 +79,24 @@ def read_yaml(path: Path | str) -> Document:
     builder = _Builder(path, loader)
     data = builder.mapping(root, ())
     return Document(data, path, builder.lines)
+
+
+def placed(error: SceneError, path: Path | str) -> InputError:
+    """An error about a key of a scene, with the scene's file, the line of the key or of what is around it, and the value the file has."""
+    document = read_yaml(path)
+    at: Key = ()
+    value: Any = document
+    for part in undotted(error.key.split(", ")[0]):
+        if isinstance(part, int) and isinstance(value, dict):
+            continue  # one, where a list might stand
+        if isinstance(value, (dict, list)) and (*at, part) in document.lines:
+            value, at = value[part], (*at, part)  # type: ignore[index,call-overload]
+        else:
+            value = None
+            break
+    line = document.lines.get(at, 1)
+    received = error.received if value is None else show(value)
+    return InputError(SceneError.text(f"{path}:{line}: {error.key}", received, error.found, error.rule, error.remedy))
 
 
 _RULE = "the file must hold `key: value` lines, in YAML"

@@ -18,7 +18,7 @@ from magmpm.dynamics.stable_step import StableStep, body_step, stable_step
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects.hooks import has_hook
-from magmpm.errors import BudgetError, InputError, SolveError
+from magmpm.errors import BudgetError, InputError, SceneError, SolveError
 from magmpm.model import Model
 from magmpm.motion import MotionWriter
 from magmpm.scene import Scene
@@ -76,13 +76,11 @@ def begin(model: Model) -> Moved:
     _within_memory(motion, options)
     if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
         bounds = ", ".join(f"{name} {step:.4g} s" for name, step in stable.named.items())
-        raise InputError(
-            report(
-                "solver.dynamic.time_step",
-                received=f"{options.time_step:.4g} s",
-                rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
-                remedy="lower it, or leave it out: it is then chosen",
-            )
+        raise SceneError(
+            "solver.dynamic.time_step",
+            received=f"{options.time_step:.4g} s",
+            rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
+            remedy="lower it, or leave it out: it is then chosen",
         )
     return Moved(motion, stable, options.time_step or options.safety * stable.largest)
 
@@ -90,13 +88,11 @@ def begin(model: Model) -> Moved:
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
     needed = memory(motion)
     if options.max_memory is not None and needed > options.max_memory:
-        raise InputError(
-            report(
-                "solver.dynamic.max_memory",
-                received=f"{options.max_memory / 1e6:.4g} MB",
-                rule=f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB",
-                remedy="raise it, or use fewer cells_across",
-            )
+        raise SceneError(
+            "solver.dynamic.max_memory",
+            received=f"{options.max_memory / 1e6:.4g} MB",
+            rule=f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB",
+            remedy="raise it, or use fewer cells_across",
         )
 
 

@@ -116,7 +116,7 @@ def report(
 
 
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
-    """Raises InputError where the body begins below the plane."""
+    """Raises SceneError where the body begins below the plane."""
     x, mass = model.particles.position, model.density * model.particles.volume
     _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
     law.refuse_overlap("ground", deepest, energy, mass.sum(), "move the plane's `point` away from the body")

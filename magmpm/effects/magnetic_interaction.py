@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from magmpm.advice import Advice, Body
 from magmpm.effects.hooks import register
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.jit import compiled, kernel, prange
 from magmpm.scene import Scene
 
@@ -64,7 +64,7 @@ def marks(scene: Scene, particles: Any, magnet: Array) -> Array:
     """Block of each particle (n,), -1 for none: a column that the particles' `magnet` carries for the hooks.
 
     particles: bodies.Particles of the undeformed body; magnet (n, 3) T their remanence.
-    Raises InputError where there are more than MOST blocks.
+    Raises SceneError where there are more than MOST blocks.
     """
     settings = scene.effects.magnetic_interaction
     assert settings is not None
@@ -83,9 +83,12 @@ def marks(scene: Scene, particles: Any, magnet: Array) -> Array:
         block[own] = count + number.ravel()
         count += int(number.max()) + 1
     if count > MOST:
-        raise InputError(
-            f"effects.magnetic_interaction.blocks_across: received {settings.blocks_across}; the segments make {count} blocks\n"
-            f"  rule: there may be {MOST} blocks at most\n  remedy: write a smaller blocks_across, or use fewer cells_across"
+        raise SceneError(
+            "effects.magnetic_interaction.blocks_across",
+            received=str(settings.blocks_across),
+            found=f"the segments make {count} blocks",
+            rule=f"there may be {MOST} blocks at most",
+            remedy="write a smaller blocks_across, or use fewer cells_across",
         )
     return block
 

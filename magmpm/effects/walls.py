@@ -20,7 +20,7 @@ from magmpm.contact import Contact, push
 from magmpm.curves import curve
 from magmpm.distance import Table, value
 from magmpm.effects.hooks import register
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.jit import compiled
 from magmpm.scene import Scene
 from magmpm.surroundings import Surface, Tube
@@ -174,14 +174,16 @@ def report(
 
 
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
-    """Raises InputError where the body begins beyond the wall."""
+    """Raises SceneError where the body begins beyond the wall."""
     out = -_room(model.scene, model.particles.position)
     if out.max() > law.cell_size(model.scene):  # less is an overlap, below
         place = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[out.argmax()])
         far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
-        raise InputError(
-            f"effects.walls: the body begins {far}outside the lumen, at ({place}) mm\n"
-            "  rule: the body must begin within the lumen\n  remedy: make the lumen wider, or move it to the body"
+        raise SceneError(
+            "effects.walls",
+            found=f"the body begins {far}outside the lumen, at ({place}) mm",
+            rule="the body must begin within the lumen",
+            remedy="make the lumen wider, or move it to the body",
         )
     x, mass = model.particles.position, model.density * model.particles.volume
     _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))

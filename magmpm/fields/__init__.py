@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import SceneError, SolveError
 from magmpm.field_parts import FieldSource, Tabulation
 from magmpm.fields import lattice, table
 from magmpm.fields.evaluate import fields_at, gradients_at
@@ -21,7 +21,6 @@ from magmpm.fields.region import Box, cut_for, reach, seen_from_sources
 from magmpm.fields.schedule import end_time, places, records, sample_times
 from magmpm.fields.solids import Solid, bare_dipoles, dipole_rows, exact, polarization, taken, wires
 from magmpm.scene import Scene
-from magmpm.wording import report
 
 __all__ = ["Field", "end_time", "of", "places", "records"]
 
@@ -126,7 +125,7 @@ class Field:
             raise SolveError(f"{found[0]}; {found[2]}")
 
     def check_at_rest(self, points: Array, moving: bool) -> None:
-        """Raises InputError where the undeformed body is in a magnet, or not where the field is known.
+        """Raises SceneError where the undeformed body is in a magnet, or not where the field is known.
 
         moving: at time 0; else at the end of the schedule, where statics takes the field.
         """
@@ -135,13 +134,13 @@ class Field:
         if found is not None:
             when = "" if self.source.over_time is None else f" at {time:g} s"
             rule = "the undeformed body is where the field is known, outside of every magnet, and a cell away from every point dipole"
-            raise InputError(report(found[1], received=found[0] + when, rule=rule, remedy=found[2]))
+            raise SceneError(found[1], found=found[0] + when, rule=rule, remedy=found[2])
 
 
 def of(scene: Scene) -> Field:
     """The field of a scene. Tables are made once for each field and reach of the body; seconds for magnets and coils.
 
-    Raises InputError: a magnet in or too near to the body, a map that does not cover it, magpylib missing.
+    Raises SceneError: a magnet in or too near to the body, a map that does not cover it, magpylib missing.
     """
     if not scene.field.varies:
         return Field(scene.field, np.zeros(2))
@@ -194,9 +193,7 @@ def _table_box(
         for solid in named:
             if box.meets(*solid.box()) and cut_for(box, seen, _arcs([solid])) != box:
                 rule = f"no magnet or wire may be in the table's box ({box.text()} as the sources see it)"
-                raise InputError(
-                    report("field.tabulation", received=f"a box with {solid.name} in it", rule=rule, remedy="give a smaller box")
-                )
+                raise SceneError("field.tabulation", found=f"{solid.name} is in the box", rule=rule, remedy="give a smaller box")
         return box
     return cut_for(seen_from_sources(source, reach(body, anchored)), seen, _arcs(named))
 
@@ -228,18 +225,23 @@ def _clouds(
     if source.coils:
         rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"
         remedy = "move the coil away from the body, or put the body's reach in a box of your own, field.tabulation.lower and upper"
-        raise InputError(report("field.coils", received="a wire that no plane parts from the body", rule=rule, remedy=remedy))
+        raise SceneError("field.coils", found="no plane parts their wires from the body", rule=rule, remedy=remedy)
     corners = np.stack(np.meshgrid(*np.linspace(body.lower, body.upper, 9).T, indexing="ij"), axis=-1).reshape(-1, 3)
     clouds, near = [], []
     blocks = [solid for solid in taken(source) if not solid.ball]
     for solid, magnet in zip(blocks, source.magnet or (), strict=True):
         depth = -np.inf
-        for place in _passing(source):
+        for time, place in zip(sample_times(source), _passing(source), strict=True):
             local = (corners - place["origin"]) @ place["frame"].reshape(3, 3)
             depth = max(depth, float(solid.depth(local).max()))
-        if depth >= 0:
-            rule, remedy = "the undeformed body must be outside of every magnet, at all times", "move the magnet away"
-            raise InputError(report(solid.name, received="a magnet in the body's box", rule=rule, remedy=remedy))
+            if depth >= 0:
+                when = "" if source.over_time is None else f" at {time:.4g} s"
+                raise SceneError(
+                    solid.name,
+                    found=f"the magnet, centre {_mm(_outward(place, solid.position))}{when}, is in the box around the body, {body.text()}",
+                    rule="the undeformed body must be outside of every magnet, at all times",
+                    remedy="move the magnet away",
+                )
         distance = -NEAREST * depth
         alone = FieldSource(magnet=(magnet,))
         clouds.append(lattice.cloud(solid, polarization(magnet), exact(alone), distance, options.tolerance))
@@ -248,7 +250,7 @@ def _clouds(
 
 
 def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[str]]:
-    """Table, limit and warnings of a measured map. Raises InputError where it does not cover the undeformed body with a margin."""
+    """Table, limit and warnings of a measured map. Raises SceneError where it does not cover the undeformed body with a margin."""
     assert source.map is not None
     grid = source.map.table
     spacing = np.array(grid.spacing)
@@ -260,7 +262,7 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
             f"({', '.join(f'{1e3 * h:.3g}' for h in spacing)} mm)"
         )
         remedy = "measure or compute a larger map, or place it with field.map.position"
-        raise InputError(report("field.map", received=f"a map over {box.text()}", rule=rule, remedy=remedy))
+        raise SceneError("field.map", found=f"the map reaches over {box.text()}", rule=rule, remedy=remedy)
     packed, errors = table.of_values(lower, spacing, grid.array())
     warnings = [
         f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field has none; its force is as wrong as that"

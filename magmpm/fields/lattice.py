@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.fields.dipole import POINT, K
 from magmpm.fields.solids import Solid
 
@@ -25,7 +25,7 @@ MAX_DIPOLES = 1000  # a magnet: some 40 microseconds a particle
 def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], distance: float, tolerance: float) -> Array:
     """Dipoles (k, 7) (fields.dipole) that stand for a magnet at points `distance` m or farther from its surface.
 
-    polarization (3,) T in space; exact: the magnet's field. Raises InputError where MAX_DIPOLES do not reach the tolerance.
+    polarization (3,) T in space; exact: the magnet's field. Raises SceneError where MAX_DIPOLES do not reach the tolerance.
     """
     points = _around(solid, distance)
     B = exact(points)
@@ -34,11 +34,12 @@ def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], di
     while True:
         positions, weights = (_cylinder if solid.round else _block)(solid, np.rint(count).astype(int))
         if len(weights) > MAX_DIPOLES:
-            raise InputError(
-                f"{solid.name}: within {1e3 * distance:.3g} mm of it the field can't be as exact as {1e2 * tolerance:g} % with "
-                f"{MAX_DIPOLES} dipoles ({1e2 * error:.2g} % was reached)\n"
-                "  rule: a magnet that turns, or that the body goes round, is computed as a cloud of dipoles, and needs some distance\n"
-                "  remedy: keep the body farther from it, or raise field.tabulation.tolerance"
+            raise SceneError(
+                solid.name,
+                found=f"within {1e3 * distance:.3g} mm of it the field can't be as exact as {1e2 * tolerance:g} % with "
+                f"{MAX_DIPOLES} dipoles ({1e2 * error:.2g} % was reached)",
+                rule="a magnet that turns, or that the body goes round, is computed as a cloud of dipoles, and needs some distance",
+                remedy="keep the body farther from it, or raise field.tabulation.tolerance",
             )
         volume = (2 * np.pi if solid.round else 8.0) * solid.half.prod()
         moments = weights[:, None] * volume * polarization / MU0

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.field_parts import Dipole, FieldSource, Magnet
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ def polarization(magnet: Magnet) -> Array:
 def exact(field: FieldSource) -> Any:
     """The field of all magnets and coils as a function: points (n, 3) m in the sources' frame -> B (n, 3) T.
 
-    Raises InputError where magpylib is not installed.
+    Raises SceneError where magpylib is not installed.
     """
     magpylib = _library()
     from scipy.spatial.transform import Rotation
@@ -163,10 +163,11 @@ def _library() -> Any:
     try:
         import magpylib
     except ImportError:
-        raise InputError(
-            "field: magnets and coils of finite size need the library magpylib, which is not installed\n"
-            "  rule: field.magnet and field.coils are computed by magpylib\n"
-            "  remedy: pip install 'magmpm[magnets]' (or pip install magpylib), or use field.dipole, which needs nothing"
+        raise SceneError(
+            "field",
+            found="magnets and coils of finite size need the library magpylib, which is not installed",
+            rule="field.magnet and field.coils are computed by magpylib",
+            remedy="pip install 'magmpm[magnets]' (or pip install magpylib), or use field.dipole, which needs nothing",
         ) from None
     return magpylib
 

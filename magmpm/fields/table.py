@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.fields import spline
 from magmpm.fields.evaluate import PLACE, fields_at, gradients_at
 from magmpm.fields.region import Box
@@ -49,7 +49,7 @@ def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: 
     """The packed table (fields.spline) of a field over a box, and its errors.
 
     exact: points (n, 3) m -> B (n, 3) T; tolerance: largest error of B relative to its size at that place.
-    Raises InputError where MAX_NODES do not reach the tolerance; `what` names the sources.
+    Raises SceneError where MAX_NODES do not reach the tolerance; `what` names the sources.
     """
     extent = box.upper - box.lower
     points = _sample(box)
@@ -59,11 +59,12 @@ def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: 
         shape = tuple(int(n) for n in np.maximum(np.ceil(extent / step).astype(int) + 1, spline.FEWEST + 2))
         if np.prod(shape, dtype=float) > MAX_NODES:
             found = "" if errors is None else f" (reached: {1e2 * errors.field:.2g} %, gradient {1e2 * errors.gradient:.2g} %)"
-            raise InputError(
-                f"{what}: a table over {box.text()} can't be as exact as {1e2 * tolerance:g} % with {MAX_NODES} nodes{found}\n"
-                "  rule: the field near an edge of a magnet or a wire varies too fast for a table that reaches close to it\n"
-                "  remedy: keep the body farther from it, give a smaller box (field.tabulation.lower and upper), or a larger "
-                "field.tabulation.tolerance"
+            raise SceneError(
+                what,
+                found=f"a table over {box.text()} can't be as exact as {1e2 * tolerance:g} % with {MAX_NODES} nodes{found}",
+                rule="the field near an edge of a magnet or a wire varies too fast for a table that reaches close to it",
+                remedy="keep the body farther from it, give a smaller box (field.tabulation.lower and upper), or a larger "
+                "field.tabulation.tolerance",
             )
         spacing = extent / (np.array(shape) - 1)
         values = exact(grid_points(box.lower, spacing, shape)).reshape(*shape, 3)

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from magmpm.basis import Grid
 from magmpm.bodies import Particles
-from magmpm.errors import InputError
+from magmpm.errors import SceneError
 from magmpm.model import Index, Model, make_layout, volume_modes
 
 MOST_MEMORY = 4e9  # bytes of the factored tangent
@@ -24,7 +24,7 @@ MOST_MEMORY = 4e9  # bytes of the factored tangent
 def arranged(model: Model) -> tuple[Model, Index]:
     """The model with renumbered axes, and where each of its particles is in the given one, (n,).
 
-    Raises InputError where a piece hangs on nothing that is held, or the tangent would not fit.
+    Raises SceneError where a piece hangs on nothing that is held, or the tangent would not fit.
     """
     of = np.arange(len(model.shear))
     if model.line is None:
@@ -33,10 +33,11 @@ def arranged(model: Model) -> tuple[Model, Index]:
     layout = model.layout
     needed = 24.0 * layout.planes * layout.m**2
     if needed > MOST_MEMORY:
-        raise InputError(
-            f"resolution: statics of this body would take {needed / 1e9:.3g} GB for its tangent, {layout.planes} planes of {layout.m} "
-            f"unknowns; at most {MOST_MEMORY / 1e9:g} GB are used; make the cells larger, or let the body settle: "
-            "`solver: {dynamic: {duration: 0.5 s}}` with damping"
+        raise SceneError(
+            "resolution",
+            found=f"statics of this body would take {needed / 1e9:.3g} GB for its tangent, {layout.planes} planes of {layout.m} unknowns",
+            rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
+            remedy="make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5 s}}` with damping",
         )
     return model, of
 
@@ -90,7 +91,9 @@ def _all_hang_on_something(model: Model) -> None:
     held_groups = set(group[: len(pieces)][clamped].tolist())
     for k, piece in enumerate(pieces):
         if group[k] not in held_groups:
-            raise InputError(
-                f"body.{model.scene.body.kind}: {piece.name} touches no part that is held; equilibrium needs every part to hang on "
-                "something; clamp it or what it touches, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
+            raise SceneError(
+                f"body.{model.scene.body.kind}",
+                found=f"{piece.name} touches no part that is held",
+                rule="equilibrium needs every part to hang on something",
+                remedy="clamp it or what it touches, or move it: `solver: {dynamic: {duration: 0.5 s}}`",
             )

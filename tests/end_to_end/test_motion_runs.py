@@ -176,10 +176,8 @@ def test_a_step_above_the_bound_is_refused(formulation: str, tmp_path: Path, cap
     too_long = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}, time_step: {1.01e6 * largest:.6g} us")
     assert main(["run", str(too_long), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert f"{1.01 * largest:.4g} s" in said
     assert f"{largest:.4g} s" in said
-    assert "solver.dynamic.time_step: received " in said
-    assert "\n  rule: " in said
+    assert f'{too_long}:12: solver.dynamic.time_step: received "{1.01e6 * largest:.6g} us"\n  rule: ' in said
     assert "\n  remedy: " in said
     short = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}, time_step: {0.99e6 * largest:.6g} us")
     assert main(["run", str(short), "--out", str(tmp_path / "out")]) == 0
@@ -215,7 +213,7 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
 def test_too_little_memory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(scene(tmp_path, "duration: 1 ms, max_memory: 100 kB")), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "solver.dynamic.max_memory: received 0.1 MB\n  rule: " in said
+    assert f'{tmp_path / "scene.yaml"}:12: solver.dynamic.max_memory: received "100 kB"' in said
     assert "\n  remedy: raise it, or use fewer cells_across" in said
 
 

@@ -180,7 +180,7 @@ def test_equilibrium_needs_both(alone: str) -> None:
 
 def test_a_magnet_in_the_body_is_refused_before_the_run() -> None:
     sphere = {"position": (7e-3, 0, 2e-3), "moment": (0.1, 0, 0), "diameter": 2e-3}
-    with pytest.raises(InputError, match=r"field.dipole: received the body's point at .* is inside field.dipole, centre \(7, 0, 2\) mm"):
+    with pytest.raises(InputError, match=r"field.dipole: the body's point at .* is inside field.dipole, centre \(7, 0, 2\) mm"):
         build(scene_in({"dipole": sphere}, *BOTH))
 
 
@@ -188,7 +188,7 @@ def test_a_magnet_in_the_body_is_refused_before_the_run() -> None:
 def test_a_point_dipole_in_or_at_the_body_is_refused(place: tuple[float, float, float]) -> None:
     """Nearer than a cell, 2 mm, its field has no meaning: which dipole, where, and what to do."""
     near = {"position": place, "moment": (0.1, 0, 0)}
-    with pytest.raises(InputError, match=r"field.dipole\[1\]: received .* mm from the point dipole field.dipole\[1\] at ") as caught:
+    with pytest.raises(InputError, match=r"field.dipole\[1\]: the body's .* mm from the point dipole field.dipole\[1\] at ") as caught:
         build(scene_in({"dipole": [NEAR, near]}, *BOTH))
     for part in ("nearer than a cell of the grid, 2 mm", "rule: ", "remedy: move the dipole away", "`diameter`", "`magnet`"):
         assert part in str(caught.value)
