@@ -148,12 +148,18 @@ def rod_particles(
     outer, inner: radii in m; segment_ends (k,) m: where each segment ends, the last one at the tip;
     particles_per_cell: points a direction and cell (at least 2). A cell that two segments share is cut between them.
     """
+    index, (points, areas, rectangle) = rod_section(grid, outer, inner, particles_per_cell)
+    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+
+
+def rod_section(
+    grid: Grid, outer: float, inner: float, particles_per_cell: int
+) -> tuple[NDArray[np.int64], tuple[Array, Array, NDArray[np.int64]]]:
+    """Cells (r, 2) of a round section's grid, and the `section_points` of the section in them."""
     _, ny, nz = grid.cells
     index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
     low = grid.origin[1:] + index * grid.spacing[1:]
-    points, areas, rectangle = section_points(low, low + grid.spacing[1:], outer, inner, particles_per_cell)
-
-    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+    return index, section_points(low, low + grid.spacing[1:], outer, inner, particles_per_cell)
 
 
 def _extrude(

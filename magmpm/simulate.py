@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm import fields, measures
+from magmpm import fields, measures, memory
 from magmpm.basis import Array
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
@@ -45,7 +45,8 @@ def run(
     if scene.solver.dynamic is not None:
         return _motion(scene, folder, resume, on_progress)
     begun = time.perf_counter()
-    model = build(scene)
+    with memory.within(scene):
+        model = build(scene)
     compiled = prepare_kernels(scene)
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
@@ -62,8 +63,9 @@ def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: 
     from magmpm.dynamics import run as dynamics  # a study of static designs needs neither it nor HDF5: 20 MB
 
     begun = time.perf_counter()
-    compiled = prepare_kernels(scene)
-    moved = dynamics.begin(build(scene))
+    with memory.within(scene):
+        compiled = prepare_kernels(scene)
+        moved = dynamics.begin(build(scene))
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
 

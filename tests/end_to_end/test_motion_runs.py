@@ -217,6 +217,42 @@ def test_too_little_memory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "\n  remedy: raise it, or use fewer cells_across" in said
 
 
+def test_far_too_little_memory_is_refused_before_anything_is_built(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By an estimate that is below what it would take: nothing is compiled or allocated."""
+    path = scene(tmp_path, "duration: 1 ms, max_memory: 1 MB")
+    path.write_text(path.read_text().replace("length: 16 mm", "length: 0.4 m").replace("cells_across: 2", "cells_across: 16"))
+    monkeypatch.setattr("magmpm.simulate.build", lambda _: pytest.fail("built"))
+    monkeypatch.setattr("magmpm.simulate.prepare_kernels", lambda _: pytest.fail("compiled"))
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert f'{path}:12: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least' in said
+    assert "at least 860 MB for 2.87e+06 particles" in said  # 224 cells of 16^2, 1600 along, 2^3 particles in each
+
+
+@pytest.mark.parametrize("has", [math.inf, 5e4])
+def test_a_body_that_memory_can_t_hold_is_refused(
+    has: float, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the machine says what it has, and where an allocation fails: key, value, rule and remedy in place of a traceback."""
+
+    def fails(_: object) -> None:
+        np.empty(2**55)  # numpy's own MemoryError
+
+    path = scene(tmp_path, "duration: 1 ms")
+    monkeypatch.setattr("magmpm.memory.machine", lambda: has)
+    monkeypatch.setattr("magmpm.simulate.build", fails)
+    for text in (path.read_text(), path.read_text().replace("solver: {dynamic: {duration: 1 ms}}", "")):
+        path.write_text(text)
+        assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert f"{path}:13: resolution.cells_across: received 2; particles and grid take at least 0.0768 MB for 256 particles" in said
+        assert ("could not be had" if has > 1e6 else "this machine has") in said
+        assert "\n  rule: " in said
+        assert "\n  remedy: use fewer cells_across" in said
+
+
 def test_a_full_disk_stops_the_run_with_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """max_disk for some frames only: exit 3, the frames before it whole, and the state to resume from with more."""
     out = tmp_path / "out"
