@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.tables import TableError, read_lines
-from magmpm.units import KINDS, BadQuantity, Kind, parse_quantity
+from magmpm.units import KINDS, BadQuantity, Kind, format_si, parse_quantity
 from magmpm.wording import show
 
 Array = NDArray[np.float64]
@@ -21,6 +21,14 @@ _MAP = {
     name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names
 }
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
+_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as field_parts.Keyframe has them
+_FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
+_BOUNDS = {
+    "time": (0.0, 1e6, "0 s", "1e6 s"),
+    "strength": _NUMBER,
+    **dict.fromkeys(("Bx", "By", "Bz"), _FLUX),
+    **dict.fromkeys("xyz", _PLACE),
+}
 _START_MAP = "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid point"
 _START_SCHEDULE = "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
 
@@ -90,7 +98,7 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
     Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
-    names, rows, lines = _read(path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, plain=("strength",))
+    names, rows, lines = _read(path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, plain=("strength",), bounds=_BOUNDS)
     groups = {"uniform": ("Bx", "By", "Bz"), "move": ("x", "y", "z")}
     for group in groups.values():
         if 0 < sum(name in names for name in group) < 3:
@@ -119,10 +127,16 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
 
 
 def _read(
-    path: Path, kinds: dict[str, Kind], start: str, most: int, plain: tuple[str, ...] = ()
+    path: Path,
+    kinds: dict[str, Kind],
+    start: str,
+    most: int,
+    plain: tuple[str, ...] = (),
+    bounds: dict[str, tuple[float, float, str, str]] | None = None,
 ) -> tuple[list[str], Array, list[int]]:
-    """Names of the columns, rows in SI, and the line of each row. Raises TableError."""
+    """Names of the columns, rows in SI, and the line of each row. Raises TableError, also for what is out of bounds (SI; in words)."""
     names: list[str] = []
+    header: list[str] = []
     factors: list[float] = []
     rows: list[list[float]] = []
     numbers: list[int] = []
@@ -133,6 +147,7 @@ def _read(
         place = f"{path}:{number}"
         if not names:
             names, factors = _header(cells, kinds, plain, place, start)
+            header = cells
             continue
         try:
             row = [float(cell) for cell in cells] if len(cells) == len(names) else []
@@ -141,6 +156,15 @@ def _read(
         if not row or not all(math.isfinite(value) for value in row):
             rule = f"a row must have {len(names)} finite numbers"
             raise TableError(place, received=show(line.strip()), rule=rule, remedy="check this row")
+        for k, name in enumerate(names):
+            if bounds is not None and not bounds[name][0] <= row[k] * factors[k] <= bounds[name][1]:
+                reads = format_si(row[k] * factors[k], kinds[name]) if name in kinds else f"{row[k]:g}"
+                raise TableError(
+                    place,
+                    received=f"{cells[k]} in the column {header[k]}",
+                    rule=f"{name} must be at least {bounds[name][2]} and at most {bounds[name][3]}",
+                    remedy=f"check the number, and the unit in the header: this reads as {reads}",
+                )
         if len(rows) == most:
             rule = f"a table has at most {most} rows"
             raise TableError(place, received="more", rule=rule, remedy="thin it out")

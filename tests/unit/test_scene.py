@@ -15,6 +15,8 @@ from pydantic import ValidationError
 
 from magmpm import schema
 from magmpm.errors import InputError
+from magmpm.field_parts import Keyframe
+from magmpm.field_tables import _BOUNDS
 from magmpm.inputs import read_yaml
 from magmpm.scene import (
     Body,
@@ -365,3 +367,19 @@ def test_a_wall_thinner_than_a_cell_is_warned_of() -> None:
     scene = Scene.from_si(data)
     assert any("0.50 cells thick" in text and text.endswith("cells_across 8") for text in scene.warnings())
     assert not any("cells thick" in text for text in scene.with_cells(8).warnings())
+
+
+@pytest.mark.parametrize("column", _BOUNDS)
+def test_bounds_of_a_schedule_s_table_are_a_keyframe_s(column: str) -> None:
+    """What a table may say a keyframe takes, and what is just beyond it does not."""
+    key = {"B": "uniform", "x": "move", "y": "move", "z": "move"}.get(column[:1], column)
+    low, high = _BOUNDS[column][:2]
+
+    def accepts(number: float) -> bool:
+        try:
+            Keyframe.model_validate({"time": 0.0, key: number if key == column else [number, 0.0, 0.0]})
+        except ValidationError:
+            return False
+        return True
+
+    assert [accepts(low), accepts(high), accepts(low - 1e-6), accepts(high + 1e-6)] == [True, True, False, False]
