@@ -16,7 +16,7 @@ from magmpm.basis import Array
 from magmpm.dynamics.run import formulation
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
-from magmpm.errors import MagmpmError, SolveError
+from magmpm.errors import MagmpmError, SceneError, SolveError
 from magmpm.inputs import validate
 from magmpm.model import build
 from magmpm.parts import Effects
@@ -24,6 +24,7 @@ from magmpm.rod import rod_model, solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.surroundings import IN_MOTION
+from studies.field_moment import stopped
 
 Progress = Callable[[int, int, str], None]
 STILL = 1e-12  # s, a step in which nothing moves
@@ -47,11 +48,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """All effects, in the order of their phases. length: the body's, m."""
+    """All effects, in the order of their phases. length: the body's, m; moment: at which a field without end is taken, in words."""
 
     scene: str
     length: float
     rows: list[Row]
+    moment: str | None = None
 
     def summary(self) -> dict[str, Any]:
         """Plain data, SI."""
@@ -66,7 +68,11 @@ class Table:
             mark = "*" if row.named else " "
             lines.append(f"{mark} {row.effect:21} {shift:>8} {cost:>8}  {row.says}")
         return "\n".join(
-            [*lines, "* named in the scene; shift: of the body's rest, with the effect against without it"]
+            [
+                *lines,
+                "* named in the scene; shift: of the body's rest, with the effect against without it",
+                *([] if self.moment is None else [f"  it never ends: {self.moment}"]),
+            ]
         )
 
 
@@ -114,8 +120,8 @@ class Estimates:
 
 
 def at_rest(scene: Scene) -> Scene:
-    """The scene's equilibrium: without what only motion has."""
-    data = scene.to_si()
+    """The scene's equilibrium: without what only motion has, and in a field that ends."""
+    data = stopped(scene)[0].to_si()
     data["effects"] = {key: value for key, value in data["effects"].items() if key not in IN_MOTION}
     return Scene.from_si({**data, "solver": {"static": data["solver"]["static"]}, "reference": None})
 
@@ -193,6 +199,18 @@ def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None =
             except SolveError as error:
                 says = f"not known: {error.reason}"
             except MagmpmError as error:
-                says = f"not known: {str(error).splitlines()[0]}"
+                says = f"not known: {_reason(error)}"
         rows.append(Row(key, getattr(scene.effects, key) is not None, shift, spent.get(key), says))
-    return Table(scene.name, scene.length, rows)
+    try:
+        moment = stopped(scene)[1]
+    except MagmpmError:  # the rows say why
+        moment = None
+    return Table(scene.name, scene.length, rows, moment)
+
+
+def _reason(error: MagmpmError) -> str:
+    """Why, in one line of whole words: what was found, else the rule that was broken; values received may be cut."""
+    if isinstance(error, SceneError) and error.found is not None:
+        return f"{error.key}: {error.found}"
+    lines = str(error).splitlines()
+    return next((line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")), lines[0])

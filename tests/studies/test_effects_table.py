@@ -102,3 +102,51 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     scene.write_text("name: small\n")
     assert main(["effects", str(scene)]) == 2
     assert "body: received nothing" in capsys.readouterr().err
+
+
+def in_field(over_time: dict[str, Any], uniform: tuple[float, ...] = FIELD) -> Scene:
+    """The catheter, magnetised along x, in motion in a uniform field that changes."""
+    data = rod_scene(field=uniform).to_si()
+    data["solver"]["dynamic"] = {"duration": 1.0}
+    data["field"]["over_time"] = over_time
+    return Scene.from_si(data)
+
+
+@pytest.mark.parametrize(
+    ("over_time", "uniform", "says"),
+    [
+        ({"rotation": {"axis": [0, 1, 0], "frequency": 2.0}}, (-3e-3, 0.0, 0.0), "turned by 90 deg, where its torque"),
+        ({"rotation": {"axis": [0, 1, 0], "frequency": 2.0}}, FIELD, "turned by 0 deg, where its torque"),
+        ({"oscillation": {"frequency": 5.0, "phase": 0.3}}, FIELD, "at the largest of its swing"),
+        ({"oscillation": {"frequency": 5.0, "amplitude": -0.5, "mean": 0.5}}, FIELD, "at the largest of its swing"),
+        ({"rotation": {"axis": [0, 1, 0], "frequency": -2.0}, "oscillation": {"frequency": 5.0}}, FIELD, "of its swing, and turned by 0"),
+    ],
+)  # fmt: skip
+def test_a_field_without_end_is_judged_at_its_strongest(over_time: dict[str, Any], uniform: tuple[float, ...], says: str) -> None:
+    """Turned across the body, at the top of its swing: what a field of 3 mT across it does that stands still."""
+    table = survey(in_field(over_time, uniform), measure=False)
+    assert table.moment is not None
+    assert says in table.moment
+    assert table.moment in table.text()
+    found, still = {row.effect: row for row in table.rows}, rows(rod_scene(field=FIELD))
+    assert found["magnetic_torque"].shift == pytest.approx(still["magnetic_torque"].shift, rel=1e-6)
+    assert found["gravity"].shift == pytest.approx(still["gravity"].shift, rel=1e-6)
+    assert found["damping"].says == still["damping"].says
+    assert found["viscosity"].says == still["viscosity"].says
+    assert not any("not known" in row.says for row in table.rows)
+
+
+def test_a_field_that_ends_has_no_moment() -> None:
+    table = survey(in_field({"ramp": {"duration": 0.1}}), measure=False)
+    assert table.moment is None
+    assert "never ends" not in table.text()
+
+
+def test_why_an_effect_is_not_known_is_said_in_whole_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rule, rather than a value that is cut where it gets long."""
+
+    def refused(*_: object) -> None:
+        Scene.from_si({**rod_scene().to_si(), "name": "x" * 200})
+
+    monkeypatch.setattr("magmpm.effects.gravity.advice", refused)
+    assert rows(rod_scene())["gravity"].says == "not known: must have 100 or fewer characters"
