@@ -71,7 +71,7 @@ class Table:
             [
                 *lines,
                 "* named in the scene; shift: of the body's rest, with the effect against without it",
-                *([] if self.moment is None else [f"  it never ends: {self.moment}"]),
+                *([] if self.moment is None else [f"  {self.moment}"]),
             ]
         )
 

@@ -35,7 +35,7 @@ def stopped(scene: Scene) -> tuple[Scene, str | None]:
         best = angles[int(np.argmax(np.array(torques) > (1 - 1e-9) * max(torques)))]
         changed["rotation"]["turns"] = best
         words.append(f"turned by {360 * (best % 1.0):g} deg, where its torque on the undeformed body is largest")
-    return Scene.from_si(data), "the field is taken " + ", and ".join(words)
+    return Scene.from_si(data), "the field, which has no end, is taken " + ", and ".join(words)
 
 
 def _torque(scene: Scene, over_time: dict[str, object]) -> float:
