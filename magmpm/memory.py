@@ -77,12 +77,13 @@ def _too_large(scene: Scene, found: str) -> SceneError:
         key, received, change = "body.parts.spacing", f"{1e3 * spacing:.4g} mm", "a larger spacing"
     else:
         key, received, change = "resolution.cells_across", str(scene.resolution.cells_across), "fewer cells_across"
+    count = scene.resolution.particles_per_cell
     return SceneError(
         key,
         received=received,
         found=found,
         rule="a scene's particles and grid must fit into memory",
-        remedy=f"use {change}, or fewer particles_per_cell ({scene.resolution.particles_per_cell} now; 2 is the least)",
+        remedy=f"use {change}" + (f", or fewer particles_per_cell ({count} now; 2 is the least)" if count > 2 else ""),
     )
 
 
