@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.basis import Array
-from magmpm.shells import shared, trouble
+from magmpm.shells import SAME, shared, trouble
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
-SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
 RAYS = 400  # points from which the thickness is measured
 THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL

@@ -16,14 +16,17 @@ from magmpm.basis import Array
 LINES = 40  # lines along x each way, by which what two meshes share is measured
 TOLERANCE = 1e-3  # of the smaller of two shells: what they may share, or lack of being one in the other; faces may touch
 NOTHING = 1e-9  # of the mesh's box: a shell with less volume than this is none
+SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
+SAME_ANGLE = 1e-3  # rad: triangles nearer to each other than this around their edge are one plane
 PAIRS = 1_000_000  # of lines and triangles looked at at a time
 SHOWN = 3  # shells of each kind that a message tells of
 
 Index = NDArray[Any]
 
 
-def shells_of(vertices: Array, faces: Index) -> Index:
-    """The shell (f,) that each triangle of a closed mesh, with consistent normals, belongs to.
+def shells_of(vertices: Array, faces: Index) -> tuple[Index, Index]:
+    """The shell (f,) that each triangle of a closed mesh, with consistent normals, belongs to; and first vertices of edges around which
+    some sector is covered twice, or less than once where another is not at all.
 
     Triangles that share an edge are of one shell. Where four or more meet at an edge, as where two boxes touch, each goes with the next
     one on the side of the material.
@@ -38,33 +41,46 @@ def shells_of(vertices: Array, faces: Index) -> Index:
     order = np.argsort(of, kind="stable")
     first = np.concatenate([[0], np.cumsum(used)])
     pairs = [face[order[np.add.outer(first[:-1][used == 2], [0, 1])]]]
+    overlaps, size = [], float(np.ptp(vertices, axis=0).max())
     for k in np.flatnonzero(used > 2):
         around = order[first[k] : first[k + 1]]
-        pairs.append(face[around[_matched(vertices, faces[face[around]], edges[around])]])
+        matched, covered_once = _matched(vertices, faces[face[around]], edges[around], size)
+        pairs.append(face[around[matched]])
+        if not covered_once:
+            overlaps.append(low[around[0]])
     links = np.concatenate(pairs)
     graph = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(len(faces), len(faces)))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return np.asarray(connected_components(graph, directed=False)[1]), np.array(overlaps, np.int64)
 
 
-def _matched(vertices: Array, faces: Index, edges: Index) -> Index:
-    """Pairs (k / 2, 2) of the k triangles at one edge, each with the next around the edge through the material.
+def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[Index, bool]:
+    """Pairs (k / 2, 2) of the k triangles at one edge, each with the next around the edge through the material; and whether material
+    begins and ends in turn around it.
 
-    faces (k, 3); edges (k, 2): the edge's ends as each triangle runs through them.
+    faces (k, 3); edges (k, 2): the edge's ends as each triangle runs through them; size: the mesh's.
     """
     forward = edges[:, 0] < edges[:, 1]
     start, end = vertices[edges[0].min()], vertices[edges[0].max()]
     along = (end - start) / np.linalg.norm(end - start)
     away = vertices[faces.sum(1) - edges.sum(1)] - start
     away = away - (away @ along)[:, None] * along
-    axis = away[0] / max(float(np.linalg.norm(away[0])), 1e-300)
+    height = np.linalg.norm(away, axis=1)
+    same = SAME_ANGLE + 4 * SAME * size / max(float(height.min()), 1e-300)
+    axis = away[0] / max(float(height[0]), 1e-300)
     angle = np.arctan2(away @ np.cross(along, axis), away @ axis)
     pairs, left = [], list(np.flatnonzero(~forward))
     for one in np.flatnonzero(forward):
         # The normal is along x away: the material lies the other way round.
         turn = (angle[one] - angle[left]) % (2 * np.pi)
-        nearest = int(np.argmin(np.where(turn < 1e-6, 2 * np.pi, turn)))
+        nearest = int(np.argmin(np.where((turn < same) | (turn > 2 * np.pi - same), 2 * np.pi, turn)))
         pairs.append((one, left.pop(nearest)))
-    return np.array(pairs)
+    order = np.argsort(angle)
+    turned, steps = angle[order], np.where(forward[order], -1, 1)  # across a triangle that runs along the edge the material ends
+    starts = np.flatnonzero(np.diff(turned, prepend=-np.inf) > same)
+    covers = np.cumsum(np.add.reduceat(steps, starts))
+    if len(starts) > 1 and turned[0] + 2 * np.pi - turned[-1] <= same:  # the last of them are the first
+        covers = covers[:-1]
+    return np.array(pairs), bool(np.ptp(covers) <= 1)
 
 
 def trouble(vertices: Array, faces: Index, size: float) -> tuple[str, str] | None:
@@ -80,7 +96,13 @@ def trouble(vertices: Array, faces: Index, size: float) -> tuple[str, str] | Non
             "would count twice",
             "remove the doubled solid (in MeshLab: Remove Duplicate Faces), and export the part again",
         )
-    label = shells_of(vertices, faces)
+    label, overlaps = shells_of(vertices, faces)
+    if len(overlaps):
+        return (
+            f"a mesh must cover each point once, and beside {len(overlaps)} edges of this one, where several pieces meet, solids overlap "
+            f"or one is inverted, the first near ({', '.join(f'{x:.4g}' for x in vertices[overlaps[0]])})",
+            "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what stands twice, and export the part again",
+        )
     if label.max() == 0:
         return None
     order = np.argsort(label, kind="stable")

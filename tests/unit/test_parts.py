@@ -155,6 +155,12 @@ def together(*solids: Mesh, inverted: tuple[int, ...] = ()) -> tuple[np.ndarray,
     return _merged(np.concatenate(corners))
 
 
+def other_diagonals(solid: Mesh) -> Mesh:
+    """A box whose faces are cut the other way."""
+    quads = [(a, b, c, d) for (a, b, c), (_, _, d) in solid.faces.reshape(-1, 2, 3)]
+    return Mesh(solid.vertices, np.array([t for a, b, c, d in quads for t in ((b, c, d), (b, d, a))]))
+
+
 BLOCK, SMALL = box((0, 0, 0), (4, 4, 4)), box((1, 1, 1), (3, 3, 3))
 APART = box((6, 0, 0), (9, 3, 3))
 
@@ -169,6 +175,8 @@ APART = box((6, 0, 0), (9, 3, 3))
         (together(box((0, 0, 0), (6, 2, 2)), box((4, 0, 0), (9, 2, 2))), "shell 1 of volume 24 and shell 2 of volume 20 share 8 "),
         (together(BLOCK, SMALL), "shell 2 of volume 8 lies in the material of another"),
         (together(BLOCK, ball((2, 2, 2), 1)), "lies in the material of another"),
+        (together(BLOCK, other_diagonals(BLOCK)), "solids overlap or one is inverted.*unite what overlaps"),
+        (together(BLOCK, other_diagonals(box((0, 0, 0), (4, 4, 9)))), "solids overlap or one is inverted"),
         (together(BLOCK, turned(BLOCK, (0, 0, 1), np.pi / 2)), None),
         (together(BLOCK, SMALL, SMALL, inverted=(1, 2)), "stand again"),
         (together(BLOCK, box((3, 1, 1), (5, 3, 3)), inverted=(1,)), "shell 1 of volume 64 and shell 2 of volume 8 share 4"),
@@ -194,7 +202,8 @@ def test_shells_of_a_mesh_cover_each_point_once(mesh: tuple[np.ndarray, np.ndarr
 
 def test_boxes_that_touch_are_shells_of_their_own() -> None:
     vertices, faces = together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4)))
-    label = shells_of(vertices, faces)
+    label, overlaps = shells_of(vertices, faces)
+    assert len(overlaps) == 0
     assert [volume_of(vertices[faces[label == k]]) for k in range(3)] == pytest.approx([64.0, 64.0, 64.0])
 
 
