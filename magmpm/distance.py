@@ -98,6 +98,16 @@ def surface(vertices: Array, faces: Faces, spacing: float) -> Table:
 
 
 @compiled
+def to_triangles(points, corners):  # type: ignore[no-untyped-def]
+    """Distance (n,) m of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
+    found = np.full(len(points), np.inf)
+    for k in range(len(points)):
+        for triangle in corners:
+            found[k] = min(found[k], _to_triangle(points[k], triangle[0], triangle[1], triangle[2]))
+    return found
+
+
+@compiled
 def _to_triangle(x, a, b, c):  # type: ignore[no-untyped-def]
     """Distance of point x from the triangle a b c. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
     ab, ac, ap = b - a, c - a, x - a

@@ -414,12 +414,10 @@ class Scene(Part):
             found.append("effects.gravity: the y component of its acceleration does nothing to a strip in plane strain")
         parts, dynamic = self.body.parts, self.solver.dynamic
         apart = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
-        if parts is not None:
-            joined = "they move as if joined, unless self_contact is named"
-            stick = "what begins so near sticks, and may not let go; use smaller cells, or move them apart"
+        if parts is not None and not apart:
             found += [
                 f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * self.cell:.3g} mm: "
-                + (stick if apart else joined)
+                "they move as if joined, unless self_contact is named"
                 for one, other, gap in parts.near(2 * self.cell)
             ]
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]

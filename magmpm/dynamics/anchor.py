@@ -11,9 +11,9 @@ stiffness, and slowly grows.
 
 The fit is weighted by mass: the centre of mass stays where it is. Velocities are not touched.
 
-Parts of the body that touch and are not neighbours keep their pressure (it is strain that only the grid in space gives them: relaxed, it
+Folds of the body that touch and are not neighbours keep their pressure (it is strain that only the grid in space gives them: relaxed, it
 would let them sink into each other), but not their tension: what sticks lets go within some spans. Left alone is what is OFF cells off
-the fit: there the body has been torn. Pieces of the body that do not touch as they are made are fitted apart.
+the fit: there the body has been torn. Pieces of the body (magmpm.connected) are fitted apart.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.basis import Array
+from magmpm.connected import connected_pieces
 from magmpm.dynamics.packing import slab_edges
 from magmpm.model import Index, Model
 from magmpm.transfer import anchor as kernels
@@ -46,7 +47,8 @@ class Anchor:
         change = np.flatnonzero((np.diff(cell, axis=0) != 0).any(axis=1) | (np.diff(particles.segment) != 0)) + 1
         self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
         base = cell[self.cell_first[:-1]]
-        self.piece = _pieces(model, base, particles.segment[self.cell_first[:-1]].astype(np.int64))
+        self.particle_piece = connected_pieces(model.scene.body.parts, particles.cell, particles.segment)
+        self.piece = self.particle_piece[self.cell_first[:-1]]
         self.node, key = _stencils(base, self.piece, grid.nodes)
         self.node_piece, within = np.divmod(key, int(np.prod(grid.nodes)))
         self.node_place = grid.origin + grid.spacing * (np.stack(np.unravel_index(within, grid.nodes), axis=1) - 0.5)
@@ -97,9 +99,8 @@ class Anchor:
 
     def _add_affine(self, left: Array) -> None:
         """Take the affine part, piece by piece, of what is left (n, 3) m into the field: at a node, its value at the spline's middle."""
-        of = self.piece.repeat(np.diff(self.cell_first))
         for piece in np.unique(self.piece):
-            mine, nodes = of == piece, self.node_piece == piece
+            mine, nodes = self.particle_piece == piece, self.node_piece == piece
             middle = self.rest[mine].mean(axis=0)
             row = np.column_stack([np.ones(np.count_nonzero(mine)), (self.rest[mine] - middle) / self.size])
             weighed = row * (self.density[mine] * self.volume[mine])[:, None]
@@ -107,15 +108,14 @@ class Anchor:
             self.field[nodes] += np.column_stack([np.ones(np.count_nonzero(nodes)), (self.node_place[nodes] - middle) / self.size]) @ affine
 
     def touching(self, cell: Index, shape: Index) -> NDArray[np.bool_]:
-        """Which particles (n,) share nodes with some that are not their neighbours.
+        """Which particles (n,) share nodes with some of their piece that are not their neighbours.
 
         cell (n, 3): where they are in a box of so many nodes (3,).
         """
-        apart = 10.0 * FAR * len(cell) * self.piece.repeat(np.diff(self.cell_first))  # pieces are far from each other
-        where = np.column_stack([self.rest * self.per.min(), apart])  # cells
-        key = np.ravel_multi_index(tuple(cell.T), tuple(shape))
+        where = self.rest * self.per.min()  # cells
+        key = np.ravel_multi_index(tuple(cell.T), tuple(shape)) + int(np.prod(shape)) * self.particle_piece
         full, of = np.unique(key, return_inverse=True)
-        low, high = np.full((len(full), 4), np.inf), np.full((len(full), 4), -np.inf)
+        low, high = np.full((len(full), 3), np.inf), np.full((len(full), 3), -np.inf)
         np.minimum.at(low, of, where)
         np.maximum.at(high, of, where)
         least, most = low.copy(), high.copy()
@@ -150,21 +150,6 @@ def _slabs(plane: Index) -> Index:
     edges = slab_edges(int(plane[-1] - plane[0]) + 1, 2) + plane[0]
     first: Index = np.searchsorted(plane, edges)
     return first
-
-
-def _pieces(model: Model, base: Index, part: Index) -> Index:
-    """Which piece of the body each cell (cells, 3), of that part (cells,), is of: parts whose boxes and cells touch are of one."""
-    parts = model.scene.body.parts
-    if parts is None:
-        return np.zeros(len(base), np.int64)
-    from scipy.sparse.csgraph import connected_components  # only for such bodies
-    from scipy.spatial import cKDTree
-
-    near = np.zeros((len(parts.meshes), len(parts.meshes)), bool)
-    pairs = part[cKDTree(base).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbours by a face
-    near[pairs[:, 0], pairs[:, 1]] = True
-    found: Index = connected_components(near & parts.touching(), directed=False)[1].astype(np.int64)[part]
-    return found
 
 
 def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], Index]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from magmpm.basis import Array
+from magmpm.basis import Array, spline_weights
+from magmpm.connected import connected_pieces
 from magmpm.dynamics.anchor import INTERVAL, Anchor
 from magmpm.dynamics.packing import slab_edges
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.model import Index, Model
+from magmpm.transfer import meeting
 from magmpm.transfer import updated as kernels
 
 WIDTH = 8
@@ -33,6 +36,8 @@ class UpdatedMotion:
         self.keeps_gradient = has_hook("rate_stress", model.effects)
         self.anchor: Anchor | None = Anchor(model)  # None: F is what the steps make of it
         self.since = 0  # steps since F was last relaxed
+        self.piece = connected_pieces(model.scene.body.parts, model.particles.cell, model.particles.segment)  # each has a grid of its own
+        self.curve = meeting.distances()
         n = len(model.density)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
 
@@ -56,7 +61,7 @@ class UpdatedMotion:
         row = self.rows()
         order, source = self._fit(self._places())
         rows = row[source]
-        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": 3, "shear": 1, "bulk": 1, "density": 1}
+        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": self.model.magnet.shape[1], "shear": 1, "bulk": 1, "density": 1}
         for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
             moved = np.empty(width * len(rows))
             kernels.rearrange(rows, width, getattr(self, name), moved)
@@ -78,22 +83,24 @@ class UpdatedMotion:
         if model.clamped_face:
             low[0], high[0] = min(low[0], -MARGIN), max(high[0], MARGIN + 2)
         self.shape = (high - low + 2).astype(np.int64)
-        if np.prod(self.shape) > NODES_MOST:
+        if np.prod(self.shape) * (self.piece.max() + 1) > NODES_MOST:
             raise SolveError(
-                f"the box around the particles has {' x '.join(map(str, self.shape))} nodes; a particle has flown off"
+                f"the box around the particles has {' x '.join(map(str, self.shape))} nodes for each of {self.piece.max() + 1} pieces; "
+                "a particle has flown off, or the pieces are too many"
             )
         self.low, self.origin = low, model.grid.origin + low * h
         self.along = (int(self.shape[1] * self.shape[2]), int(self.shape[2]))
         free = np.flatnonzero(~model.held)  # what is held has no rows: its nodes are at rest, it moves nothing and does not move
-        order, self.slab_first = self._sorted((cell - low)[free])
+        nodes, grids = int(np.prod(self.shape)), int(self.piece.max()) + 1
+        order, self.slab_first, piece = self._sorted((cell - low)[free], self.piece[free])
+        self.lift = float(nodes) * piece
         order = np.where(order >= 0, free[order], -1)
         if self.anchor is not None:
             self.touching = self.anchor.touching(cell - low, self.shape)
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
-        nodes = int(np.prod(self.shape))
-        self.momentum, self.velocity = np.zeros(4 * nodes + 8), np.zeros(4 * nodes + 8)
-        self.fixed = self._fixed(nodes)
+        self.momentum, self.velocity = np.zeros(4 * grids * nodes + 8), np.zeros(4 * grids * nodes + 8)
+        self.fixed, self.weight = self._held_nodes(nodes, grids)
         self.mirrors = self._mirrors()
         self.nodes_place = self._nodes_place() if has_hook("node", model.effects) else np.zeros((1, 3))
         self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
@@ -101,33 +108,38 @@ class UpdatedMotion:
         self.drift = 0.0
         return order, source
 
-    def _sorted(self, cell: Index) -> tuple[Index, Index]:
-        """Particles by slab and cell, each slab padded to whole blocks with -1; first block of each slab."""
+    def _sorted(self, cell: Index, piece: Index) -> tuple[Index, Index, Index]:
+        """Particles by slab, piece and cell, in whole blocks of one piece (-1: padding); first block of each slab; piece of each block."""
         axis = int(np.argmax(self.shape))
         along = cell[:, axis] - cell[:, axis].min()
         edges = slab_edges(int(along.max()) + 1, SLAB)
         slab = np.searchsorted(edges, along, side="right") - 1
-        key = ((slab * self.shape[0] + cell[:, 0]) * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
+        grids = int(self.piece.max()) + 1
+        group = slab * grids + piece
+        key = ((group * self.shape[0] + cell[:, 0]) * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
         order = np.argsort(key, kind="stable")
-        counts = np.bincount(slab, minlength=len(edges) - 1)
+        counts = np.bincount(group, minlength=grids * (len(edges) - 1))
         blocks = -(-counts // WIDTH)
         first = np.concatenate([[0], np.cumsum(blocks)])
         padded = np.full(first[-1] * WIDTH, -1, np.int64)
         row = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first[:-1] * WIDTH, counts)
         padded[row] = order
-        return padded, first.astype(np.int64)
+        return padded, first[::grids].astype(np.int64), np.repeat(np.arange(len(counts)) % grids, blocks)
 
-    def _fixed(self, nodes: int) -> np.ndarray:
-        """(nodes,) 1 where a held particle has weight."""
-        fixed = np.zeros(nodes, np.int8)
-        held = self.model.held
-        if held.any():
+    def _held_nodes(self, nodes: int, grids: int) -> tuple[np.ndarray, Array]:
+        """(grids nodes,) 1 where a held particle of the grid's piece has weight; and, if pieces can meet, the mass of what is held, kg."""
+        fixed, weight = np.zeros(grids * nodes, np.int8), np.zeros(grids * nodes if grids > 1 else 0)
+        held = np.flatnonzero(self.model.held)
+        if len(held):
             s = (self.model.particles.position[held] - self.origin) / self.model.grid.spacing
-            first = s.astype(np.int64) @ np.array([*self.along, 1])
-            for a in range(3):
-                for b in range(3):
-                    fixed[(first + a * self.along[0] + b * self.along[1])[:, None] + np.arange(3)] = 1
-        return fixed
+            first = s.astype(np.int64) @ np.array([*self.along, 1]) + nodes * self.piece[held]
+            mass, N = self.model.density[held] * self.model.particles.volume[held], spline_weights(s - np.floor(s))
+            for a, b, c in product(range(3), repeat=3):
+                node = first + a * self.along[0] + b * self.along[1] + c
+                fixed[node] = 1
+                if len(weight):
+                    np.add.at(weight, node, mass * N[:, 0, a] * N[:, 1, b] * N[:, 2, c])
+        return fixed, weight
 
     def _mirrors(self) -> Index:
         """(pairs, 2) nodes on either side of a face that is at rest, the outer one first: it moves as the inner one does, backwards.
@@ -135,11 +147,11 @@ class UpdatedMotion:
         So the face is at rest, and nothing more (basis.clamp_first_node). Nodes inside a face are free, though a held part touches them.
         """
         found = [np.zeros((0, 2), np.int64)]
-        number = np.arange(int(np.prod(self.shape))).reshape(self.shape)
+        number = np.arange(len(self.fixed)).reshape(-1, *self.shape)  # of every piece's grid
         for plane in self.model.planes:
-            inner = plane.cell + 1 - int(self.low[plane.axis])
-            pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=plane.axis)
-            pairs = np.moveaxis(pair, plane.axis, -1).reshape(-1, 2)
+            inner, axis = plane.cell + 1 - int(self.low[plane.axis]), 1 + plane.axis
+            pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=axis)
+            pairs = np.moveaxis(pair, axis, -1).reshape(-1, 2)
             if self.model.held.any():
                 pairs = pairs[(self.fixed[pairs] != 0).all(axis=1)]
             found.append(pairs)
@@ -160,9 +172,10 @@ class UpdatedMotion:
         if self.drift > kernels.DRIFT:
             self.sort()
         taken, self.drift, broken = kernels.advance(
-            steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first,
+            steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first, self.lift,
             self.x, self.v, self.C, self.L, self.F, self.volume, self.shear, self.bulk, self.magnet,
-            self.density, effects, self.momentum, self.velocity, self.fixed, self.nodes_place, self.clamp, self.mirrors,
+            self.density, effects, self.momentum, self.velocity, self.fixed, self.weight, self.curve, self.nodes_place, self.clamp,
+            self.mirrors,
             self.model.plane_strain, self.low_det, self.fast, self.drift,
         )  # fmt: skip
         self.since += taken

@@ -1,9 +1,10 @@
 """self_contact: the body's parts and folds touch each other and separate again.
 
-The updated formulation has it of itself: parts that share grid nodes share velocities, so they cannot pass through each other, and parts
-that move apart share none. Naming self_contact switches to that formulation; it has no hooks and no settings, and costs nothing beyond.
-What is touching sticks (no slip), and bodies feel each other when they come nearer than one to two cells: `gap` measures it. Parts
-that begin so near stick, and may not let go.
+The updated formulation has it of itself. STL parts that do not touch as they are made have a grid each, and act on each other where they
+come nearer than 0.3 cells (transfer.meeting): they stick (no slip) while they are pressed together, and part freely.
+Folds of one piece share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than one
+to two cells, stick, and let go over some hundred steps (dynamics.anchor). Naming self_contact switches to that formulation; it has no
+hooks and no settings, and costs nothing beyond.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.advice import Advice, Body
+from magmpm.connected import connected_pieces
 from magmpm.contact import Contact, cell_size, reach
+from magmpm.distance import to_triangles
 from magmpm.scene import Scene
 
 PHASE = "contact"
@@ -68,22 +71,38 @@ def gap(
 
 def observe(model: Any, x: NDArray[np.float64]) -> Contact:
     """The gap of a model's body with its particles at x (n, 3) m, as contact: depth is minus the gap (m), at least -WITHIN cells; count:
-    pairs of particles nearer than a cell; the force on the body as a whole is zero.
+    pairs of particles nearer than a cell; the force on the body as a whole is zero. Particles of STL parts count with their distance from
+    the surface as it was made.
 
-    Not neighbours are particles of one piece of material that were farther apart than twice its thickness and 3 cells, and particles
-    of different STL parts that were 3 cells apart.
+    Not neighbours are particles of pieces that do not touch as they are made; of one part, those that were farther apart than twice its
+    thickness and 3 cells; and of different parts of a piece, those that were 3 cells apart.
     """
     scene, rest = model.scene, model.particles.position
     cell, size = cell_size(scene), 2 * reach(scene)
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(x).query_pairs(WITHIN * cell + size, output_type="ndarray")
+    pairs = cKDTree(x).query_pairs(WITHIN * cell + max(size, cell), output_type="ndarray")
     a, b = pairs.T
+    piece = connected_pieces(scene.body.parts, model.particles.cell, model.particles.segment)
     one = np.ones(len(pairs), bool)
     if scene.body.parts is not None:
         one = model.particles.segment[a] == model.particles.segment[b]
     was = np.linalg.norm(rest[a] - rest[b], axis=1)
-    apart = was > 3 * cell + np.where(one, 2 * scene.thickness, 0.0)
-    now = np.linalg.norm(x[a[apart]] - x[b[apart]], axis=1) - size
-    depth = -float(now.min(initial=WITHIN * cell))
-    return Contact(force=np.zeros(3), count=int(np.count_nonzero(now < cell - size)), depth=depth)
+    apart = (was > 3 * cell + np.where(one, 2 * scene.thickness, 0.0)) | (piece[a] != piece[b])
+    a, b = a[apart], b[apart]
+    now = np.linalg.norm(x[a] - x[b], axis=1)
+    if scene.body.parts is not None:
+        near, of = np.unique(np.concatenate([a, b]), return_inverse=True)
+        size = _depth(model, near)[of].reshape(2, -1).sum(axis=0)
+    depth = -float((now - size).min(initial=WITHIN * cell))
+    return Contact(force=np.zeros(3), count=int(np.count_nonzero(now < cell)), depth=depth)
+
+
+def _depth(model: Any, some: NDArray[np.int64]) -> NDArray[np.float64]:
+    """How far some of the particles (k,) of STL parts are from their part's surface, as it was made, m."""
+    depth, part = np.zeros(len(some)), model.particles.segment[some]
+    triangles = model.scene.body.parts.triangles()
+    for which in np.unique(part):
+        on = part == which
+        depth[on] = to_triangles(model.particles.position[some[on]], np.ascontiguousarray(triangles[which]))
+    return depth

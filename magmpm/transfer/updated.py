@@ -36,6 +36,7 @@ from magmpm.simd import (
     total,
 )
 from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean
+from magmpm.transfer.meeting import meet
 
 ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 of place, 4 unused
 DRIFT = 0.95  # cells a particle may move before it must be sorted again; less than 1
@@ -56,12 +57,15 @@ def _splines(x, block, axis, origin, cells, h):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _locate(x, block, origin, h, along_x, along_y, rows):  # type: ignore[no-untyped-def]
-    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z."""
+def _locate(x, block, origin, h, along_x, along_y, lift, rows):  # type: ignore[no-untyped-def]
+    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z.
+
+    lift: nodes before the grid of the block's piece.
+    """
     i, a0, a1, a2, a3, a4, a5, a6, a7, a8 = _splines(x, block, 0, origin, 1.0 / h[0], h[0])
     j, b0, b1, b2, b3, b4, b5, b6, b7, b8 = _splines(x, block, 1, origin, 1.0 / h[1], h[1])
     k, c0, c1, c2, c3, c4, c5, c6, c7, c8 = _splines(x, block, 2, origin, 1.0 / h[2], h[2])
-    first = i * float(along_x) + j * float(along_y) + k
+    first = i * float(along_x) + j * float(along_y) + k + lift
     store_rows(rows, 32, ROW, first, a0, a1, a2, a3, a4, a5, a6)
     store_rows(rows, 40, ROW, a7, a8, b0, b1, b2, b3, b4, b5)
     store_rows(rows, 48, ROW, b6, b7, b8, c0, c1, c2, c3, c4)
@@ -247,7 +251,7 @@ def _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still):
     for i in range(1, 4):
         velocity[4 * n + i] = momentum[4 * n + i] / mass if mass > 0.0 and fixed[n] == 0 else 0.0
     if has_node(effects) and mass > 0.0 and fixed[n] == 0:
-        change_node(effects, step, place[n], still, velocity[4 * n + 1 : 4 * n + 4], dt)
+        change_node(effects, step, place[n % len(place)], still, velocity[4 * n + 1 : 4 * n + 4], dt)
     for i in range(4):
         momentum[4 * n + i] = 0.0
 
@@ -293,21 +297,22 @@ def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
 
 @kernel
 def advance(
-    steps, dt, origin, h, along_x, along_y, nodes, slab_first, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
-    momentum, velocity, fixed, place, clamp, mirrors, flat, low, fast, drift,
+    steps, dt, origin, h, along_x, along_y, nodes, slab_first, lift, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
+    momentum, velocity, fixed, weight, curve, place, clamp, mirrors, flat, low, fast, drift,
 ):  # fmt: skip
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
     Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place; volume, shear,
     bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first
-    (slabs + 1,) first block of each slab; momentum, velocity (4 nodes + 8,), momentum empty; fixed (nodes,); place (nodes, 3) m; clamp:
-    first node of the plane before the clamped face, or -1; mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat:
-    nothing moves along y; low, fast (slabs,): smallest det F, largest move along an axis in cells a step; drift: cells that particles
-    may have moved since they were sorted.
+    (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of its piece: each piece of the body has a grid of `nodes`,
+    k in all; momentum, velocity (4 k nodes + 8,), momentum empty; fixed (k nodes,), weight (k nodes,) kg: nodes kept at rest, and mass of
+    what is held (transfer.meeting, which knows curve); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1;
+    mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat: nothing moves along y; low, fast (slabs,): smallest det F,
+    largest move along an axis in cells a step; drift: cells that particles may have moved since they were sorted.
     Returns steps taken, drift, and whether the motion broke: det F, or a particle that crosses a cell in one step.
     """
-    slabs = len(slab_first) - 1
-    still = np.zeros(3)
+    slabs, pieces = len(slab_first) - 1, len(fixed) // nodes
+    still, strides = np.zeros(3), (along_x, along_y, 1)
     for step in range(steps):
         for colour in range(2):
             for half in prange((slabs + 1 - colour) // 2):
@@ -320,13 +325,16 @@ def advance(
                         block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, rows,
                     )  # fmt: skip
                     least, bad = smaller(J, least), flag_unless_positive(J, bad)
-                    _locate(x, block, origin, h, along_x, along_y, rows)
+                    _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
                     _scatter(momentum, along_x, along_y, h, rows)
                 low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
         if clamp >= 0:
             _fold(momentum, clamp, along_x)
         _fold_pairs(momentum, mirrors)
-        for plane in prange(nodes // along_x):
+        if pieces > 1:
+            for plane in prange(nodes // along_x):
+                meet(momentum, weight, fixed, pieces, nodes, plane * along_x, (plane + 1) * along_x, strides, h, curve, np.empty((2, 3)))
+        for plane in prange(pieces * (nodes // along_x)):
             for n in range(plane * along_x, (plane + 1) * along_x):
                 _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still)
                 if flat:
@@ -341,7 +349,7 @@ def advance(
             rows = np.empty(8 * ROW)
             slow, bad = splat(0.0), splat(0.0)
             for block in range(slab_first[slab], slab_first[slab + 1]):
-                _locate(x, block, origin, h, along_x, along_y, rows)
+                _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
                 _gather(velocity, along_x, along_y, h, rows)
                 for part in _move(block, dt, h, rows, x, v, C, L, F, has_rate_stress(effects)):
                     slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is no number

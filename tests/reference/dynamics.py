@@ -22,14 +22,18 @@ ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import BSpline
+from scipy.optimize import brentq
 
 from magmpm.basis import spline_weights
+from magmpm.connected import connected_pieces
 from magmpm.effects import hooks
 from magmpm.model import Model
+from magmpm.transfer.meeting import BESIDE, CLOSE
 
 
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
@@ -135,7 +139,10 @@ class Total:
 
 @dataclass
 class Updated:
-    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s of every particle."""
+    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s of every particle.
+
+    Each piece (n,) of the body has a grid of its own; they meet as `meet` has it.
+    """
 
     model: Model
     x: np.ndarray
@@ -164,13 +171,15 @@ class Updated:
         local = (self.x - model.grid.origin) / h - cell
         weights = spline_weights(local)
         slopes = np.stack([local - 1, 1 - 2 * local, local], -1) / h[:, None]
+        piece = connected_pieces(model.scene.body.parts, model.particles.cell, model.particles.segment)
+        shape = (piece.max() + 1, *shape)
         m, momentum, fixed = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, bool)
         stencil = []
         for a, b, c in product(range(3), repeat=3):
             node = cell + np.array([a, b, c])  # node i is centred on origin + (i - 1/2) h
             d = model.grid.origin + (node - 0.5) * h - self.x
             N = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
-            at = tuple((node - low).T)
+            at = (piece, *(node - low).T)
             wx, wy, wz = weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]
             sx, sy, sz = slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c]
             grad = np.stack([sx * wy * wz, wx * sy * wz, wx * wy * sz], -1)
@@ -183,17 +192,21 @@ class Updated:
 
         zero = -low[0]  # index of node 0 along x
         if model.clamped_face:
-            momentum[zero + 1] -= momentum[zero]
-            m[zero + 1] += m[zero]
+            momentum[:, zero + 1] -= momentum[:, zero]
+            m[:, zero + 1] += m[:, zero]
         v = np.zeros_like(momentum)
         v[m > 0] = momentum[m > 0] / m[m > 0][:, None]
+        v[fixed] = 0.0
+        for one, other in combinations(range(shape[0]), 2):
+            for at in zip(*np.nonzero((m[one] > 0) & (m[other] > 0)), strict=True):
+                meet(m, v, fixed, (one, *at), (other, *at), h)
         for at in zip(*np.nonzero(m), strict=True):
-            X = model.grid.origin + (np.array(at) + low - 0.5) * h
+            X = model.grid.origin + (np.array(at[1:]) + low - 0.5) * h
             call(model, "node", X, np.zeros(3), v[at], dt, step=step)
         if model.clamped_face:
             for i in range(zero + 1):  # node 1 - i is the mirror of node i
                 mirror = 2 * zero + 1 - i
-                v[i] = -v[mirror] if mirror < shape[0] else 0.0
+                v[:, i] = -v[:, mirror] if mirror < shape[1] else 0.0
         v[fixed] = 0.0
 
         self.v, self.C, self.L = np.zeros_like(self.v), np.zeros_like(self.C), np.zeros_like(self.L)
@@ -203,6 +216,35 @@ class Updated:
             self.L += np.einsum("ni,nj->nij", v[at], grad)
         self.x = self.x + dt * self.v
         self.F = self.F + dt * self.L @ self.F
+
+
+def meet(m: np.ndarray, v: np.ndarray, fixed: np.ndarray, one: tuple[int, ...], other: tuple[int, ...], h: np.ndarray) -> None:
+    """Two pieces at a node that both have mass at: where they touch and approach each other, both get their common velocity."""
+    slopes, apart = [], []
+    for at in (one, other):
+        steps = [np.array([0, *step]) for step in np.eye(3, dtype=int)]
+        rise = np.array([m[tuple(at + s)] - m[tuple(at - s)] for s in steps]) / 2  # a cell
+        slopes.append(rise / h)
+        apart.append(distance(m[at] / np.linalg.norm(rise)) if rise.any() else -1.5)
+    if sum(apart) > CLOSE or abs(apart[0] - apart[1]) > BESIDE or (v[one] - v[other]) @ (slopes[1] - slopes[0]) <= 0 or (fixed[one] and fixed[other]):
+        return
+    if fixed[one] or fixed[other]:
+        v[one] = v[other] = 0.0
+    else:
+        v[one] = v[other] = (m[one] * v[one] + m[other] * v[other]) / (m[one] + m[other])
+
+
+def distance(ratio: float) -> float:
+    """Cells from the surface of a half-space, -1.5 to 1.5, where its mass at a node is so many times the mass's central difference."""
+
+    def filled(t: float) -> float:  # of the node's spline, by its integral
+        spline = BSpline.basis_element([-1.5, -0.5, 0.5, 1.5])
+        return float(spline.integrate(max(t, -1.5), 1.5))
+
+    def surplus(t: float) -> float:
+        return filled(t) - ratio * (filled(t - 1) - (filled(t + 1) if t < 0.5 else 0.0)) / 2
+
+    return brentq(surplus, -1.4999, 1.4999) if surplus(-1.4999) * surplus(1.4999) < 0 else -1.5
 
 
 def anchor(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

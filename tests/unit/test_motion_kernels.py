@@ -151,6 +151,15 @@ def test_sorting_gives_the_bits_that_placing_gives(rng: np.random.Generator) -> 
         assert np.array_equal(getattr(motions[0], name), getattr(motions[1], name)), name
 
 
+def test_sorting_keeps_what_segments_that_act_on_each_other_need() -> None:
+    """Rows of `magnet` have a fourth column then: which block of the body a particle is of."""
+    model = build(rod_scene(length=8e-3, directions=[(1, 0, 0), (0, 0, 1)]).with_effects(magnetic_interaction={}))
+    motion = UpdatedMotion(model)
+    for _ in range(2):
+        np.testing.assert_array_equal(motion._in_order(motion.magnet, 4), model.magnet)
+        motion.sort()
+
+
 @pytest.mark.parametrize("cells", [1, 3, 4, 9, 41, 82, 83])
 @pytest.mark.parametrize("least", [2, 4])
 def test_slabs_are_thick_enough_and_balanced(cells: int, least: int) -> None:
