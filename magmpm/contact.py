@@ -122,12 +122,9 @@ def _depths_of_ring(diameter: float, inner: float, cells: int, count: int) -> Ar
 
 
 def penalty(scene: Scene, factor: float) -> float:
-    """w^2 in 1/s^2, times `factor`: of the stiffest of the scene's materials."""
-    squares = [
-        m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density
-        for m in scene.materials.values()
-        if m.density is not None
-    ]
+    """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free pieces."""
+    used = [scene.materials[piece.material_name] for piece in scene.pieces() if not piece.held]
+    squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     return factor * max(squares, default=0.0) / cell_size(scene) ** 2
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from magmpm.basis import Array
 from magmpm.dynamics.packing import pack
+from magmpm.dynamics.threads import Threads
 from magmpm.model import Model
 from magmpm.transfer import total as kernels
 
@@ -23,11 +24,12 @@ class TotalMotion:
         nodes = len(self.packed.node_mass)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.low_det = np.ones(len(self.packed.slab_first) - 1)
+        self.threads = Threads(len(model.density))
         self._last: tuple[float, tuple[Any, ...]] = (0.0, ())  # step and effects of the last advance
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take `steps` steps of dt (s). Returns steps taken, and whether it stopped because some det F is 0 or less, or no number."""
-        taken = self._advance(steps, dt, effects, self.u, self.v, self.force)
+        taken, _ = self.threads.run(lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force), False))
         now = (a[min(taken, len(a) - 1) :][:1] if k % 2 == 0 else a for k, a in enumerate(effects))
         self._last = (dt, tuple(now))
         return taken, taken < steps

@@ -11,6 +11,7 @@ from magmpm.basis import Array, spline_weights
 from magmpm.connected import connected_pieces
 from magmpm.dynamics.anchor import INTERVAL, Anchor
 from magmpm.dynamics.packing import slab_edges
+from magmpm.dynamics.threads import Threads
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.model import Index, Model
@@ -39,6 +40,7 @@ class UpdatedMotion:
         self.piece = connected_pieces(model.scene.body.parts, model.particles.cell, model.particles.segment)  # each has a grid of its own
         self.curve = meeting.distances()
         n = len(model.density)
+        self.threads = Threads(n)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
 
     def place(self, x: Array, v: Array, F: Array, C: Array, L: Array | None = None) -> None:
@@ -167,6 +169,9 @@ class UpdatedMotion:
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s), stopping early where a sort is due. Returns steps taken and whether the motion broke."""
+        return self.threads.run(lambda: self._advance(steps, dt, effects))
+
+    def _advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         if not self.keeps_gradient and has_hook("rate_stress", effects):
             raise ValueError("effects with a rate stress need a motion that was made for a model with one")
         if self.drift > kernels.DRIFT:
@@ -244,9 +249,14 @@ class UpdatedMotion:
         return blocks.reshape(-1, width, WIDTH).transpose(0, 2, 1).reshape(-1, width)
 
     def kinetic_energy(self) -> float:
-        """Of the particles' velocities, J."""
-        mass = self.density * self.volume
-        return 0.5 * float(np.sum(mass.reshape(-1, 1, WIDTH) * self.v.reshape(-1, 3, WIDTH) ** 2))
+        """Of the particles' velocities and of their affine parts, J.
+
+        What the nodes get from a particle has the second moment m h^2 / 4 along each axis (transfer.updated): what turns, or changes
+        shape, moves there as well.
+        """
+        mass = (self.density * self.volume).reshape(-1, 1, WIDTH)
+        affine = np.tile(self.model.grid.spacing**2 / 4, 3)[:, None] * self.C.reshape(-1, 9, WIDTH) ** 2
+        return 0.5 * float(np.sum(mass * self.v.reshape(-1, 3, WIDTH) ** 2) + np.sum(mass * affine))
 
     @property
     def unknowns(self) -> int:

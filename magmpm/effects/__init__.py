@@ -54,6 +54,8 @@ def check(model: Any) -> None:
             named = module.of_scene(model.scene, 1.0, None)
             if named:
                 module.check(*named, model)
+
+
 def marked(scene: Scene, particles: Any, magnet: Array) -> Array:
     """Remanence (n, 3) T of bodies.Particles, with one more column where an effect tells particles apart (magnetic_interaction)."""
     for key, module in every().items():

@@ -159,11 +159,13 @@ FIGURES = {
     "first_compile_s": Figure(first_compile, "s", 30.0),
     "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
     "study_memory_mb": Figure(study_memory, "MB", 600.0),
-    "total_particle_steps_per_s": Figure(motion_rates.total_rate, "M/s", 24.0, 45.0, least=True),
-    "updated_particle_steps_per_s": Figure(motion_rates.updated_rate, "M/s", 16.0, 30.0, least=True),
+    "total_particle_steps_per_s": Figure(motion_rates.total_rate, "1/s", 24e6, 45e6, least=True),
+    "updated_particle_steps_per_s": Figure(motion_rates.updated_rate, "1/s", 16e6, 30e6, least=True),
+    "rates_by_threads": Figure(motion_rates.rates_by_threads, "1/s", None),
     "parallel_efficiency_2": Figure(motion_rates.efficiency, "", 0.85, least=True),
     "million_particles_rate": Figure(motion_rates.million, "", 0.8, least=True),
     "bytes_per_particle": Figure(motion_rates.bytes_per_particle, "B", 500.0),
+    "bytes_by_formulation": Figure(motion_rates.bytes_by_formulation, "B", None),
     "no_effect_cost_percent": Figure(motion_rates.mechanism_percent, "%", 2.0),
     "effect_cost_percent": Figure(motion_rates.effect_costs, "%", None),
 }
@@ -171,7 +173,7 @@ FIGURES = {
 
 def _line(label: str, value: float, figure: Figure) -> str:
     bound, aim = ("-" if number is None else f"{number:g}" for number in (figure.bound, figure.aim))
-    return f"{label:<42} {value:9.3f} {bound:>9} {aim:>9} {figure.unit}{' (at least)' if figure.least else ''}"
+    return f"{label:<48} {value:9.4g} {bound:>9} {aim:>9} {figure.unit}{' (at least)' if figure.least else ''}"
 
 
 def main(names: list[str]) -> int:
@@ -183,7 +185,7 @@ def main(names: list[str]) -> int:
     OUT.mkdir(parents=True, exist_ok=True)
     path = OUT / "bench.json"
     found = json.loads(path.read_text()) if names and path.exists() else {}
-    print(f"{'figure':<42} {'value':>9} {'bound':>9} {'aim':>9}")
+    print(f"{'figure':<48} {'value':>9} {'bound':>9} {'aim':>9}")
     for name, figure in FIGURES.items():
         if names and name not in names:
             continue

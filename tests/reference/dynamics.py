@@ -226,7 +226,9 @@ def meet(m: np.ndarray, v: np.ndarray, fixed: np.ndarray, one: tuple[int, ...], 
         rise = np.array([m[tuple(at + s)] - m[tuple(at - s)] for s in steps]) / 2  # a cell
         slopes.append(rise / h)
         apart.append(distance(m[at] / np.linalg.norm(rise)) if rise.any() else -1.5)
-    if sum(apart) > CLOSE or abs(apart[0] - apart[1]) > BESIDE or (v[one] - v[other]) @ (slopes[1] - slopes[0]) <= 0 or (fixed[one] and fixed[other]):
+    if sum(apart) > CLOSE or abs(apart[0] - apart[1]) > BESIDE or (v[one] - v[other]) @ (slopes[1] - slopes[0]) <= 0:
+        return
+    if fixed[one] and fixed[other]:
         return
     if fixed[one] or fixed[other]:
         v[one] = v[other] = 0.0

@@ -144,6 +144,9 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     """(K + 4/3 G) / rho / h^2: a wave through a cell."""
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
     assert contact.penalty(scene, 2.0) == pytest.approx(2 * 3 * G * (20 + 4 / 3) / 1882 / (1e-3) ** 2)
+    data = scene.to_si()
+    data["materials"]["steel"] = {"shear_modulus": 8e9, "bulk_to_shear": 2.0, "density": 7850.0}
+    assert contact.penalty(Scene.from_si(data), 2.0) == contact.penalty(scene, 2.0), "of what the body is made of"
 
 
 def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
