@@ -1,7 +1,7 @@
 """self_contact: the body's parts and folds touch each other and separate again.
 
 The updated formulation has it of itself. STL parts that do not touch as they are made have a grid each, and act on each other where they
-come nearer than 0.3 cells (transfer.meeting): they stick (no slip) while they are pressed together, and part freely.
+come nearer than half a cell (transfer.meeting): they stick (no slip) while they are pressed together, and part freely.
 Folds of one piece share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than one
 to two cells, stick, and let go over some hundred steps (dynamics.anchor). Naming self_contact switches to that formulation; it has no
 hooks and no settings, and costs nothing beyond.

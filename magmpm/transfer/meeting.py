@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.basis import Array
 from magmpm.jit import compiled
 
-CLOSE = 0.3  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)
+CLOSE = 0.5  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)
 BESIDE = 1.25  # cells: twice as far from the middle of the gap a node may be; deep in a thin piece its surface can't be told
 REACH = 1.5  # cells: mass of a half-space is felt as far from its surface
 

@@ -47,7 +47,7 @@ def gap(model: Model, x: np.ndarray) -> float:
 
 
 def test_distance_of_a_half_space_is_read_off_its_mass() -> None:
-    """At any place of the surface in the grid, the table is the ratio's inverse: to 0.01 cells, a thirtieth of CLOSE."""
+    """At any place of the surface in the grid, the table is the ratio's inverse: to 0.01 cells, a fiftieth of CLOSE."""
     curve = meeting.distances()
     for distance in np.linspace(-1.4, 1.45, 58):
         mass, before, after = meeting.filling(distance + np.array([0.0, -1.0, 1.0]))
@@ -72,6 +72,7 @@ def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Ge
     x = model.particles.position
     plain, motion = reference.Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
     motion.place(x, v, F, C)
+    motion.curve = meeting.distances(100_001)  # as exact as the reference, lest some node's gap be to one side of CLOSE here only
     alone = UpdatedMotion(model)
     alone.curve = np.full_like(alone.curve, 9.0)  # far from everything
     alone.place(x, v, F, C)
@@ -95,14 +96,14 @@ def test_a_part_falls_freely_from_under_another(tmp_path: Path) -> None:
         assert np.abs(fell[:2]).max() < 1e-12
 
 
-def test_a_part_that_falls_on_another_rests_a_third_of_a_cell_above_it(tmp_path: Path) -> None:
+def test_a_part_that_falls_on_another_rests_half_a_cell_above_it(tmp_path: Path) -> None:
     """On the grid's lines and off them; it keeps to its place, and the gap told is that of its faces."""
     for offset in (0.0, 0.37):
-        block = box((1 + offset, 1 + offset, 3.5), (5 + offset, 5 + offset, 6.5))
+        block = box((1 + offset, 1 + offset, 3.7), (5 + offset, 5 + offset, 6.7))
         model = parts(tmp_path, [(box((0, 0, 0), (7, 7, 3)), True), (block, False)], gravity={})
         *_, before, last = follow(model, [0.04, 0.06])
         x = model.particles.position
-        above = 0.5e-3 + centre(model, last.x - x, 1)[2]
+        above = 0.7e-3 + centre(model, last.x - x, 1)[2]
         assert above == pytest.approx(meeting.CLOSE * 1e-3, abs=0.02e-3)
         assert np.abs(centre(model, last.x - before.x, 1)).max() < 1e-3 * 1e-3
         assert gap(model, last.x) == pytest.approx(above, abs=0.1e-3)
@@ -110,7 +111,7 @@ def test_a_part_that_falls_on_another_rests_a_third_of_a_cell_above_it(tmp_path:
 
 def test_parts_that_collide_keep_their_momentum_gain_no_energy_and_part(tmp_path: Path) -> None:
     """Two blocks of different size, one askew to the other's middle."""
-    model = filled(parts(tmp_path, [(box((0, 0, 0), (3, 3, 3)), False), (box((0.6, 0.9, 3.5), (3.6, 5, 6.5)), False)]))
+    model = filled(parts(tmp_path, [(box((0, 0, 0), (3, 3, 3)), False), (box((0.6, 0.9, 3.9), (3.6, 5, 6.9)), False)]))
     motion = UpdatedMotion(model)
     n, mass = len(model.density), model.density * model.particles.volume
     v = np.outer(np.where(model.particles.segment == 0, 0.3, -0.3), [0.0, 0.0, 1.0])
@@ -122,22 +123,22 @@ def test_parts_that_collide_keep_their_momentum_gain_no_energy_and_part(tmp_path
         gaps.append(gap(model, moment.x))
         assert motion.kinetic_energy() < energy
     assert min(gaps) > -0.1e-3  # a tenth of a cell
-    assert min(gaps) < 0.35e-3
+    assert min(gaps) < 0.6e-3
     assert gaps[-1] > 1e-3, "they have parted"
 
 
 def test_every_pair_of_many_pieces_meets(tmp_path: Path) -> None:
-    """Two towers of two cubes fall on a plate: no piece passes another, and all come to rest, 0 to 0.45 cells apart.
+    """Two towers of two cubes fall on a plate: no piece passes another, and all come to rest, 0.1 to 0.65 cells apart.
 
     A piece between two others yields to the one for the other at nodes that all three share.
     """
-    cubes = [box((3.8 * i, 0, 3.5 * k), (3.8 * i + 3, 3, 3.5 * k + 3)) for i, k in product(range(2), repeat=2)]
-    model = parts(tmp_path, [(box((-1, -1, -3.5), (8, 4, -0.5)), True), *((cube, False) for cube in cubes)], gravity={})
+    cubes = [box((4 * i, 0, 3.7 * k), (4 * i + 3, 3, 3.7 * k + 3)) for i, k in product(range(2), repeat=2)]
+    model = parts(tmp_path, [(box((-1, -1, -3.7), (8, 4, -0.7)), True), *((cube, False) for cube in cubes)], gravity={})
     assert UpdatedMotion(model).piece.max() == 4
     before, last = follow(model, [0.07, 0.08])
     fell = np.array([centre(model, last.x - model.particles.position, 1 + k)[2] for k in range(4)])
     lower, upper = fell.reshape(2, 2).T
     for above in (lower, upper - lower):
-        assert (0.5e-3 + above).min() > 0
-        assert (0.5e-3 + above).max() < 0.45e-3
+        assert (0.7e-3 + above).min() > 0.1e-3
+        assert (0.7e-3 + above).max() < 0.65e-3
     assert np.abs(last.x - before.x).max() < 0.05e-3
