@@ -9,7 +9,9 @@ whose points move: vertices and what does not change in time are stored once.
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 import shutil
 import time as clock
 from collections.abc import Mapping, Sequence
@@ -148,6 +150,27 @@ class MotionWriter:
                 f"  rule: {_bytes(_KEEP_FREE)} of the disk are left to others\n  {remedy}"
             )
 
+    def _reserve(self) -> None:
+        """Have the disk keep the room a frame takes: HDF5 does not get over a write that fails. Raises BudgetError.
+
+        A quota, or a limit on a file's size, shows only now. What of the room is not used HDF5 gives back as it closes the file.
+        """
+        if not hasattr(os, "posix_fallocate"):
+            return
+        with self.path.open("r+b") as file:
+            size = os.fstat(file.fileno()).st_size
+            try:
+                os.posix_fallocate(file.fileno(), size, self.frame_size)
+            except OSError as error:
+                file.truncate(size)
+                if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):
+                    return  # a file system that can't
+                raise BudgetError(
+                    f"{self.path}: {error.strerror} after {self.frames} frames, before one more of up to {_bytes(self.frame_size)}\n"
+                    "  rule: the motion must fit on the disk, and within the system's limits for this user\n"
+                    f"  remedy: a larger output_every writes fewer frames; what was written so far is whole: {self.path}"
+                ) from error
+
     def _create(self, model: Any) -> None:
         """The file without frames."""
         n, integer = len(self.reference), np.dtype(np.int64)
@@ -204,6 +227,7 @@ class MotionWriter:
 
     def _append(self, time: float, arrays: Mapping[str, Numbers], field: Array) -> None:
         n, k = len(self.reference), self.frames
+        self._reserve()
         with _opened_for_growth(self.path) as file:
             root = file["VTKHDF"]
             steps = root["Steps"]

@@ -214,6 +214,32 @@ def test_folders_without_a_motion_are_said_to_be(tmp_path: Path) -> None:
         Motion.load(tmp_path)
 
 
+WRITE_WITHIN_A_LIMIT = """
+import resource, sys, numpy as np
+sys.path[:0] = [{root!r}, {tests!r}]
+from reference import motions
+from magmpm.errors import BudgetError
+from magmpm.motion import MotionWriter
+model = motions.body(0.5e-3)
+writer = MotionWriter({folder!r}, model)
+resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+try:
+    motions.write(writer, motions.bending(model, np.arange(1, 100) * 1e-3))
+except BudgetError as error:
+    print(error, writer.frames)
+"""
+
+
+def test_a_write_the_system_refuses_ends_as_a_full_disk_does(tmp_path: Path) -> None:
+    """A limit on the size of files stands for quotas and full disks: no traceback, and the frames written are whole."""
+    code = WRITE_WITHIN_A_LIMIT.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert "File too large after" in ended.stdout
+    assert len(Motion.load(tmp_path)) == int(ended.stdout.split()[-1]) > 2
+    assert (tmp_path / motion.MOTION).stat().st_size <= 3_000_000
+
+
 WATCH_THE_MARK = """
 import sys
 seen = set()
