@@ -40,6 +40,8 @@ def motion(
         if touching:
             _forces(axes[1], touching)
         axes[-1].set_xlabel("time (s)")
+        axes[-1].locator_params(axis="x", nbins=7)
+        figure.align_ylabels(axes)
         for letter, panel in zip("ab", axes if rows == 2 else []):
             panel.set_title(letter)
         if title:

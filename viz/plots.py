@@ -237,6 +237,8 @@ def saved(figure: Figure, path: str | Path) -> Path:
     # No date in the file: the same numbers give the same bytes.
     metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
     unfinished = path.with_name(f"{path.name}.part")
+    # The layout makes room for the ticks it finds: those of the axes' last size are there only once it has been through.
+    figure.draw_without_rendering()
     figure.savefig(unfinished, format=kind, metadata=metadata)
     unfinished.replace(path)
     return path

@@ -482,3 +482,20 @@ def test_energies_and_forces_are_plotted(play: Play, tmp_path: Path) -> None:
         assert word in text
     alone = motion_plots.motion(play.motion.energies, {}, tmp_path / "alone.svg")
     assert "contact force" not in alone.read_text()
+
+
+def test_labels_of_the_plots_stand_whole(tmp_path: Path) -> None:
+    """One spike among zeros: its axis gets wide ticks once the layout is made, and they pushed the label over the edge."""
+    time = np.linspace(0.0, 0.02, 21)
+    spike = np.where(time == time[19], 3.46e-3, 0.0)
+    energies = {
+        "t": time,
+        "kinetic": 3e-6 * np.sin(300 * time) ** 2,
+        "elastic": 6e-6 * np.sin(300 * time),
+        "total": -6.9e-6 * np.sin(400 * time),
+    }
+    walls = {"t": time, "Fx": -0.03 * spike, "Fy": -0.1 * spike, "Fz": spike}
+    with Image.open(motion_plots.motion(energies, {"walls": walls}, tmp_path / "energies.png")) as image:
+        pixels = np.asarray(image.convert("L"))
+    for edge in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
+        assert edge.min() > 250
