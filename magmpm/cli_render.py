@@ -28,8 +28,9 @@ def render_run(
 ) -> tuple[list[Path], str]:
     """Draw what a run left in a folder into `out`. Returns the files, and a note on what could not be done as wished, or "".
 
-    A motion gets its movie, its moments (first, middle, last), its last moment as a picture and its energies; an equilibrium gets its
-    picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps: frames of the movie a second.
+    A motion gets its movie, its moments (the first, the last, and that between which is most unlike both), its last moment as a picture
+    and its energies; an equilibrium gets its picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps:
+    frames of the movie a second.
     Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
     """
     from viz.worker import Renderer
@@ -87,6 +88,7 @@ def _render_motion(
     from viz import motion_movie
     from viz.motion_plots import motion as plot
     from viz.play import Play
+    from viz.sheet import sheet
 
     if len(motion) == 0:
         raise InputError(
@@ -97,7 +99,7 @@ def _render_motion(
     files = motion_movie.pictures(play, out / FRAMES, renderer, wanted)
     last = len(motion) - 1
     files.append(renderer.render_stage(play.stage(last), play.shot, out / PICTURE))
-    files.append(motion_movie.sheet(play, out / MOMENTS, renderer))
+    files.append(sheet(play, out / MOMENTS, renderer))
     if motion.energies:
         files.append(renderer.run(plot, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name))
     made = motion_movie.movie(play, out / MOVIE, renderer, fps=fps)

@@ -52,9 +52,11 @@ class Canvas:
         whole = View(np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.zeros(3), 1.0)
         self.panel(Panel(0.0, 0.0, 1.0, 1.0), whole, reach=1.0)
 
-    def panel(self, place: Panel, view: View, reach: float) -> PanelCanvas:
-        """A panel of the window, seen in that view, as near and as far as `reach` (m) from its centre."""
+    def panel(self, place: Panel, view: View, reach: float, *, over: bool = False) -> PanelCanvas:
+        """A panel of the window, seen in that view, as near and as far as `reach` (m) from its centre; over: on what is there already,
+        not on white."""
         panel = PanelCanvas(place, view, reach, self._window.GetSize()[1])
+        panel.renderer.SetPreserveColorBuffer(over)
         self._window.AddRenderer(panel.renderer)
         self._panels.append(panel)
         return panel

@@ -1,22 +1,19 @@
-"""The movie of a motion, pictures of single moments, and a sheet of its first, middle and last moment for a paper."""
+"""The movie of a motion, or of several side by side, and pictures of single moments."""
 
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from viz import stage_layout, style
-from viz.camera import View
+from viz import style
 from viz.encode import NO_FFMPEG, Movie, write_gif, write_mp4
-from viz.layout import LegendItem, ScaleBar
-from viz.page import Page
 from viz.play import Play
 from viz.process import RenderError
-from viz.stage import Stage, seconds
+from viz.sheet import chosen, composed
 from viz.worker import Renderer
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
@@ -24,14 +21,6 @@ _LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0
 MOST_FRAMES = 500
 _HOLD = 1.0  # s that the last moment stands
 _GIF_FRAMES = 40
-
-# Moments wider than this many times their height stand below one another.
-_STACKED = 2.8
-
-
-def chosen(frames: int, most: int = MOST_FRAMES) -> np.ndarray:
-    """Numbers of at most `most` of so many frames, evenly spread, first and last among them."""
-    return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(int))
 
 
 def rate(frames: int) -> float:
@@ -60,24 +49,56 @@ def movie(
     """
     if size[0] % 2 or size[1] % 2:
         raise RenderError(f"a movie's size is {size[0]} x {size[1]}; mp4 needs even numbers")
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    numbers = chosen(len(play))
+    numbers = chosen(len(play), MOST_FRAMES)
     fps = fps or rate(len(numbers))
     slower = pace(play.motion.times[numbers], fps)
 
-    def images(some: np.ndarray) -> Iterator[np.ndarray]:
-        for k in some:
-            yield renderer.stage_image(play.stage(int(k), slower), play.shot, size=size)
+    def image(k: int) -> np.ndarray:
+        return renderer.stage_image(play.stage(k, slower), play.shot, size=size)
+
+    return _written(path, image, numbers, fps)
+
+
+def beside(
+    plays: Sequence[Play],
+    path: str | Path,
+    renderer: Renderer,
+    words: Callable[[Play, int], str],
+    *,
+    fps: float | None = None,
+    width: int = style.MOVIE_SIZE[0],
+) -> Movie:
+    """Show motions side by side, from one place at one scale, frame by frame as far as the shortest goes.
+
+    words: what stands above a frame of a motion. fps, GIF and RenderError: as in `movie`; width: pixels, about.
+    """
+    numbers = chosen(min(len(play) for play in plays), MOST_FRAMES)
+
+    def image(k: int) -> np.ndarray:
+        shown = [(play, k) for play in plays]
+        return composed(shown, renderer, len(plays), width, [words(play, k) for play in plays])
+
+    return _written(path, image, numbers, fps or rate(len(numbers)))
+
+
+def _written(path: str | Path, image: Callable[[int], np.ndarray], numbers: np.ndarray, fps: float) -> Movie:
+    """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+
+    def images(some: Iterable[int]) -> Iterator[np.ndarray]:
+        return (image(int(k)) for k in some)
 
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         path = path.with_suffix(".gif")
         few = chosen(len(numbers), _GIF_FRAMES)
-        shown = len(numbers) / fps / len(few)
-        write_gif(images(numbers[few]), path, [shown] * (len(few) - 1) + [_HOLD])
+        each = len(numbers) / fps / len(few)
+        write_gif(images(numbers[few]), path, [each] * (len(few) - 1) + [_HOLD])
         return Movie(path, NO_FFMPEG)
     path = path.with_suffix(".mp4")
-    write_mp4(_held(images(numbers), round(_HOLD * fps)), path, round(fps), size)
+    first = image(int(numbers[0]))
+    shown = itertools.chain([first], images(numbers[1:]))
+    write_mp4(_held(shown, round(_HOLD * fps)), path, round(fps), (first.shape[1], first.shape[0]))
     return Movie(path)
 
 
@@ -97,79 +118,3 @@ def pictures(play: Play, folder: str | Path, renderer: Renderer, numbers: Sequen
         renderer.render_stage(play.stage(int(k)), play.shot, Path(folder) / f"frame_{int(k):04d}.png")
         for k in numbers
     ]
-
-
-def sheet(
-    play: Play, path: str | Path, renderer: Renderer, numbers: Sequence[int] | None = None, width: int = 1800
-) -> Path:
-    """Moments of a motion side by side, or one below another where they are wide, as one PNG.
-
-    numbers: of frames, by default the first, the middle and the last; width: pixels, about. All are seen from the same place at the same
-    scale. Raises RenderError.
-    """
-    numbers = list(chosen(len(play), 3) if numbers is None else numbers)
-    natural = play.shot.aspect
-    across = len(numbers) if natural < _STACKED else 1
-    if across == 1:  # a page's width, as the others are three panels wide
-        width = 2 * width // 3
-    gap = round(0.008 * width)
-    wide = (width - (across + 1) * gap) // across
-    tall = round(wide / float(np.clip(natural, 0.8, 4.0)))
-    stages = [play.stage(int(k)) for k in numbers]
-    layout = stage_layout.bare((wide, tall))
-    (view,) = stage_layout.views(play.shot, (wide, tall), layout)
-    panels = [renderer.stage_image(s, play.shot, size=(wide, tall), layout=layout) for s in stages]
-    unit = round((0.0165 if across > 1 else 0.022) * width)  # pixels, a letter's height
-    rows = -(-len(panels) // across)
-    head, foot = round(1.9 * unit), 4 * unit
-    height = rows * (tall + head + gap) + foot
-    canvas = np.full((height, across * (wide + gap) + gap, 3), 255, dtype=np.uint8)
-    corners = []
-    for i, panel in enumerate(panels):
-        x, y = gap + i % across * (wide + gap), i // across * (tall + head + gap) + head
-        canvas[y : y + tall, x : x + wide] = panel
-        corners.append((x, y))
-    page = Page(canvas)
-    for (x, y), letter, stage in zip(corners, "abcdefghijklmnopqrstuvwxyz", stages):
-        at = 1 - (y - 0.5 * head) / page.height
-        size = unit / page.height
-        page.text(letter, x / page.width, at, size, bold=True)
-        page.text(_moment(stage), (x + 1.3 * unit) / page.width, at, size)
-        page.frame((x, y, x + wide, y + tall))
-    _foot(page, stages, view, tall, unit)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}")
-    Image.fromarray(np.asarray(page.image)).save(unfinished, format="PNG", optimize=True)
-    unfinished.replace(path)
-    return path
-
-
-def _moment(stage: Stage) -> str:
-    text = "" if stage.time is None else f"t = {seconds(stage.time, stage.duration)}"
-    field = stage_layout.field_text(stage)
-    return f"{text}    {field}" if field else text
-
-
-def _foot(page: Page, stages: Sequence[Stage], view: View, tall: int, unit: int) -> None:
-    """One scale bar and one legend for all panels."""
-    stage, letter = stages[-1], unit / page.height
-    step = unit / page.width
-    y = 2.2 * letter
-    label = max(
-        0.5 * page.length(style.in_mm(stage.unit), letter),
-        0.25 * stage.unit / view.half_height * tall / page.width,
-    )
-    middle, half = 0.6 * step + label, 0.25 * stage.unit / view.half_height * tall / page.width
-    page.scale_bar(ScaleBar(stage.unit, middle - half, middle + half, y), size=letter)
-    items = stage_layout.legend(stage)
-    if stage.field is not None:
-        items = [LegendItem("arrow", (style.FIELD,), "field", 0, 0), *items]
-    widths = [page.length(item.text, 0.9 * letter) + 1.2 * step for item in items]
-    start = middle + label + 2.5 * step
-    gap = min((1.0 - start - sum(widths)) / max(len(items), 1), 2.5 * step)
-    x = start
-    for item, width in zip(items, widths):
-        page.mark(LegendItem(item.mark, item.colours, item.text, x, y), size=letter)
-        page.text(item.text, x + step, y, 0.9 * letter)
-        x += width + gap

@@ -6,6 +6,7 @@ Reads a scene's JSON (Scene.to_si()); what it does not know it leaves out, so th
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from viz.surface import Binding, PartedBinding, around_particles, bodies, crease
 
 MOST_ARROWS = 16
 LOOKS = 60  # frames looked at to place the camera
+# Lengths of the body from it: sources that come as near are in the picture, and those of them that begin or end no farther, all the way.
+REACH, FAR = 2.5, 3.5
 
 
 class Body:
@@ -49,7 +52,10 @@ class Body:
         ]
         self.held = np.array(held or [False] * parts)
         self.length = float(np.ptp(self.reference, axis=0).max()) + self.size
-        sides = np.sort(np.ptp(self.reference, axis=0)) + self.size
+        # In plane strain the particles' one layer is not as wide as the body.
+        sides = (
+            np.sort(np.ptp(self.surface.points if self._plane_strain else self.reference, axis=0)) + self.size
+        )
         self.thickness = float(np.clip(sides[1], 0.06 * self.length, 0.12 * self.length))
         self.clusters = self._clusters(np.asarray(remanence, dtype=float))
 
@@ -239,8 +245,16 @@ class Play:
         )
 
     def _sources(self, time: float) -> list[scenery.Prop]:
+        """Those that come near are in the picture from the start, unless they come from very far."""
         props = scenery.sources(self._scene, time)
-        return scenery.in_reach(props, self._around, 2.5 * self.body.length)
+        near = [False] * len(props)
+        for when in np.unique(self.motion.times[[0, -1]]):
+            there = scenery.in_reach(
+                scenery.sources(self._scene, float(when)), self._around, REACH * self.body.length
+            )
+            near = [a or p.framed for a, p in zip(near, there)]
+        far = scenery.in_reach(props, self._around, FAR * self.body.length)
+        return [p if ok else replace(p, framed=False) for p, ok in zip(far, near)]
 
     def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
@@ -315,8 +329,6 @@ class Still(Play):
 
     def picture(self) -> Stage:
         """The stage, without a time."""
-        from dataclasses import replace
-
         return replace(self.stage(0), time=None, trace=np.zeros((0, 3)))
 
 
@@ -361,11 +373,14 @@ class _Moment:
 
 
 def _near(prop: scenery.Prop, points: np.ndarray, reach: float) -> np.ndarray:
-    """What of a prop must be seen: all of it, but of a wall only what is within reach (m) of the body's points."""
+    """What of a prop must be seen: all of it, but of a wall that is much larger than what is near only what is within reach (m) of the
+    body's points."""
     some = prop.points[:: max(len(prop.points) // 400, 1)]
-    if prop.name != "wall":
-        return some
     low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    if prop.name != "wall" or np.ptp(prop.points, axis=0).max() < 2.5 * (high - low).max():
+        return np.vstack(
+            [some, prop.points[prop.points.argmin(axis=0)], prop.points[prop.points.argmax(axis=0)]]
+        )
     return some[((some > low) & (some < high)).all(axis=1)]
 
 

@@ -12,13 +12,14 @@ from viz import style
 from viz.shapes import Surface, bar, lofted, refined, tube
 
 AROUND = 48
+POLES = "(N, S)"  # ends the names of what is red in the north and blue in the south
 
 
 @dataclass(frozen=True)
 class Prop:
     """A solid: points (n, 3) m, triangles (m, 3) counter-clockwise from outside.
 
-    name: what the legend calls it; empty where another prop's entry stands for it. hollow: only its far side is drawn, so that what
+    name: what the legend calls it; empty if it says nothing of it. hollow: only its far side is drawn, so that what
     is inside is seen. framed: it must be in the picture.
     """
 
@@ -156,7 +157,7 @@ def _halves(name: str, shape: Surface, frame: np.ndarray, position: Any) -> Iter
     """A solid along +x, its part 0 south and its part 1 north, turned and put in place."""
     points = shape.points @ frame.T + np.asarray(position, dtype=float)
     for part, colour in ((0, style.SOUTH), (1, style.NORTH)):
-        yield Prop(name if part else "", points, shape.triangles[shape.part == part], colour)
+        yield Prop(name, points, shape.triangles[shape.part == part], colour)
 
 
 def _magnet(magnet: Mapping[str, Any]) -> Iterator[Prop]:
@@ -177,7 +178,7 @@ def _magnet(magnet: Mapping[str, Any]) -> Iterator[Prop]:
         shape = Surface(shape.points, shape.triangles, side.astype(int))
     elif float(along @ axis) < 0:
         shape = Surface(shape.points, shape.triangles, 1 - shape.part)
-    yield from _halves("magnet (N, S)", shape, frame, magnet["position"])
+    yield from _halves(f"magnet {POLES}", shape, frame, magnet["position"])
 
 
 def _block(sizes: np.ndarray) -> Surface:
@@ -188,12 +189,15 @@ def _block(sizes: np.ndarray) -> Surface:
 
 def _dipole(dipole: Mapping[str, Any]) -> Iterator[Prop]:
     moment = np.asarray(dipole["moment"], dtype=float)
-    # A point is drawn as the neodymium sphere (1.3 T) it would take to make its moment.
+    # A point is drawn as the neodymium sphere (1.3 T) it would take to make its moment, and called what it is.
     strength = float(np.linalg.norm(moment))
-    radius = 0.5 * float(dipole.get("diameter") or 0.0) or (3e-7 * strength / 1.3) ** (1 / 3)
-    yield from _halves(
-        "magnet (N, S)", _ball(radius), _frame(moment if strength else (0, 0, 1)), dipole["position"]
+    size = 0.5 * float(dipole.get("diameter") or 0.0)
+    name = f"magnet {POLES}" if size else f"point dipole {POLES}"
+    shape, frame = (
+        _ball(size or (3e-7 * strength / 1.3) ** (1 / 3)),
+        _frame(moment if strength else (0, 0, 1)),
     )
+    yield from _halves(name, shape, frame, dipole["position"])
 
 
 def _ball(radius: float) -> Surface:

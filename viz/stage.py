@@ -5,6 +5,7 @@ A Stage knows neither scene nor solver; viz.play makes them from a motion, or on
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -70,6 +71,11 @@ class Stage:
         return np.asarray(colours[self.part])
 
     @property
+    def pushes(self) -> np.ndarray:
+        """The forces (f, 2, 3) m that are long enough to be drawn."""
+        return np.asarray(self.forces[np.linalg.norm(self.forces[:, 1], axis=1) > 0.02 * self.length])
+
+    @property
     def unit(self) -> float:
         """Length (m) of the scale bar and of the floor's squares."""
         return style.nice_length(0.3 * self.length)
@@ -108,6 +114,14 @@ class Shot:
     margin: float
     ground: Plane | None = None
     up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @classmethod
+    def of_all(cls, shots: Sequence[Shot]) -> Shot:
+        """What is seen in any of them, from where the first is seen from."""
+        first = shots[0]
+        return replace(
+            first, points=np.vstack([s.points for s in shots]), margin=max(s.margin for s in shots)
+        )
 
     def floor(self) -> np.ndarray:
         """Corners (4, 3) m of the rectangle of ground, or of a floor, under everything, counter-clockwise from its free side."""

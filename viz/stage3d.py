@@ -24,8 +24,8 @@ def draw(canvas: Canvas, stage: Stage, shot: Shot, size: tuple[int, int], layout
             compass.arrow(np.zeros(3), vector, 0.05, style.FAINT_INK)
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
-        arrow = canvas.panel(layout.field, compass_view(views[0]), reach=10.0)
-        arrow.arrow(-0.5 * field, field, 0.2, style.FIELD)
+        arrow = canvas.panel(layout.field, compass_view(views[0]), reach=10.0, over=True)
+        arrow.arrow(-0.5 * field, field, stage_layout.field_width(field), style.FIELD)
     image = canvas.image(fine=not layout.written or size[0] > style.TRIAL_SIZE[0])
     return stage_page.written_on(image, stage, views, layout) if layout.written else image
 
@@ -55,11 +55,9 @@ def _signs(panel: PanelCanvas, stage: Stage, lift: float) -> None:
         # On the ground just above the shadow, elsewhere on the body.
         height = 8e-3 * stage.length if stage.ground is not None else 0.1 * stage.thickness
         panel.balls(panel.view.lift(stage.contact, height), 0.1 * stage.thickness, style.CONTACT, lit=False)
-    for start, vector in stage.forces:
-        length = float(np.linalg.norm(vector))
-        if length > 0.02 * stage.length:
-            thick = min(strong, 0.12 * length)
-            panel.arrow(panel.view.lift(start, 1.2 * lift), vector, thick, style.CONTACT, halo=0.3 * thick)
+    for start, vector in stage.pushes:
+        thick = min(strong, 0.12 * float(np.linalg.norm(vector)))
+        panel.arrow(panel.view.lift(start, 1.2 * lift), vector, thick, style.CONTACT, halo=0.3 * thick)
 
 
 def _floor(panel: PanelCanvas, stage: Stage, shot: Shot) -> None:

@@ -37,7 +37,7 @@ def draw(stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout) -> np.
     field = stage_layout.field_arrow(stage)
     if field is not None and layout.field is not None:
         arrow = FlatPanel(figure, layout.field, compass_view(views[0]))
-        arrow.arrow(-0.5 * field, field, 0.2, style.FIELD)
+        arrow.arrow(-0.5 * field, field, stage_layout.field_width(field), style.FIELD)
     canvas.draw()
     image = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
     return stage_page.written_on(image, stage, views, layout) if layout.written else image
@@ -86,10 +86,9 @@ def _signs(panel: FlatPanel, stage: Stage) -> None:
         panel.balls(
             stage.contact, 0.1 * stage.thickness, style.CONTACT, 1.3 if stage.ground is not None else 3.5
         )
-    for start, vector in stage.forces:
-        length = float(np.linalg.norm(vector))
-        if length > 0.02 * stage.length:
-            panel.arrow(start, vector, min(strong, 0.12 * length), style.CONTACT, halo=True)
+    for start, vector in stage.pushes:
+        thick = min(strong, 0.12 * float(np.linalg.norm(vector)))
+        panel.arrow(start, vector, thick, style.CONTACT, halo=True)
 
 
 def _floor(panel: FlatPanel, stage: Stage, shot: Shot) -> None:

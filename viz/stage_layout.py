@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from viz.layout import (
     ScaleBar,
     compass_view,
 )
+from viz.scenery import POLES, Prop
 from viz.stage import Shot, Stage
 
 TITLE_Y = 0.952
@@ -37,7 +39,7 @@ FIELD_TEXT_X, FIELD_TEXT_Y = 0.163, 0.090
 BAR_CENTER, BAR_Y = 0.365, 0.105
 CURVE = Panel(0.525, 0.05, 0.70, 0.15)
 LEGEND_X, LEGEND_TOP, LEGEND_ROW, LEGEND_COLUMN, LEGEND_GAP = 0.735, 0.135, 0.045, 0.138, 0.016
-ROWS = 3
+ROWS, MOST_ROWS = 3, 4
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,11 @@ def field_arrow(stage: Stage) -> np.ndarray | None:
     return FIELD_LENGTH * stage.field / strongest if strength > 1e-3 * strongest > 0 else None
 
 
+def field_width(arrow: np.ndarray) -> float:
+    """How thick its shaft is: a weak field's arrow is thin as well as short."""
+    return min(0.2, 0.3 * float(np.linalg.norm(arrow)))
+
+
 def field_text(stage: Stage) -> str:
     """The field's magnitude."""
     if stage.field is None:
@@ -152,32 +159,57 @@ def scale_bar(view: View, aspect: float, unit: float) -> ScaleBar:
     return ScaleBar(unit, BAR_CENTER - width / 2, BAR_CENTER + width / 2, BAR_Y)
 
 
-def legend(stage: Stage) -> list[LegendItem]:
-    """What the signs mean; only those that are in the picture."""
+def signs(
+    stages: Sequence[Stage], seen: Sequence[tuple[View, float]] = (), *, touching: bool = False
+) -> list[tuple[str, tuple[str, ...], str]]:
+    """Mark, colours and text of what must be explained: only what is drawn in one of these stages.
+
+    seen: the views they are drawn in, with each panel's aspect: of what stands around the body only what is in one of them counts.
+    touching: contact counts though none of the stages has any.
+    """
+    first = stages[0]
     entries: list[tuple[str, tuple[str, ...], str]] = []
-    held = np.zeros(len(stage.magnetised), dtype=bool) if stage.held is None else stage.held
-    if (stage.magnetised & ~held).any():
-        used = min(int(stage.magnetised.sum()), len(style.SEGMENTS))
+    held = np.zeros(len(first.magnetised), dtype=bool) if first.held is None else first.held
+    if (first.magnetised & ~held).any():
+        used = min(int(first.magnetised.sum()), len(style.SEGMENTS))
         entries.append(("swatch", style.SEGMENTS[:used], "magnetic"))
-    if not (stage.magnetised | held).all():
+    if not (first.magnetised | held).all():
         entries.append(("swatch", (style.UNMAGNETISED,), "unmagnetised"))
     if held.any():
         entries.append(("swatch", (style.HELD,), "held"))
-    if len(stage.arrows):
+    if any(len(stage.arrows) for stage in stages):
         entries.append(("arrow", (style.MAGNETISATION,), "magnetisation"))
-    if stage.ground is not None:
+    if first.ground is not None:
         entries.append(("swatch", (style.GROUND_SHADOW,), "ground"))
-    if stage.touches:
+    if touching or any(len(stage.pushes) for stage in stages):
         entries.append(("arrow", (style.CONTACT,), "contact force"))
-    names = dict.fromkeys(p.name for p in stage.props if p.name)
-    for name in sorted(names, key=lambda name: name == "clamp"):
-        colours = (style.NORTH, style.SOUTH) if name.startswith("magnet") else ()
-        entries.append(("swatch", colours or (next(p.colour for p in stage.props if p.name == name),), name))
+    elif any(len(stage.contact) for stage in stages):
+        entries.append(("dot", (style.CONTACT,), "contact"))
+    props = [
+        p for stage in stages for p in stage.props if not seen or any(in_view(p, *view) for view in seen)
+    ]
+    colours = {p.name: p.colour for p in props if p.name}
+    for name in sorted(colours, key=lambda name: name == "clamp"):
+        poles = (style.NORTH, style.SOUTH)
+        entries.append(("swatch", poles if name.endswith(POLES) else (colours[name],), name))
+    return entries
+
+
+def in_view(prop: Prop, view: View, aspect: float) -> bool:
+    """Whether any triangle of a prop reaches into a view, by the rectangle around it."""
+    flat = view.project(prop.points)[:, :2] / np.array([aspect, 1.0])
+    corners = flat[prop.triangles]
+    return bool(((corners.min(axis=1) < 1.0) & (corners.max(axis=1) > -1.0)).all(axis=1).any())
+
+
+def legend(stage: Stage, seen: Sequence[tuple[View, float]] = ()) -> list[LegendItem]:
+    """The legend of a movie's page. It stays the same while things move: contact is in it wherever there is any at some time."""
+    entries = signs([stage], seen, touching=stage.touches)[: 2 * MOST_ROWS]
+    rows = max(ROWS, -(-len(entries) // 2))
+    step, top = (LEGEND_ROW, LEGEND_TOP) if rows == ROWS else (0.75 * LEGEND_ROW, LEGEND_TOP + 0.01)
     return [
-        LegendItem(
-            mark, colours, text, LEGEND_X + (i // ROWS) * LEGEND_COLUMN, LEGEND_TOP - (i % ROWS) * LEGEND_ROW
-        )
-        for i, (mark, colours, text) in enumerate(entries[: 2 * ROWS])
+        LegendItem(mark, colours, text, LEGEND_X + (i // rows) * LEGEND_COLUMN, top - (i % rows) * step)
+        for i, (mark, colours, text) in enumerate(entries)
     ]
 
 

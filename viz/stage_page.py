@@ -30,7 +30,8 @@ def written_on(image: np.ndarray, stage: Stage, views: Sequence[View], layout: L
         colour=style.FIELD,
     )
     page.scale_bar(stage_layout.scale_bar(views[0], page.aspect, stage.unit))
-    for item in stage_layout.legend(stage):
+    seen = [(view, place.aspect(page.aspect)) for place, view in zip(layout.mains, views)]
+    for item in stage_layout.legend(stage, seen):
         page.mark(item)
         page.text(item.text, item.x + stage_layout.LEGEND_GAP, item.y, style.TEXT_SMALL)
     if stage_layout.varies(stage):

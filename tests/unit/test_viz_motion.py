@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +18,7 @@ from magmpm.motion import Motion, MotionWriter
 from viz import motion_movie, motion_plots, scenery, stage_layout, style
 from viz.play import Body, Play, Still
 from viz.process import RenderError
+from viz.sheet import chosen, moments, sheet
 from viz.stage import Stage
 from viz.worker import Renderer
 
@@ -379,14 +381,74 @@ def test_without_ffmpeg_the_movie_is_a_gif(
 
 
 def test_long_motions_are_thinned_and_keep_their_ends() -> None:
-    numbers = motion_movie.chosen(10_001, 500)
+    numbers = chosen(10_001, 500)
     assert len(numbers) == 500
     assert (numbers[0], numbers[-1]) == (0, 10_000)
-    np.testing.assert_array_equal(motion_movie.chosen(7, 500), np.arange(7))
+    np.testing.assert_array_equal(chosen(7, 500), np.arange(7))
+
+
+def test_moments_show_what_closes_and_opens_again_closed(tmp_path: Path) -> None:
+    model = motions.body()
+    bends = [0.0, 0.1, 0.35, 0.4, 0.2, 0.05, 0.0, 0.0, 0.0]
+    frames = list(motions.bending(model, bends))
+    with MotionWriter(tmp_path, model) as writer:
+        for k, frame in enumerate(frames):
+            writer.frame(0.01 * k, frame.x, frame.v, frame.F, frame.P, frame.energies)
+    play = Play(Motion.load(tmp_path))
+    apart = [float(np.abs(play.motion.position(k) - play.motion.position(0)).max()) for k in range(len(play))]
+    assert moments(play) == [0, int(np.argmax(apart)), 8]
+
+
+def test_the_legend_of_moments_holds_what_is_in_them_and_only_that(play: Play, tmp_path: Path) -> None:
+    """A coil that is out of the picture and contact at other moments are not; poles of a point dipole are."""
+    coil = {"position": [0.02, 0.0, 0.5], "axis": [0, 0, 1], "diameter": 0.05}
+    dipole = {"position": [0.05, 0.0, 0.02], "moment": [0.0, 0.0, 1.0]}
+    other = played(tmp_path, scene(field={"coils": [coil], "dipole": dipole}))
+    seen = [(other.shot.view(1.5), 1.5)]
+    above, touching = other.stage(2), other.stage(6)
+    assert not len(above.forces)
+    assert len(touching.forces)
+    texts = {text for _, _, text in stage_layout.signs([above], seen)}
+    assert texts >= {"ground", "clamp", "point dipole (N, S)"}
+    assert not texts & {"coil", "contact force", "magnet (N, S)"}
+    assert "contact force" in {text for _, _, text in stage_layout.signs([above, touching], seen)}
+    assert "coil" in {text for _, _, text in stage_layout.signs([above])}
+    # A movie's legend does not change with the frame.
+    assert "contact force" in {item.text for item in stage_layout.legend(above, seen)}
+
+
+@pytest.mark.parametrize("backend", ["flat", "solid"])
+def test_the_fields_arrow_of_a_moment_stands_on_the_picture(
+    backend: str, play: Play, request: pytest.FixtureRequest
+) -> None:
+    """No white box around it: the panel's corner is as it is without a field."""
+    renderer, stage = request.getfixturevalue(backend), play.stage(2)
+    wall = scenery.Prop(
+        "wall", *scenery.swept(np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1), style.WALL, hollow=True
+    )
+    layout = stage_layout.bare((400, 300))
+    assert layout.field is not None
+    images = [
+        renderer.stage_image(
+            replace(stage, props=(wall,), field=field), play.shot, size=(400, 300), layout=layout
+        )
+        for field in (stage.field, None)
+    ]
+    changed = np.flatnonzero((np.abs(images[0].astype(int) - images[1]) > 8).any(axis=2))
+    assert 10 < len(changed) < 0.5 * 300 * 400 * 0.17**2
+
+
+def test_a_magnet_that_comes_near_is_in_the_picture_from_the_start(tmp_path: Path) -> None:
+    frames = [{"time": 0.0, "move": [0, 0, 0.1]}, {"time": 0.4, "move": [0, 0, 0.05]}]
+    near = played(tmp_path, scene(field={"magnet": [MAGNET], "over_time": {"keyframes": frames}}))
+    flat = near.shot.view(1.0).project(
+        np.vstack([p.points for p in near.stage(0).props if p.name.startswith("magnet")])
+    )
+    assert np.abs(flat[:, :2]).max() < 1.0
 
 
 def test_the_moments_stand_side_by_side_at_one_scale(play: Play, flat: Renderer, tmp_path: Path) -> None:
-    with Image.open(motion_movie.sheet(play, tmp_path / "moments.png", flat, width=900)) as image:
+    with Image.open(sheet(play, tmp_path / "moments.png", flat, width=900)) as image:
         assert abs(image.width - 900) < 4
         assert image.height < image.width
         pixels = np.asarray(image.convert("RGB"))
