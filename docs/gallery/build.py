@@ -6,6 +6,9 @@ Results and movies go to runs/gallery/NAME; a poster of less than 300 kB to docs
 smaller than 1 MiB. The page docs/gallery/NAME.md is made if it is missing, with the scene's leading comment as its text; in one that is
 there, only what stands between the marks `<!-- measured -->` and `<!-- /measured -->` is replaced. A scene whose result is of this very
 scene is not run again, unless --fresh says so.
+
+MOMENTS says which moments a poster shows where the first, the last, and the one most unlike both do not tell it best; BESIDE which scenes
+are shown beside another, on its page.
 """
 
 from __future__ import annotations
@@ -18,17 +21,29 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from PIL import Image
 
 from magmpm.cli import main as magmpm
 from magmpm.errors import InputError
+from magmpm.motion import Motion
 from magmpm.scene import load_scene
+from viz.motion_movie import beside
+from viz.play import Play
+from viz.sheet import composed, save, sheet
+from viz.worker import Renderer
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 POSTER_BYTES, MOVIE_BYTES = 300_000, 1024 * 1024
+MOMENTS = {  # s
+    "folding_strip": (0.0, 0.07, 0.2),
+    "gripper": (0.0, 0.1, 0.26),
+    "zhao_beam": (0.4, 0.7, 1.05),
+}
+BESIDE = {"zhao_beam": ("zhao_beam_5mm",)}
 BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
 
 
@@ -45,35 +60,58 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     if unknown:
         print(f"no such scene: {unknown[0]}; there are {', '.join(scenes)}", file=sys.stderr)
         return 2
+    page_of = {other: name for name, others in BESIDE.items() for other in others if name in scenes}
     worst = 0
-    for name in options.names or scenes:
-        status = build(root, name, scenes[name], fresh=options.fresh)
+    for name in dict.fromkeys(page_of.get(name, name) for name in options.names or scenes):
+        status = build(
+            root, name, [scenes[key] for key in (name, *BESIDE.get(name, ()))], fresh=options.fresh
+        )
         worst = max(worst, status)
-    write_index(root, scenes)
+    write_index(root, {name: scene for name, scene in scenes.items() if name not in page_of})
     return worst
 
 
-def build(root: Path, name: str, scene: Path, *, fresh: bool = False) -> int:
-    """Run and draw one scene, and bring its page up to date. Returns the exit status of what failed, or 0."""
-    results = root / "runs/gallery" / name
-    if fresh or not is_result_of(scene, results):
-        status = magmpm(["run", str(scene), "--out", str(results)])
+def build(root: Path, name: str, scenes: Sequence[Path], *, fresh: bool = False) -> int:
+    """Run and draw a page's scenes, and bring it up to date. Returns the exit status of what failed, or 0."""
+    folders = [root / "runs/gallery" / scene.stem for scene in scenes]
+    for scene, results in zip(scenes, folders):
+        if fresh or not is_result_of(scene, results):
+            status = magmpm(["run", str(scene), "--out", str(results)])
+            if status:
+                return status
+        status = magmpm(["render", str(results)])
         if status:
             return status
-    status = magmpm(["render", str(results)])
-    if status:
-        return status
+    draw_moments(name, folders)
     images = root / "docs/images/gallery"
     images.mkdir(parents=True, exist_ok=True)
-    moments = results / "moments.png"
-    (images / f"{name}.png").write_bytes(poster(moments if moments.exists() else results / "picture.png"))
-    movie = results / "movie.mp4"
-    beside = images / f"{name}.mp4"
-    beside.unlink(missing_ok=True)
+    moments, movie = folders[0] / "moments.png", folders[0] / "movie.mp4"
+    (images / f"{name}.png").write_bytes(poster(moments if moments.exists() else folders[0] / "picture.png"))
+    on_page = images / f"{name}.mp4"
+    on_page.unlink(missing_ok=True)
     if movie.exists() and movie.stat().st_size < MOVIE_BYTES:
-        shutil.copyfile(movie, beside)
-    write_page(root, name, scene, results)
+        shutil.copyfile(movie, on_page)
+    write_page(root, name, scenes[0], folders)
     return 0
+
+
+def draw_moments(name: str, folders: Sequence[Path]) -> None:
+    """The moments of MOMENTS instead of those that `magmpm render` chose; of scenes of BESIDE all, one below another, and their movie."""
+    if name not in MOMENTS and len(folders) == 1:
+        return
+    plays = [Play(Motion.load(folder)) for folder in folders]
+    numbers = [
+        [play.motion.nearest(t) for t in MOMENTS.get(name, play.motion.times[[0, -1]])] for play in plays
+    ]
+    with Renderer() as renderer:
+        if len(plays) == 1:
+            sheet(plays[0], folders[0] / "moments.png", renderer, numbers[0])
+            return
+        words = measures().words
+        shown = [(play, k) for play, some in zip(plays, numbers) for k in some]
+        image = composed(shown, renderer, len(numbers[0]), 1800, [words(play.motion, k) for play, k in shown])
+        save(image, folders[0] / "moments.png")
+        beside(plays, folders[0] / "movie.mp4", renderer, lambda play, k: words(play.motion, k))
 
 
 def is_result_of(scene: Path, results: Path) -> bool:
@@ -101,12 +139,13 @@ def poster(picture: Path, most: int = POSTER_BYTES) -> bytes:
     raise ValueError(f"{picture} does not fit into {most} bytes at 40 % of its size")
 
 
-def write_page(root: Path, name: str, scene: Path, results: Path) -> Path:
-    """The scene's page, with its numbers as they are now."""
+def write_page(root: Path, name: str, scene: Path, folders: Sequence[Path]) -> Path:
+    """The page, with the numbers of its scenes as they are now; scene: the first."""
     page = root / "docs/gallery" / f"{name}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
-    saved = json.loads((results / "result.json").read_text(encoding="utf-8"))
-    block = "\n".join([BEGIN, *measured(saved, results), END])
+    results = [json.loads((folder / "result.json").read_text(encoding="utf-8")) for folder in folders]
+    saved = results[0]
+    block = "\n".join([BEGIN, *table({r["name"]: measured(r, of) for r, of in zip(results, folders)}), END])
     if page.exists() and BEGIN in (text := page.read_text(encoding="utf-8")):
         before, rest = text.split(BEGIN, 1)
         page.write_text(before + block + rest.split(END, 1)[1], encoding="utf-8")
@@ -139,8 +178,17 @@ def leading_comment(scene: Path) -> str:
     return " ".join(lines)
 
 
-def measured(saved: dict[str, Any], results: Path) -> list[str]:
-    """A table of what was measured: from result.json, energies.csv and contacts.csv."""
+def table(scenes: dict[str, list[tuple[str, str]]]) -> list[str]:
+    """The table of what was measured, a column for each scene; of several each has its name above."""
+    known = [dict(rows) for rows in scenes.values()]
+    names = dict.fromkeys(name for rows in scenes.values() for name, _ in rows)
+    above = f" {' | '.join(scenes)} |" if len(scenes) > 1 else " |"
+    head = [f"| measured |{above}", "| --- |" + " --- |" * len(scenes)]
+    return [*head, *(f"| {name} | {' | '.join(rows.get(name, '') for rows in known)} |" for name in names)]
+
+
+def measured(saved: dict[str, Any], results: Path) -> list[tuple[str, str]]:
+    """What was measured, name and value: from result.json, energies.csv and contacts.csv."""
     seconds = saved["seconds"]
     rows = [("particles", f"{saved['particles']:,}".replace(",", " "))]
     if saved.get("formulation", "static") == "static":
@@ -165,16 +213,22 @@ def measured(saved: dict[str, Any], results: Path) -> list[str]:
         *_from_tables(results),
         *physics(results.name, results),
     ]
-    return ["| measured | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows)]
+    return rows
 
 
 def physics(name: str, results: Path) -> list[tuple[str, str]]:
     """What this scene is about, in numbers, as measure.py, beside this file, has it."""
+    found: list[tuple[str, str]] = measures().rows(name, results)
+    return found
+
+
+def measures() -> ModuleType:
+    """measure.py, beside this file."""
     if str(HERE) not in sys.path:
         sys.path.insert(0, str(HERE))
-    from measure import rows
+    import measure
 
-    return rows(name, results)
+    return measure
 
 
 def _from_tables(results: Path) -> list[tuple[str, str]]:

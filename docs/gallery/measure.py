@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -222,6 +223,62 @@ def fold(folder: Path) -> Rows:
     ]
 
 
+SWEPT = (7.0, 10.0, 15.0, 25.0, 40.0)  # mT: of data/references/zhao_beam.json, past the threshold of buckling
+
+
+def end_of(motion: Motion, number: int) -> Array:
+    """Middle (3,) m of a strip's free end in a frame: the last two columns of particles, drawn out to the end."""
+    position, along = motion.position(number).astype(float), motion.reference[:, 0].astype(float)
+    column = np.unique(along.round(9))
+    end, before = (position[np.isclose(along, x, rtol=0, atol=1e-8)].mean(axis=0) for x in column[[-1, -2]])
+    length = float((motion.scene or {})["body"]["strip"]["length"])
+    return np.asarray(end + (end - before) * (length - column[-1]) / (column[-1] - column[-2]))
+
+
+def deflection(motion: Motion, number: int) -> float:
+    """Of a strip's free end, across it, over its length."""
+    return float(end_of(motion, number)[2]) / float((motion.scene or {})["body"]["strip"]["length"])
+
+
+def frame_at(motion: Motion, field: float) -> int:
+    """The last frame in a field of that strength (mT) along -x, to 0.1 %."""
+    return int(np.flatnonzero(np.isclose(-1e3 * motion.fields[:, 0], field, rtol=1e-3))[-1])
+
+
+def words(motion: Motion, number: int) -> str:
+    """What stands above Zhao's beam in a picture: which, in what field, and how far it is deflected."""
+    plane = (motion.scene or {})["body"]["strip"]["plane_strain"]
+    strength = 1e3 * float(np.linalg.norm(motion.fields[number]))
+    return (
+        f"{'plane strain' if plane else '5 mm wide'}, {strength:.1f} mT: {deflection(motion, number):.3f} L"
+    )
+
+
+def against_finite_elements(motion: Motion) -> Array:
+    """Deflection, over the length, at the fields of SWEPT: as swept, and by finite elements; (2, 5)."""
+    known = json.loads((ROOT / "data/references/zhao_beam.json").read_text(encoding="utf-8"))
+    plane = (motion.scene or {})["body"]["strip"]["plane_strain"]
+    fem = known["finite_elements"]["plane_strain" if plane else "width_5mm"]["deflection"]
+    wanted = dict(zip(known["field_mT"], fem, strict=True))
+    return np.array([[deflection(motion, frame_at(motion, B)) for B in SWEPT], [wanted[B] for B in SWEPT]])
+
+
+def sweep(folder: Path) -> Rows:
+    """The beam's deflection in each field as it passes through it, against finite elements and statics."""
+    motion, moved = Motion.load(folder), Result.load(folder)
+    found, fem = against_finite_elements(motion)
+    rows = [
+        (f"deflection over the length at {B:g} mT (finite elements)", f"{d:.4f} ({known:.4f})")
+        for B, d, known in zip(SWEPT, found, fem, strict=True)
+    ]
+    _, tip = distance_from(moved, equilibrium_of(Scene.from_si(moved.scene)))
+    return [
+        *rows,
+        ("largest difference from finite elements", f"{100 * np.abs(found - fem).max():.2f} % of the length"),
+        ("tip at the end from static equilibrium on the same grid", f"{100 * tip:.3f} % of the length"),
+    ]
+
+
 MEASURES: dict[str, Callable[[Path], Rows]] = {
     "tentacle_hook": tentacle,
     "tentacle_spiral": tentacle,
@@ -229,6 +286,8 @@ MEASURES: dict[str, Callable[[Path], Rows]] = {
     "gripper": grip,
     "pulled_catheter": pull,
     "folding_strip": fold,
+    "zhao_beam": sweep,
+    "zhao_beam_5mm": sweep,
 }
 
 

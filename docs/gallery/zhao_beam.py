@@ -1,4 +1,4 @@
-"""Zhao's beam past buckling: sweeps the field, and brings docs/gallery/zhao_beam.md and its picture up to date.
+"""Zhao's beam past buckling: equilibria over the field, and what docs/gallery/zhao_beam.md compares them with, and its picture.
 
     python docs/gallery/zhao_beam.py [--motion [plane_strain] [width_5mm]]
 
@@ -21,9 +21,9 @@ from viz.compare import Series, compare
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/gallery/zhao_beam.md"
-PICTURE = ROOT / "docs/images/gallery/zhao_beam.png"
+PICTURE = ROOT / "docs/images/gallery/zhao_beam_fields.png"
 NUMBERS = ROOT / "docs/gallery/zhao_beam.json"
-BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
+BEGIN, END = "<!-- compared -->", "<!-- /compared -->"  # build.py has the marks of what is measured
 SCENES = {"plane_strain": "zhao_plane_strain", "width_5mm": "zhao_width_5mm"}
 NAMES = {"plane_strain": "plane strain", "width_5mm": "5 mm wide"}
 CURVE = (

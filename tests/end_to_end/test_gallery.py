@@ -74,6 +74,32 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     assert result.stat().st_mtime_ns > stamp
 
 
+def test_a_scene_shown_beside_another_is_on_its_page(
+    build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One poster, one movie, a column of numbers each; no page of its own."""
+    short = SCENE.replace("body: {", "body: {strip: {width: 4 mm, thickness: 2 mm, clamp: base, ").replace(
+        "catheter: {", "", 1
+    )
+    short = short.replace("diameter: 4 mm, ", "")
+    scenes = root / "data/scenes/gallery"
+    (scenes / "rod.yaml").write_text(short)
+    (scenes / "thick.yaml").write_text(
+        short.replace("rod let go", "thick one").replace("thickness: 2", "thickness: 3")
+    )
+    monkeypatch.setattr(build, "BESIDE", {"rod": ("thick",)})
+    monkeypatch.setattr(build, "MOMENTS", {"rod": (0.0, 0.002)})
+    assert build.main(["thick"], root) == 0
+    page = (root / "docs/gallery/rod.md").read_text()
+    assert "| measured | rod let go | thick one |" in page
+    assert not (root / "docs/gallery/thick.md").exists()
+    assert "thick" not in (root / "docs/gallery/README.md").read_text()
+    images = root / "docs/images/gallery"
+    assert sorted(path.name for path in images.iterdir()) == ["rod.mp4", "rod.png"]
+    with Image.open(images / "rod.png") as poster:
+        assert poster.width > 1500
+
+
 def test_a_scene_that_is_wrong_ends_with_its_status_and_the_others_are_built(
     build: ModuleType, root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
