@@ -14,6 +14,7 @@ from viz.encode import NO_FFMPEG, Movie, write_gif, write_mp4
 from viz.play import Play
 from viz.process import RenderError
 from viz.sheet import chosen, composed
+from viz.stage import Shot
 from viz.worker import Renderer
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
@@ -73,10 +74,11 @@ def beside(
     words: what stands above a frame of a motion. fps, GIF and RenderError: as in `movie`; width: pixels, about.
     """
     numbers = chosen(min(len(play) for play in plays), MOST_FRAMES)
+    shot = Shot.of_all([play.shot for play in plays])
 
     def image(k: int) -> np.ndarray:
         shown = [(play, k) for play in plays]
-        return composed(shown, renderer, len(plays), width, [words(play, k) for play in plays])
+        return composed(shown, renderer, len(plays), width, [words(play, k) for play in plays], shot)
 
     return _written(path, image, numbers, fps or rate(len(numbers)))
 

@@ -5,7 +5,7 @@ Reads a scene's JSON (Scene.to_si()); what it does not know it leaves out, so th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from viz.surface import Binding, PartedBinding, around_particles, bodies, crease
 
 MOST_ARROWS = 16
 LOOKS = 60  # frames looked at to place the camera
-# Lengths of the body from it: sources that come as near are in the picture, and those of them that begin or end no farther, all the way.
+# How far from the body, in its lengths, a source may be to be in the picture; in one of a few moments, where it is before it has come near.
 REACH, FAR = 2.5, 3.5
 
 
@@ -244,17 +244,18 @@ class Play:
             title=self.title,
         )
 
-    def _sources(self, time: float) -> list[scenery.Prop]:
-        """Those that come near are in the picture from the start, unless they come from very far."""
-        props = scenery.sources(self._scene, time)
-        near = [False] * len(props)
-        for when in np.unique(self.motion.times[[0, -1]]):
-            there = scenery.in_reach(
-                scenery.sources(self._scene, float(when)), self._around, REACH * self.body.length
-            )
-            near = [a or p.framed for a, p in zip(near, there)]
-        far = scenery.in_reach(props, self._around, FAR * self.body.length)
-        return [p if ok else replace(p, framed=False) for p, ok in zip(far, near)]
+    def shot_of(self, numbers: Sequence[int]) -> Shot:
+        """What must be seen in some frames: with where the sources that come near are then, unless that is very far."""
+        ends = [self._sources(float(time)) for time in np.unique(self.motion.times[[0, -1]])]
+        near = [any(p.framed for p in same) for same in zip(*ends)]
+        seen = [self.shot.points]
+        for time in self.motion.times[np.asarray(numbers, dtype=int)]:
+            there = self._sources(float(time), FAR)
+            seen += [_near(p, self._around, 0.0) for p, come in zip(there, near) if come and p.framed]
+        return replace(self.shot, points=np.vstack(seen))
+
+    def _sources(self, time: float, reach: float = REACH) -> list[scenery.Prop]:
+        return scenery.in_reach(scenery.sources(self._scene, time), self._around, reach * self.body.length)
 
     def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""

@@ -16,8 +16,8 @@ from viz.play import Play
 from viz.stage import Shot, Stage, seconds
 from viz.worker import Renderer
 
-# Moments wider than this many times their height stand below one another.
-_STACKED = 2.8
+# Moments wider than this many times their height stand below one another; panels are no narrower than this.
+_STACKED, _TALLEST = 2.8, 0.6
 _LOOKS, _PARTICLES = 200, 2000  # frames and particles looked at for the moment that tells most
 
 
@@ -53,7 +53,7 @@ def sheet(
     Raises RenderError.
     """
     numbers = moments(play) if numbers is None else list(numbers)
-    across = len(numbers) if play.shot.aspect < _STACKED else 1
+    across = len(numbers) if play.shot_of(numbers).aspect < _STACKED else 1
     if across == 1:  # a page's width, as the others are three panels wide
         width = 2 * width // 3
     return save(composed([(play, k) for k in numbers], renderer, across, width), path)
@@ -75,15 +75,17 @@ def composed(
     across: int,
     width: int,
     words: Sequence[str] | None = None,
+    shot: Shot | None = None,
 ) -> np.ndarray:
     """Frames of motions in rows of so many, all seen from one place at one scale, with one scale bar and one legend: (h, w, 3) uint8.
 
-    width: pixels, about; h and w are even. words: above each panel, by default its time and field. Raises RenderError.
+    width: pixels, about; h and w are even. words: above each panel, by default its time and field. shot: what must be seen and from where,
+    by default all that is in these frames. Raises RenderError.
     """
-    shot = Shot.of_all([play.shot for play in dict.fromkeys(play for play, _ in shown)])
+    shot = shot or Shot.of_all([play.shot_of([k]) for play, k in shown])
     gap = round(0.008 * width)
     wide = (width - (across + 1) * gap) // across
-    tall = round(wide / float(np.clip(shot.aspect, 0.6, 4.0)))
+    tall = round(wide / float(np.clip(shot.aspect, _TALLEST, 4.0)))
     stages = [play.stage(int(k)) for play, k in shown]
     layout = stage_layout.bare((wide, tall))
     (view,) = stage_layout.views(shot, (wide, tall), layout)

@@ -189,7 +189,8 @@ def signs(
         p for stage in stages for p in stage.props if not seen or any(in_view(p, *view) for view in seen)
     ]
     colours = {p.name: p.colour for p in props if p.name}
-    for name in sorted(colours, key=lambda name: name == "clamp"):
+    # What may come into the picture comes last, and moves no other entry.
+    for name in sorted(colours, key=lambda name: (name.endswith(POLES), name == "clamp")):
         poles = (style.NORTH, style.SOUTH)
         entries.append(("swatch", poles if name.endswith(POLES) else (colours[name],), name))
     return entries

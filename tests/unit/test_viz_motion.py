@@ -19,7 +19,7 @@ from viz import motion_movie, motion_plots, scenery, stage_layout, style
 from viz.play import Body, Play, Still
 from viz.process import RenderError
 from viz.sheet import chosen, moments, sheet
-from viz.stage import Stage
+from viz.stage import Shot, Stage
 from viz.worker import Renderer
 
 SIZE = (320, 180)
@@ -438,13 +438,16 @@ def test_the_fields_arrow_of_a_moment_stands_on_the_picture(
     assert 10 < len(changed) < 0.5 * 300 * 400 * 0.17**2
 
 
-def test_a_magnet_that_comes_near_is_in_the_picture_from_the_start(tmp_path: Path) -> None:
-    frames = [{"time": 0.0, "move": [0, 0, 0.1]}, {"time": 0.4, "move": [0, 0, 0.05]}]
+def test_moments_hold_a_magnet_before_it_has_come_near(tmp_path: Path) -> None:
+    frames = [{"time": 0.0, "move": [0, 0, 0.12]}, {"time": 0.4, "move": [0, 0, 0.05]}]
     near = played(tmp_path, scene(field={"magnet": [MAGNET], "over_time": {"keyframes": frames}}))
-    flat = near.shot.view(1.0).project(
-        np.vstack([p.points for p in near.stage(0).props if p.name.startswith("magnet")])
-    )
-    assert np.abs(flat[:, :2]).max() < 1.0
+    magnet = np.vstack([p.points for p in near.stage(0).props if p.name.startswith("magnet")])
+
+    def reach(shot: Shot) -> float:
+        return float(np.abs(shot.view(1.0).project(magnet)[:, :2]).max())
+
+    assert reach(near.shot_of([0, 8])) < 1.0 < reach(near.shot_of([8]))
+    assert reach(near.shot) == reach(near.shot_of([8]))  # the movie stays with the body
 
 
 def test_the_moments_stand_side_by_side_at_one_scale(play: Play, flat: Renderer, tmp_path: Path) -> None:
