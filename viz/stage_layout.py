@@ -106,14 +106,14 @@ def compass_labels(stage: Stage, view: View, place: Panel, aspect: float) -> lis
 
 
 def field_arrow(stage: Stage) -> np.ndarray | None:
-    """The field's arrow (3,), its length by the strength against the strongest of the motion; None without a field."""
+    """The field's arrow (3,), its length by the strength against the strongest of the motion; None without a field, or with one too weak for that."""
     if stage.field is None:
         return None
     strength = float(np.linalg.norm(stage.field))
     strongest = strength
     if stage.history is not None:
         strongest = float(np.linalg.norm(stage.history.values, axis=1).max())
-    return FIELD_LENGTH * stage.field / strongest if strength > 1e-3 * strongest > 0 else None
+    return FIELD_LENGTH * stage.field / strongest if strength > 0.05 * strongest > 0 else None
 
 
 def field_width(arrow: np.ndarray) -> float:

@@ -39,6 +39,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 POSTER_BYTES, MOVIE_BYTES = 300_000, 1024 * 1024
 MOMENTS = {  # s
+    "catheter_swing": (0.0, 0.03, 0.088),
     "folding_strip": (0.0, 0.07, 0.2),
     "gripper": (0.0, 0.1, 0.26),
     "zhao_beam": (0.4, 0.7, 1.05),
