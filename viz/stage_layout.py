@@ -106,7 +106,7 @@ def compass_labels(stage: Stage, view: View, place: Panel, aspect: float) -> lis
 
 
 def field_arrow(stage: Stage) -> np.ndarray | None:
-    """The field's arrow (3,), its length by the strength against the strongest of the motion; None without a field, or with one too weak for that."""
+    """The field's arrow (3,), its length by the strength against the strongest of the motion; None if that is too short."""
     if stage.field is None:
         return None
     strength = float(np.linalg.norm(stage.field))
