@@ -82,6 +82,7 @@ def composed(
     width: pixels, about; h and w are even. words: above each panel, by default its time and field. shot: what must be seen and from where,
     by default all that is in these frames. Raises RenderError.
     """
+    moving = shot is not None
     shot = shot or Shot.of_all([play.shot_of([k]) for play, k in shown])
     gap = round(0.008 * width)
     wide = (width - (across + 1) * gap) // across
@@ -108,7 +109,11 @@ def composed(
         page.text(letter, x / page.width, at, unit / page.height, bold=True)
         page.text(text, (x + 1.3 * unit) / page.width, at, unit / page.height)
         page.frame((x, y, x + wide, y + tall))
-    _foot(page, stages, view, (wide, tall), unit)
+    # In a movie, whose shot is given, the legend does not change as the field comes and goes.
+    field = any(
+        stage_layout.field_arrow(s) is not None or (moving and stage_layout.varies(s)) for s in stages
+    )
+    _foot(page, stages, view, (wide, tall), unit, field=field)
     return np.asarray(page.image)
 
 
@@ -118,8 +123,10 @@ def _moment(stage: Stage) -> str:
     return f"{text}    {field}" if field else text
 
 
-def _foot(page: Page, stages: Sequence[Stage], view: View, panel: tuple[int, int], pixels: int) -> None:
-    """One scale bar and one legend for all panels; panel: its width and height, pixels: a letter's height."""
+def _foot(
+    page: Page, stages: Sequence[Stage], view: View, panel: tuple[int, int], pixels: int, *, field: bool
+) -> None:
+    """One scale bar and one legend for all panels; panel: its width and height, pixels: a letter's height, field: whether it is shown."""
     stage, letter, step = stages[-1], pixels / page.height, pixels / page.width
     y = 2.2 * letter
     metre = 0.5 / view.half_height * panel[1] / page.width
@@ -130,7 +137,7 @@ def _foot(page: Page, stages: Sequence[Stage], view: View, panel: tuple[int, int
     middle = 0.6 * step + label
     page.scale_bar(ScaleBar(unit, middle - half, middle + half, y), size=letter)
     items = stage_layout.signs(stages, [(view, panel[0] / panel[1])])
-    if any(stage_layout.field_arrow(s) is not None for s in stages):
+    if field:
         items = [("arrow", (style.FIELD,), "field"), *items]
     start = middle + label + 2.5 * step
     lines = _in_lines(

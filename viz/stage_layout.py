@@ -113,7 +113,7 @@ def field_arrow(stage: Stage) -> np.ndarray | None:
     strongest = strength
     if stage.history is not None:
         strongest = float(np.linalg.norm(stage.history.values, axis=1).max())
-    return FIELD_LENGTH * stage.field / strongest if strength > 0.05 * strongest > 0 else None
+    return FIELD_LENGTH * stage.field / strongest if strength > 0.08 * strongest > 0 else None
 
 
 def field_width(arrow: np.ndarray) -> float:
