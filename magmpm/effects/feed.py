@@ -3,16 +3,21 @@
 Every node whose place is inside the guide moves with the speed along +x and does not turn; the guide is the cylinder around the x axis,
 one diameter of the body wide to each side, up to its exit. A tip that bends back beside the guide stays free. The catheter is not
 clamped then: the guide holds it. The push begins at once: at speeds far below a wave's (m/s) that is no shock to speak of.
+
+Nodes are held or free, so the guide acts as one that ends at the last node it holds. Held is what is less than half a cell beyond the
+exit: the body is held straight to within half a cell of it, too far as often as not far enough.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.advice import Advice, Body
+from magmpm.contact import cell_size
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -22,7 +27,7 @@ DTYPE = np.dtype([("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_
 
 
 def parameters(*, speed: float, exit: float, radius: float) -> tuple[NDArray[Any], ...]:
-    """What kernels take. speed m/s along +x; exit: the guide's end on the x axis, m; radius of the guide, m."""
+    """What kernels take. speed m/s along +x; exit: nodes before it on the x axis are held, m; radius of the guide, m."""
     record = np.zeros(1, DTYPE)
     record["feed_speed"], record["feed_exit"], record["feed_radius"] = speed, exit, radius
     return record, NO_DATA
@@ -33,7 +38,9 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     settings = scene.effects.feed
     if settings is None:
         return ()
-    return parameters(speed=settings.speed, exit=settings.exit, radius=scene.thickness)
+    half = 0.5 * cell_size(scene)
+    corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of the nodes of a straight body: at two cells farther off than its diameter
+    return parameters(speed=settings.speed, exit=settings.exit + half, radius=max(scene.thickness, 1.01 * corner))
 
 
 def advice(scene: Scene, body: Body) -> Advice:
