@@ -12,7 +12,7 @@ import numpy as np
 
 from magmpm import effects, fields, motion_files
 from magmpm.basis import Array
-from magmpm.dynamics import energies, watchdog
+from magmpm.dynamics import energies, inertia, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.dynamics.stable_step import StableStep, body_step, stable_step
 from magmpm.dynamics.total import TotalMotion
@@ -82,7 +82,7 @@ def begin(model: Model) -> Moved:
             rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
             remedy="lower it, or leave it out: it is then chosen",
         )
-    return Moved(motion, stable, options.time_step or options.safety * stable.largest)
+    return Moved(motion, stable, options.time_step or options.safety * stable.largest, warnings=inertia.warnings(model))
 
 
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from reference.in_motion import advance, free_rod, quantities, set_off
 
+from magmpm.dynamics import inertia
 from magmpm.effects.magnetic_torque import MU0
 
 FORMULATIONS = ["total", "updated"]
@@ -49,6 +50,27 @@ def test_a_field_turns_a_free_body(formulation: str) -> None:
     assert np.linalg.norm(now.momentum) < 1e-10 * size / 8e-3
     turned = motion.particles()[2]
     assert np.linalg.norm(turned.mean(axis=0) - np.eye(3)) > 1e-3, "the body has begun to turn"
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_inertia_is_the_body_s_and_that_of_mass_on_nodes(formulation: str) -> None:
+    """Spin of a body that turns as a whole: (I + M h^2 / 4) omega, exactly, and the excess told is that; it falls with h^2."""
+    told = []
+    for cells in (2, 4):
+        motion, _ = set_off(free_rod(formulation=formulation, cells=cells, **BODY), lambda x: np.cross(SPIN, x))
+        model = motion.model
+        mass, x, h2 = model.density * model.particles.volume, model.particles.position, model.grid.spacing**2
+        own = np.einsum("n,nij->ij", mass, np.einsum("nk,nk,ij->nij", x, x, np.eye(3)) - np.einsum("ni,nj->nij", x, x))
+        more = mass.sum() / 4 * np.diag([h2[1] + h2[2], h2[0] + h2[2], h2[0] + h2[1]])
+        spin = quantities(motion).spin
+        assert np.linalg.norm(spin - (own + more) @ SPIN) < 1e-10 * np.linalg.norm(spin)
+        told.append(inertia.excess(model))
+        middle = mass @ x / mass.sum()
+        own -= mass.sum() * (middle @ middle * np.eye(3) - np.outer(middle, middle))
+        np.testing.assert_allclose(told[-1], np.sort(np.linalg.eigvals(np.linalg.solve(own, more)).real), rtol=1e-9)
+        assert [text[:10] for text in inertia.warnings(model)] == ["resolution"]
+    np.testing.assert_allclose(told[0] / told[1], 4.0, rtol=0.02)
+    assert told[0][-1] == pytest.approx(1.0, rel=0.01)  # about its axis, I = M D^2 / 8, at D = 2 h
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
