@@ -74,11 +74,14 @@ def _squeezed(scene: Scene) -> float:
     """Energy gained by a body let go at det F = 0.2, over that at first, while it swells and swings; infinite if it stays small."""
     motion, dt, _ = at_rest(scene)
     stretch(motion, SQUEEZED ** (1 / 3))
+    finer = 1
     if isinstance(motion, TotalMotion):
         dt = min(dt, 0.8 * body_step(motion))
+    else:
+        finer = 4  # v is half a step behind x, and not put right as in the total formulation: 2.6 % at dt / 16, 0.6 % at dt / 64
     begun, most, largest = energy(motion), 0.0, 0.0
     for _ in range(2000):
-        advance(motion, 1, dt / 16)  # speeds are near the wave's: steps resolve them
+        advance(motion, finer, dt / 16 / finer)  # speeds are near the wave's: steps resolve them
         most = max(most, energy(motion) / begun - 1)
         largest = max(largest, float(np.median(np.linalg.det(motion.particles()[2]))))
     return most if largest > 1.0 else math.inf
