@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.basis import Array
-from magmpm.jit import compiled
+from magmpm.jit import compiled, kernel, prange
 
 CLOSE = 0.5  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)
 BESIDE = 1.25  # cells: twice as far from the middle of the gap a node may be; deep in a thin piece its surface can't be told
@@ -86,16 +86,19 @@ def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):  # ty
         momentum[a + i], momentum[b + i] = common * momentum[a], common * momentum[b]
 
 
-@compiled
-def meet(momentum, weight, fixed, pieces, nodes, first, last, strides, h, curve, slopes):  # type: ignore[no-untyped-def]
-    """Nodes first to last of a box of `nodes`, that each of the pieces has a grid of.
+@kernel
+def meet(momentum, weight, fixed, nodes, strides, h, curve):  # type: ignore[no-untyped-def]
+    """All pieces, each with a grid of a box of `nodes`.
 
     momentum (4 pieces nodes,): mass and momentum; weight, fixed (pieces nodes,): mass of what is held there, and whether that keeps the
     node at rest. Masses are not changed, so planes of nodes may be done at the same time. strides (3,): from node to node along the axes.
     """
-    for node in range(first, last):
-        for one in range(node, pieces * nodes, nodes):
-            if momentum[4 * one] + weight[one] > 0.0:
-                for other in range(one + nodes, pieces * nodes, nodes):
-                    if momentum[4 * other] + weight[other] > 0.0:
-                        _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes)
+    every = len(fixed)
+    for plane in prange(nodes // strides[0]):
+        slopes = np.empty((2, 3))
+        for node in range(plane * strides[0], (plane + 1) * strides[0]):
+            for one in range(node, every, nodes):
+                if momentum[4 * one] + weight[one] > 0.0:
+                    for other in range(one + nodes, every, nodes):
+                        if momentum[4 * other] + weight[other] > 0.0:
+                            _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes)

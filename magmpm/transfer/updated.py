@@ -332,8 +332,7 @@ def advance(
             _fold(momentum, clamp, along_x)
         _fold_pairs(momentum, mirrors)
         if pieces > 1:
-            for plane in prange(nodes // along_x):
-                meet(momentum, weight, fixed, pieces, nodes, plane * along_x, (plane + 1) * along_x, strides, h, curve, np.empty((2, 3)))
+            meet(momentum, weight, fixed, nodes, strides, h, curve)
         for plane in prange(pieces * (nodes // along_x)):
             for n in range(plane * along_x, (plane + 1) * along_x):
                 _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still)
