@@ -1,9 +1,9 @@
 """How much too slowly a free body turns: mass that sits on nodes sits farther out than it is.
 
-Nodes get a particle's mass by splines whose second moment is h^2 / 4 along each axis: lumped in the total formulation, and in the updated one
-through APIC's affine part. A body of mass M so turns with the inertia I + M h^2 / 4 (h_y^2 + h_z^2 in place of h^2 about x, and so on): what is
-two cells across by 75 % too much, four by 19 %, eight by 5 %. Its momentum, spin and energy are kept as exactly as ever, and what
-bends and swings has little of it (a rod's first frequency 0.6 % at 2 cells).
+Nodes get a particle's mass by splines whose second moment is h^2 / 4 along each axis: lumped in the total formulation, and in the updated
+one through APIC's affine part. A body of mass M so turns with the inertia I + M (h_y^2 + h_z^2) / 4 about x, and so on: a cube of two
+cells by 75 % too much, of four by 19 %, of eight by 5 %. Momentum, spin and energy are kept as exactly as ever, and what bends and
+swings has little of it (a rod's first frequency 0.6 % at 2 cells).
 
 Source: Belytschko et al., Nonlinear Finite Elements (2014), 2.4 (lumped mass).
 """
@@ -20,7 +20,7 @@ TOLD = 0.02  # of the inertia: less is not worth a warning
 
 
 def excess(model: Model) -> Array:
-    """Excess (3,) of the moments of inertia over the body's own, smallest first; of the free piece whose largest is largest. 0 if all is held."""
+    """Excess (3,) of the moments of inertia over the body's own, smallest first; of the free piece with the largest, 0 if all is held."""
     particles, found = model.particles, np.zeros(3)
     mass = model.density * particles.volume
     piece = connected_pieces(model.scene.body.parts, particles.cell, particles.segment)

