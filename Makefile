@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Most tests keep one core busy: compiling, and bodies too small for threads. `make test WORKERS=` runs them one after the other.
+WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: help setup design test test-long lint bench bench-sampler validate stability schema gallery clean
@@ -40,10 +42,10 @@ lint: $(VENV)/.ready-test
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" $(WORKERS)
 
 test-long: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(WORKERS)
 
 bench-sampler: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/sampler.py
