@@ -342,6 +342,16 @@ def smaller(typing_context, a, b):  # type: ignore[no-untyped-def]
     return lanes(lanes, lanes), generate
 
 
+@intrinsic
+def larger(typing_context, a, b):  # type: ignore[no-untyped-def]
+    """Lane by lane, the larger one; b where a is NaN."""
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered(">", *values), *values)
+
+    return lanes(lanes, lanes), generate
+
+
 # 4/3 of the bits of 1.0, less a shift that makes the guess's error as large above as below.
 _MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
 

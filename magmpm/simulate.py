@@ -99,7 +99,7 @@ def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Re
         max_det_F=float(J.max()),
         energy=sum(moved.energies.values()) - moved.energies["kinetic"],
         seconds=seconds,
-        warnings=_warnings(model.scene) + moved.warnings,
+        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings(),
         time=moved.time,
         time_step=moved.dt,
         stable_steps=moved.stable.named,

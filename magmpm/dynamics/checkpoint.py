@@ -16,20 +16,20 @@ from magmpm.wording import report
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """State arrays of a motion after `steps` steps, at frame number `frame`; dt s: the largest step then in use; scene_hash: of what."""
+    """State arrays of a motion after `steps` steps, at frame number `frame`; control: of StepControl; scene_hash: of what."""
 
     scene_hash: str
     formulation: str
     frame: int
     steps: int
-    dt: float
+    control: dict[str, float]
     state: dict[str, Array]
 
     def save(self, folder: Path | str) -> Path:
         """Write it into a folder, in place of an earlier one, whole or not at all."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        about = {k: getattr(self, k) for k in ("scene_hash", "formulation", "frame", "steps", "dt")}
+        about = {k: getattr(self, k) for k in ("scene_hash", "formulation", "frame", "steps", "control")}
         part = folder / f".{CHECKPOINT}"
         with part.open("wb") as stream:
             np.savez(stream, **{"about": np.array(json.dumps(about)), **self.state})  # type: ignore[arg-type]

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from magmpm import effects
+from magmpm import effects, materials
 from magmpm.basis import Array
 from magmpm.effects.hooks import add_energy, add_stress, has_hook
-from magmpm.jit import kernel, prange
+from magmpm.jit import compiled, kernel, prange
 from magmpm.model import Model
 
 
@@ -23,24 +23,24 @@ def volume_change(model: Model, J: Array, averaged: bool) -> Array:
     return np.einsum("nk,nk->n", model.modes, np.repeat(moments, np.diff(first), axis=0))
 
 
-def elastic_energy(model: Model, F: Array, averaged: bool) -> float:
-    """Strain energy, J (materials). averaged: whether the formulation averages the volume part over cells."""
-    J = np.linalg.det(F)
+def elastic(model: Model, F: Array, averaged: bool) -> tuple[float, Array]:
+    """Strain energy, J, and first Piola-Kirchhoff stress (n, 3, 3) Pa (materials). averaged: whether volume is averaged over cells."""
+    J, P = np.empty(len(F)), np.empty_like(F)
+    _determinants(F, J)
     change = volume_change(model, J, averaged)
-    shape = 0.5 * model.shear * (J ** (-2.0 / 3.0) * np.einsum("nij,nij->n", F, F) - 3.0)
-    return float(np.sum(model.particles.volume * (shape + 0.5 * model.bulk * change * (J - 1.0))))
+    energy = _elastic(F, J, change, model.shear, model.bulk, model.particles.volume, P)
+    return float(energy), P
 
 
-def stress(model: Model, x: Array, F: Array, averaged: bool, named: tuple[Any, ...]) -> Array:
-    """First Piola-Kirchhoff stress (n, 3, 3) Pa, with what the effects `named` add."""
-    J = np.linalg.det(F)
-    H = np.linalg.inv(F).transpose(0, 2, 1)
-    g = model.shear * J ** (-2.0 / 3.0)
-    pressure = model.bulk * volume_change(model, J, averaged)
-    P = g[:, None, None] * F + (pressure * J - g * np.einsum("nij,nij->n", F, F) / 3.0)[:, None, None] * H
+def elastic_energy(model: Model, F: Array, averaged: bool) -> float:
+    """Strain energy alone, J."""
+    return elastic(model, F, averaged)[0]
+
+
+def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...], P: Array) -> None:
+    """P (n, 3, 3) Pa += what the effects `named` add to the stress."""
     if has_hook("stress", named):
         _add_stress(named, model.magnet, model.density, x, F, P)
-    return P
 
 
 def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, float]:
@@ -58,6 +58,23 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
             _energies(named, model.magnet, model.density, x, F, each)
             found[key] = float(np.sum(each * model.particles.volume))
     return found
+
+
+@compiled
+def _determinants(F, J):  # type: ignore[no-untyped-def]
+    for p in range(len(F)):
+        J[p] = materials.determinant(F[p])
+
+
+@compiled
+def _elastic(F, J, change, shear, bulk, volume, P):  # type: ignore[no-untyped-def]
+    """Energy of all particles, J, and the stress of each into P; change (n,): J - 1 as the volume part sees it."""
+    cof, total = np.empty((3, 3)), 0.0
+    for p in range(len(F)):
+        materials.cofactor(F[p], cof)
+        materials.stress(F[p], cof, J[p], shear[p], bulk[p] * change[p], P[p])
+        total += volume[p] * (materials.shape_energy(F[p], J[p], shear[p]) + 0.5 * bulk[p] * change[p] * (J[p] - 1.0))
+    return total
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,9 @@ from magmpm import effects, fields, motion_files
 from magmpm.basis import Array
 from magmpm.dynamics import energies, inertia, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint
-from magmpm.dynamics.stable_step import StableStep, body_step, stable_step
+from magmpm.dynamics.stable_step import StableStep, stable_step
+from magmpm.dynamics.step_control import StepControl
+from magmpm.dynamics.steps import Look
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects.hooks import has_hook
@@ -23,8 +26,10 @@ from magmpm.model import Model
 from magmpm.motion import MotionWriter
 from magmpm.scene import Scene
 from magmpm.solvers import DynamicOptions
+from magmpm.transfer.watch import BROKEN, WHY
 from magmpm.wording import report
 
+SAVE_EVERY = 0.5  # s of work that a killed run may have to do again
 CHUNK = 256  # steps between two looks at the motion
 Progress = Callable[[float, int], None]
 
@@ -33,11 +38,12 @@ Progress = Callable[[float, int], None]
 class Moved:
     """Where a motion has got to.
 
-    time s, steps, dt s of the last step; x, v (n, 3), F (n, 3, 3), energies J; stable: the bounds at the start; warnings.
+    stable: the bounds at the start; control: of the step; time s, steps; dt s: of the last step; x, v (n, 3), F, P (n, 3, 3), energies J.
     """
 
     motion: TotalMotion | UpdatedMotion
     stable: StableStep
+    control: StepControl
     dt: float
     time: float = 0.0
     steps: int = 0
@@ -45,6 +51,7 @@ class Moved:
     x: Array = field(default_factory=lambda: np.zeros((0, 3)))
     v: Array = field(default_factory=lambda: np.zeros((0, 3)))
     F: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    P: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     energies: dict[str, float] = field(default_factory=dict)
     contacts: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -82,7 +89,8 @@ def begin(model: Model) -> Moved:
             rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
             remedy="lower it, or leave it out: it is then chosen",
         )
-    return Moved(motion, stable, options.time_step or options.safety * stable.largest, warnings=inertia.warnings(model))
+    control = StepControl(motion, stable, options)
+    return Moved(motion, stable, control, control.step, warnings=inertia.warnings(model))
 
 
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
@@ -157,36 +165,48 @@ def follow(
     if folder is not None:
         writer = MotionWriter(folder, model, max_disk=options.max_disk, resume_at=moved.time if saved else None)
     balance = watchdog.EnergyBalance() if _conserves(model) else None
-    _look_at_particles(moved)
+    _measure(moved, moved.motion.look())
     if balance is not None:
         balance.look(moved.energies)
     if saved is None:
         _write(moved, writer)
     times = options.frame_times
-    last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
+    last = saved_last = _checkpoint(moved, scene_hash)
+    saved_at = -math.inf
     try:
         while moved.frame < len(times):
-            _interval(moved, times[moved.frame], on_progress)
+            now = interval(moved, times[moved.frame], on_progress)
             moved.frame += 1
-            _look_at_particles(moved)
+            _measure(moved, now)
             if balance is not None and (trouble := balance.look(moved.energies)) is not None:
-                raise _stopped(moved, trouble, moved.steps)
+                raise _stopped(moved, trouble)
             _write(moved, writer)
-            _shorten(moved, options)  # before the checkpoint, which holds the step that the motion goes on with
-            last = Checkpoint(scene_hash, moved.motion.formulation, moved.frame, moved.steps, moved.dt, moved.motion.state())
-            if folder is not None:
+            moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
+            last = _checkpoint(moved, scene_hash)
+            if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
                 last.save(folder)
+                saved_last, saved_at = last, clock.monotonic()
     except SolveError as error:
         _go_on_from(moved, last, options)
-        _look_at_particles(moved)
+        _measure(moved, moved.motion.look())
         raise type(error)(error.reason, moved) from None
+    finally:  # also where the run is interrupted
+        if folder is not None and last is not saved_last:
+            last.save(folder)
     return moved
+
+
+def _checkpoint(moved: Moved, scene_hash: str) -> Checkpoint:
+    """A motion as it is after a frame."""
+    motion = moved.motion
+    return Checkpoint(scene_hash, motion.formulation, moved.frame, moved.steps, moved.control.state(), motion.state())
 
 
 def _go_on_from(moved: Moved, saved: Checkpoint, options: DynamicOptions) -> None:
     """Put a motion back to a checkpoint."""
     moved.motion.restore(saved.state)
-    moved.frame, moved.steps, moved.dt = saved.frame, saved.steps, saved.dt
+    moved.control.restore(saved.control)
+    moved.frame, moved.steps = saved.frame, saved.steps
     moved.time = options.frame_times[saved.frame - 1] if saved.frame else 0.0
 
 
@@ -203,60 +223,69 @@ def _conserves(model: Model) -> bool:
     )
 
 
-def _interval(moved: Moved, until: float, on_progress: Progress | None) -> None:
-    """Steps of equal size up to a time, no larger than moved.dt."""
-    model, motion = moved.motion.model, moved.motion
-    count = max(1, math.ceil((until - moved.time) / moved.dt * (1 - 1e-12)))
-    start, dt, done = moved.time, (until - moved.time) / count, 0
+def interval(moved: Moved, until: float, on_progress: Progress | None = None) -> Look:
+    """Steps up to a time (s): of equal size, no longer than moved.control allows, and chosen anew where it changes its mind.
+
+    Raises SolveError where the motion can't go on.
+    """
+    model, motion, control = moved.motion.model, moved.motion, moved.control
     itself = effects.feels_itself(model.scene)
-    while done < count:
-        steps = min(CHUNK, count - done)
-        named = effects.collect(model.scene, times=start + dt * np.arange(done, done + steps, dtype=float))
-        if itself:
-            x, _, F = motion.particles()
-            effects.refresh(named, model, x, F)
-        if moved.steps == 0 and isinstance(motion, TotalMotion):
+    while moved.time < until:
+        start, done = moved.time, 0
+        count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
+        dt = (until - start) / count
+        for first in range(0, count, CHUNK):
+            steps = min(CHUNK, count - first)
+            named = effects.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
+            if itself:
+                x, _, F = motion.particles()
+                effects.refresh(named, model, x, F)
             motion.set_off(dt, named)
-        taken = 0
-        while taken < steps:
-            part = tuple(a[taken:] if k % 2 == 0 and len(a) > 1 else a for k, a in enumerate(named))
-            gone, broken = motion.advance(steps - taken, dt, part)
-            taken += gone
-            if broken:
-                x, v, F = motion.particles()
-                at = start + dt * (done + taken)
-                cause = watchdog.astray(model, x, at) or watchdog.broken(model, x, v, F)
-                raise _stopped(moved, cause, moved.steps + taken, at)
-        done += steps
-        moved.time, moved.steps = start + dt * done, moved.steps + steps
-        x, v, _ = motion.particles()
-        _outgrown(motion, _options(model.scene))
-        trouble = watchdog.look(model, x, v) or watchdog.astray(model, x, moved.time)
-        if trouble is not None:
-            raise _stopped(moved, trouble, moved.steps)
-        if on_progress is not None:
-            on_progress(moved.time, moved.steps)
-    moved.time = until
+            taken, now, trouble = control.take(named, steps, dt)
+            done = first + taken
+            moved.steps, moved.dt = moved.steps + taken, dt
+            moved.time = until if done == count else start + dt * done
+            trouble = trouble or _wrong(moved, now)
+            if trouble is not None:
+                raise _stopped(moved, trouble)
+            if on_progress is not None:
+                on_progress(moved.time, moved.steps)
+            if taken < steps or control.step < dt * (1 - 1e-12) or (control.step > 1.5 * dt and done < count):
+                break
     motion.sort()
+    return now
 
 
-def _stopped(moved: Moved, trouble: watchdog.Trouble, step: int, time: float | None = None) -> SolveError:
+def _wrong(moved: Moved, now: Look) -> watchdog.Trouble | None:
+    """What is wrong with a motion, if anything. Raises BudgetError where it has outgrown its memory."""
+    model = moved.motion.model
+    _outgrown(moved.motion, _options(model.scene))
+    if moved.motion.watch[WHY] == BROKEN:
+        return watchdog.astray(model, now.x, moved.time) or watchdog.broken(model, now.x, now.v, now.F)
+    return watchdog.look(model, now.x, now.v) or watchdog.astray(model, now.x, moved.time)
+
+
+def _stopped(moved: Moved, trouble: watchdog.Trouble) -> SolveError:
     where = ""
     if trouble.particle >= 0:
         place = moved.motion.model.particles.position[trouble.particle] * 1e3
         where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
     bound = f"the time step is {moved.dt:.3g} s, the stable bound at the start was {moved.stable.largest:.3g} s"
-    when = moved.time if time is None else time
-    return SolveError(f"step {step}, t = {when:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+    return SolveError(f"step {moved.steps}, t = {moved.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
 
 
-def _look_at_particles(moved: Moved) -> None:
-    moved.x, moved.v, moved.F = moved.motion.particles()
-    model, total = moved.motion.model, moved.motion.formulation == "total"
+def _measure(moved: Moved, now: Look) -> None:
+    """Stress, energies and contacts of a motion as it is now."""
+    model, motion = moved.motion.model, moved.motion
+    moved.x, moved.v, moved.F = now.x, now.v, now.F
+    elastic, moved.P = energies.elastic(model, now.F, motion.formulation == "total")
+    named = effects.collect(model.scene, times=np.array([moved.time]))
+    effects.refresh(named, model, now.x, now.F)
+    energies.add_effects_stress(model, now.x, now.F, named, moved.P)
     moved.energies = {
-        "kinetic": moved.motion.kinetic_energy(),
-        "elastic": energies.elastic_energy(model, moved.F, total),
-        **energies.effect_energies(model, moved.x, moved.F, moved.time),
+        "kinetic": now.kinetic,
+        "elastic": elastic,
+        **energies.effect_energies(model, now.x, now.F, moved.time),
     }
     moved.contacts = {}
     for key, module in effects.every().items():
@@ -272,22 +301,10 @@ def _look_at_particles(moved: Moved) -> None:
 
 
 def _write(moved: Moved, writer: MotionWriter | None) -> None:
-    """A frame of the particles that were looked at."""
+    """A frame of the motion as it was measured."""
     if writer is None:
         return
     model = moved.motion.model
-    named = effects.collect(model.scene, times=np.array([moved.time]))
-    effects.refresh(named, model, moved.x, moved.F)
-    P = energies.stress(model, moved.x, moved.F, moved.motion.formulation == "total", named)
     centre = model.particles.volume @ moved.x / model.particles.volume.sum()
     field = fields.of(model.scene).at(centre, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
-    writer.frame(moved.time, moved.x, moved.v, moved.F, P, moved.energies, moved.contacts, field)
-
-
-def _shorten(moved: Moved, options: DynamicOptions) -> None:
-    """A deformed body may oscillate faster than at rest: shorter steps from here on where it does."""
-    if not isinstance(moved.motion, TotalMotion):
-        return
-    largest = moved.stable.largest_beside(body_step(moved.motion))
-    if moved.dt > 0.95 * largest and options.time_step is None:
-        moved.dt = options.safety * largest
+    writer.frame(moved.time, moved.x, moved.v, moved.F, moved.P, moved.energies, moved.contacts, field)

@@ -23,13 +23,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from magmpm import effects
+from magmpm import effects, materials
 from magmpm.basis import Array
+from magmpm.dynamics.energies import volume_change
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.model import Model
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
+STIFFEST = 32  # particles whose bound is found exactly where the updated formulation's is found again
 A_PERIOD = 20  # steps in the shortest period of the field, at least: between two steps it is off a straight line by about 1 %
 
 
@@ -44,9 +46,14 @@ class StableStep:
     schedule: float | None = None
 
     @property
+    def of_body(self) -> float:
+        """The bound of the body's own oscillations, s."""
+        return self.isolated if self.body is None else self.body
+
+    @property
     def largest(self) -> float:
         """Largest step, s."""
-        return self.largest_beside(self.isolated if self.body is None else self.body)
+        return self.largest_beside(self.of_body)
 
     def largest_beside(self, body: float) -> float:
         """Largest step, s, where the body's own bound is another."""
@@ -82,6 +89,44 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
         effects=_of_effects(model),
         schedule=_of_schedule(model),
     )
+
+
+def present_bound(motion: TotalMotion | UpdatedMotion) -> float:
+    """The bound of the body's own oscillations about its present shape, s: `body`, or `isolated` of the stiffest particles."""
+    if isinstance(motion, TotalMotion):
+        return body_step(motion)
+    model = motion.model
+    _, _, F = motion.particles()
+    most = np.argsort(stiffness(model, F, motion.formulation))[-STIFFEST:]
+    return min(_isolated_in_space(F[p], model.shear[p], model.bulk[p], model.density[p], model.grid.spacing) for p in most)
+
+
+def stiffness(model: Model, F: Array, formulation: str) -> Array:
+    """About the largest eigenvalue of each particle's tangent over its density, (n,) m^2/s^2; F (n, 3, 3).
+
+    What the kernels look at in every step; formulas in transfer.lanes. In the total formulation dP/dF, else dP/dF F^T.
+    """
+    J, cofactor = np.linalg.det(F), np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
+    I1, I2 = np.einsum("nij,nij->n", F, F), np.einsum("nij,nij->n", cofactor, cofactor)
+    total = formulation == "total"
+    pressure = model.bulk * volume_change(model, J, total)
+    scale = model.shear * J ** (-2.0 / 3.0)
+    shape, turned = scale * I1 / 3.0, pressure * J
+    along = np.maximum(2.0 / 3.0 * shape + turned + model.bulk * J**2, 0.0)
+    across = np.abs(shape - turned)
+    return np.asarray((scale + (along + across) * I2 / J**2 if total else shape + 3.0 * (along + across)) / model.density)
+
+
+def _isolated_in_space(F: Array, shear: float, bulk: float, density: float, h: Array) -> float:
+    """Largest stable step, s, of a particle alone in the updated formulation, at F (3, 3)."""
+    cof, A = np.empty((3, 3)), np.empty((9, 9))
+    materials.cofactor(F, cof)
+    J = materials.determinant(F)
+    materials.tangent(F, cof, J, shear, materials.volume_pressure(J, bulk), bulk, A)
+    moved = np.kron(np.eye(3), F)  # dF = (grad u) F
+    root = np.tile(np.sqrt(6.0) / h, 3)
+    fastest = np.linalg.eigvalsh(root[:, None] * (moved @ A @ moved.T) * root)[-1]
+    return float(2.0 / np.sqrt(fastest / density))
 
 
 def speed_of_sound(model: Model) -> Array:

@@ -8,9 +8,11 @@ import numpy as np
 
 from magmpm.basis import Array
 from magmpm.dynamics.packing import pack
+from magmpm.dynamics.steps import Look, at_step
 from magmpm.dynamics.threads import Threads
 from magmpm.model import Model
 from magmpm.transfer import total as kernels
+from magmpm.transfer.watch import BROKEN, WHY, unlimited
 
 
 class TotalMotion:
@@ -23,26 +25,34 @@ class TotalMotion:
         self.packed = pack(model)
         nodes = len(self.packed.node_mass)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
-        self.low_det = np.ones(len(self.packed.slab_first) - 1)
+        self.slab = tuple(np.zeros(len(self.packed.slab_first) - 1) for _ in range(3))  # smallest det F, stiffness, its change
+        self.stiffness = np.full(self.packed.volume.size, np.nan)
+        self.watch = unlimited()
         self.threads = Threads(len(model.density))
-        self._last: tuple[float, tuple[Any, ...]] = (0.0, ())  # step and effects of the last advance
+        self.lag = 0.0  # s that velocities are behind the displacements: half a step of the last advance
+        self._last: tuple[Any, ...] = ()  # effects at the time of the displacements
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take `steps` steps of dt (s). Returns steps taken, and whether it stopped because some det F is 0 or less, or no number."""
-        taken, _ = self.threads.run(lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force), False))
-        now = (a[min(taken, len(a) - 1) :][:1] if k % 2 == 0 else a for k, a in enumerate(effects))
-        self._last = (dt, tuple(now))
-        return taken, taken < steps
+        taken, _ = self.threads.run(
+            lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.stiffness, self.watch), False)
+        )
+        self._last = at_step(effects, taken)
+        self.lag = dt / 2 if taken else self.lag
+        return taken, bool(self.watch[WHY] == BROKEN)
 
     def _advance(
-        self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array
-    ) -> int:
+        self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array,
+        stiffness: Array | None = None, watch: Array | None = None,
+    ) -> int:  # fmt: skip
         p = self.packed
+        stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
+        watch = unlimited() if watch is None else watch
         return int(
             kernels.advance(
                 steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.splines, p.volume, p.modes,
                 p.mode_count, p.magnet, p.density, p.reference, effects, p.active, p.inverse_mass, p.node_place, u, v, force,
-                self.low_det,
+                stiffness, watch, *self.slab,
             )
         )  # fmt: skip
 
@@ -51,21 +61,46 @@ class TotalMotion:
 
         Symplectic Euler's v is that of half a step before: with u it gives energies that swing by (omega dt / 2) of a motion's own.
         """
-        dt, effects = self._last
+        return self._caught_up(None, None)
+
+    def _caught_up(self, stiffness: Array | None, watch: Array | None) -> Array:
         v = self.v.copy()
-        if dt > 0.0:
-            self._advance(1, dt / 2, effects, self.u.copy(), v, np.zeros_like(v))
+        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), stiffness, watch)
         return v
 
-    def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
-        """Take the velocities that a motion has now back by half a step of dt (s), where its steps expect them.
+    def look(self) -> Look:
+        """The motion as it is now, which the watch looks at as well."""
+        v = self._caught_up(self.stiffness, self.watch)
+        return self._look(v)
 
-        Without it loads that act from the first step on would be felt for half a step too long: an error in proportion to dt, not dt^2.
+    def _look(self, v: Array) -> Look:
+        u, gradient = self.nodal(self.u)
+        moved = self.nodal(v)[0]
+        kinetic = 0.5 * float(np.sum(self.packed.node_mass[:, None] * v.reshape(-1, 3) ** 2))
+        return Look(self.model.particles.position + u, moved, np.eye(3) + gradient, kinetic)
+
+    def kept(self) -> dict[str, Any]:
+        """What `rewind` needs, in the same process: cheaper than `state`."""
+        return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness")} | {"lag": self.lag, "_last": self._last}
+
+    def rewind(self, kept: dict[str, Any]) -> None:
+        """Go back to what was kept."""
+        for name, value in kept.items():
+            setattr(self, name, np.copy(value) if isinstance(value, np.ndarray) else value)
+
+    def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
+        """Take the velocities to half a step of dt (s) before the displacements, where steps of dt expect them.
+
+        Without it loads that act from the first step on, or from where steps change, would be felt for too long: an error in
+        proportion to dt, not dt^2.
         """
+        back = dt / 2 - self.lag
+        if abs(back) <= 1e-9 * dt:
+            return
         kick = np.zeros_like(self.v)
-        self._advance(1, dt / 2, effects, self.u.copy(), kick, np.zeros_like(self.v))
-        self.v -= kick
-        self._last = (dt, tuple(a[:1] if k % 2 == 0 else a for k, a in enumerate(effects)))
+        self._advance(1, abs(back), effects, self.u.copy(), kick, np.zeros_like(self.v))
+        self.v -= np.sign(back) * kick
+        self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def acceleration(self, u: Array) -> Array:
         """Of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, by the body's own stress alone."""
@@ -82,12 +117,12 @@ class TotalMotion:
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""
-        u, gradient = self.nodal(self.u)
-        return self.model.particles.position + u, self.nodal(self.velocity())[0], np.eye(3) + gradient
+        now = self._look(self.velocity())
+        return now.x, now.v, now.F
 
     def kinetic_energy(self) -> float:
         """Of the nodes' velocities, J."""
-        return 0.5 * float(np.sum(self.packed.node_mass[:, None] * self.velocity().reshape(-1, 3) ** 2))
+        return self._look(self.velocity()).kinetic
 
     @property
     def unknowns(self) -> int:
@@ -96,13 +131,13 @@ class TotalMotion:
 
     def state(self) -> dict[str, Array]:
         """What `restore` needs."""
-        return {"u": self.u.copy(), "v": self.v.copy()}
+        return {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a state."""
         self.u[:], self.v[:] = state["u"], state["v"]
-        self.force[:] = 0.0
-        self._last = (0.0, ())
+        self.force[:], self.stiffness[:] = 0.0, np.nan
+        self.lag, self._last = float(state.get("lag", 0.0)), ()
 
     def sort(self) -> None:
         """Nothing to sort: the particles stay in their cells."""

@@ -11,12 +11,14 @@ from magmpm.basis import Array, spline_weights
 from magmpm.connected import connected_pieces
 from magmpm.dynamics.anchor import INTERVAL, Anchor
 from magmpm.dynamics.packing import slab_edges
+from magmpm.dynamics.steps import Look, at_step
 from magmpm.dynamics.threads import Threads
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.model import Index, Model
 from magmpm.transfer import meeting
 from magmpm.transfer import updated as kernels
+from magmpm.transfer.watch import BROKEN, WHY, unlimited
 
 WIDTH = 8
 SLAB = 4  # cells: particles that have drifted by up to one cell since they were sorted still touch no other slab of their colour
@@ -39,6 +41,8 @@ class UpdatedMotion:
         self.since = 0  # steps since F was last relaxed
         self.piece = connected_pieces(model.scene.body.parts, model.particles.cell, model.particles.segment)  # each has a grid of its own
         self.curve = meeting.distances()
+        self.lag, self._last = 0.0, model.effects  # s that velocities are behind the places; effects at the time of the places
+        self.watch = unlimited()
         n = len(model.density)
         self.threads = Threads(n)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
@@ -56,6 +60,7 @@ class UpdatedMotion:
         self.volume = np.where(order >= 0, model.particles.volume[source], 0.0)
         self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
         self.magnet = _blocks(model.magnet, source)
+        self.stiffness = np.full(len(order), np.nan)
         self.particle = order
 
     def sort(self) -> None:
@@ -63,7 +68,8 @@ class UpdatedMotion:
         row = self.rows()
         order, source = self._fit(self._places())
         rows = row[source]
-        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": self.model.magnet.shape[1], "shear": 1, "bulk": 1, "density": 1}
+        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": self.model.magnet.shape[1]}
+        columns |= dict.fromkeys(("shear", "bulk", "density", "stiffness"), 1)
         for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
             moved = np.empty(width * len(rows))
             kernels.rearrange(rows, width, getattr(self, name), moved)
@@ -106,7 +112,7 @@ class UpdatedMotion:
         self.mirrors = self._mirrors()
         self.nodes_place = self._nodes_place() if has_hook("node", model.effects) else np.zeros((1, 3))
         self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
-        self.low_det, self.fast = np.ones(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
+        self.slab = tuple(np.zeros(len(self.slab_first) - 1) for _ in range(4))  # smallest det F, stiffness, its change, cells moved
         self.drift = 0.0
         return order, source
 
@@ -176,17 +182,74 @@ class UpdatedMotion:
             raise ValueError("effects with a rate stress need a motion that was made for a model with one")
         if self.drift > kernels.DRIFT:
             self.sort()
-        taken, self.drift, broken = kernels.advance(
-            steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first, self.lift,
-            self.x, self.v, self.C, self.L, self.F, self.volume, self.shear, self.bulk, self.magnet,
-            self.density, effects, self.momentum, self.velocity, self.fixed, self.weight, self.curve, self.nodes_place, self.clamp,
-            self.mirrors,
-            self.model.plane_strain, self.low_det, self.fast, self.drift,
-        )  # fmt: skip
+        taken, self.drift = self._steps(steps, dt, effects, self.x, self.v, self.C, self.L, self.F)
+        self.lag, self._last = dt / 2 if taken else self.lag, at_step(effects, taken)
+        broken = bool(self.watch[WHY] == BROKEN)
         self.since += taken
         if not broken and self.since >= INTERVAL:
             self._relax()
         return taken, broken
+
+    def _steps(
+        self, steps: int, dt: float, effects: tuple[Any, ...], x: Array, v: Array, C: Array, L: Array, F: Array
+    ) -> tuple[int, float]:
+        taken, drift = kernels.advance(
+            steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first, self.lift,
+            x, v, C, L, F, self.volume, self.shear, self.bulk, self.magnet,
+            self.density, effects, self.momentum, self.velocity, self.fixed, self.weight, self.curve, self.nodes_place, self.clamp,
+            self.mirrors,
+            self.model.plane_strain, self.stiffness, self.watch, *self.slab, self.drift,
+        )  # fmt: skip
+        return int(taken), float(drift)
+
+    def _kick(self, dt: float, effects: tuple[Any, ...]) -> tuple[Array, Array]:
+        """What forces alone, from where the particles are, add to v and C in dt (s); the watch looks at the motion as it is now."""
+        v, C = np.zeros_like(self.v), np.zeros_like(self.C)
+        self._steps(1, dt, effects, self.x.copy(), v, C, self.L.copy(), self.F.copy())
+        return v, C
+
+    def look(self) -> Look:
+        """The motion as it is now, which the watch looks at as well.
+
+        Velocities are half a step behind the places, as in the total formulation, and are brought up to them.
+        """
+        if self.drift > kernels.DRIFT:
+            self.sort()
+        dv, dC = self._kick(self.lag, self._last)
+        return self._look(self.v + dv, self.C + dC)
+
+    def _look(self, v: Array, C: Array) -> Look:
+        F = self._in_order(self.F, 9).reshape(-1, 3, 3)
+        F[self.model.held] = np.eye(3)
+        return Look(self._places(), self._in_order(v, 3), F, self._kinetic(v, C))
+
+    def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
+        """Take the velocities to half a step of dt (s) before the places, where steps of dt expect them (see TotalMotion)."""
+        back = dt / 2 - self.lag
+        if abs(back) <= 1e-9 * dt:
+            return
+        if self.drift > kernels.DRIFT:
+            self.sort()
+        dv, dC = self._kick(abs(back), effects)
+        self.v -= np.sign(back) * dv
+        self.C -= np.sign(back) * dC
+        self.lag, self._last = dt / 2, at_step(effects, 0)
+
+    def kept(self) -> dict[str, Any]:
+        """What `rewind` needs, in the same process: cheaper than `state`."""
+        anchor = None if self.anchor is None else self.anchor.field.copy()
+        changed = {name: getattr(self, name).copy() for name in ("x", "v", "C", "L", "F", "stiffness")}
+        return {**vars(self), **changed, "anchor": self.anchor, "field": anchor}
+
+    def rewind(self, kept: dict[str, Any]) -> None:
+        """Go back to what was kept."""
+        anchor = kept["field"]
+        for name, value in kept.items():
+            if name != "field":
+                setattr(self, name, value.copy() if name in ("x", "v", "C", "L", "F", "stiffness") else value)
+        self.momentum[:] = 0.0
+        if self.anchor is not None:
+            self.anchor.field[:] = anchor
 
     def _relax(self) -> None:
         """Take places and F towards the anchor.
@@ -196,6 +259,7 @@ class UpdatedMotion:
         if self.anchor is None:
             return
         before = self.x.copy()
+        self.stiffness[:] = np.nan  # it changes, but not because of the motion
         self.drift += self.anchor.relax(self.x, self.F, self.rows(), self.touching, self.since)
         self.since = 0
         if not self.model.free:
@@ -249,14 +313,18 @@ class UpdatedMotion:
         return blocks.reshape(-1, width, WIDTH).transpose(0, 2, 1).reshape(-1, width)
 
     def kinetic_energy(self) -> float:
-        """Of the particles' velocities and of their affine parts, J.
+        """Of the particles' velocities and of their affine parts, J."""
+        return self._kinetic(self.v, self.C)
+
+    def _kinetic(self, v: Array, C: Array) -> float:
+        """Of velocities and their affine parts in blocks, J.
 
         What the nodes get from a particle has the second moment m h^2 / 4 along each axis (transfer.updated): what turns, or changes
         shape, moves there as well.
         """
         mass = (self.density * self.volume).reshape(-1, 1, WIDTH)
-        affine = np.tile(self.model.grid.spacing**2 / 4, 3)[:, None] * self.C.reshape(-1, 9, WIDTH) ** 2
-        return 0.5 * float(np.sum(mass * self.v.reshape(-1, 3, WIDTH) ** 2) + np.sum(mass * affine))
+        affine = np.tile(self.model.grid.spacing**2 / 4, 3)[:, None] * C.reshape(-1, 9, WIDTH) ** 2
+        return 0.5 * float(np.sum(mass * v.reshape(-1, 3, WIDTH) ** 2) + np.sum(mass * affine))
 
     @property
     def unknowns(self) -> int:
@@ -266,7 +334,9 @@ class UpdatedMotion:
     def state(self) -> dict[str, Array]:
         """What `restore` needs; taken just after a sort, going on from it gives the same bits as going on."""
         x, v, F = self.particles()
-        kept: dict[str, Array] = {"L": self._in_order(self.L, 9).reshape(-1, 3, 3)} if self.keeps_gradient else {}
+        kept: dict[str, Array] = {"lag": np.array(self.lag)}
+        if self.keeps_gradient:
+            kept["L"] = self._in_order(self.L, 9).reshape(-1, 3, 3)
         if self.anchor is not None:
             kept |= {"fit": self.anchor.field.copy(), "since": np.array(self.since)}
         return {"x": x, "v": v, "F": F, "C": self.affine(), **kept}
@@ -274,6 +344,7 @@ class UpdatedMotion:
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a state."""
         self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"))
+        self.lag = float(state.get("lag", 0.0))
         if self.anchor is not None:
             self.anchor.field[:], self.since = state["fit"], int(state["since"])
 

@@ -21,7 +21,7 @@ from magmpm.effects.hooks import (
 )
 from magmpm.jit import compiled
 from magmpm.lane_views import matrix, single, vector
-from magmpm.simd import cube_root_guess, load, store
+from magmpm.simd import cube_root_guess, load, magnitude, store
 
 LANES = 8
 
@@ -56,7 +56,10 @@ def determinant(F, at):  # type: ignore[no-untyped-def]
 
 @compiled
 def neo_hookean(F, at, J, shear, pressure, P):  # type: ignore[no-untyped-def]
-    """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (materials.stress)."""
+    """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (materials.stress).
+
+    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, from which `stiffest` and `stiffest_in_space` are found.
+    """
     a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
     d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
     g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
@@ -64,15 +67,41 @@ def neo_hookean(F, at, J, shear, pressure, P):  # type: ignore[no-untyped-def]
     scale = shear * root * root
     I1 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
     k = pressure - scale * I1 / (3.0 * J)
-    store(P, 0, scale * a + k * (e * i - f * h))
-    store(P, 8, scale * b + k * (f * g - d * i))
-    store(P, 16, scale * c + k * (d * h - e * g))
-    store(P, 24, scale * d + k * (c * h - b * i))
-    store(P, 32, scale * e + k * (a * i - c * g))
-    store(P, 40, scale * f + k * (b * g - a * h))
-    store(P, 48, scale * g + k * (b * f - c * e))
-    store(P, 56, scale * h + k * (c * d - a * f))
-    store(P, 64, scale * i + k * (a * e - b * d))
+    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
+    D, E, Q = c * h - b * i, a * i - c * g, b * g - a * h
+    R, S, T = b * f - c * e, c * d - a * f, a * e - b * d
+    store(P, 0, scale * a + k * A)
+    store(P, 8, scale * b + k * B)
+    store(P, 16, scale * c + k * C)
+    store(P, 24, scale * d + k * D)
+    store(P, 32, scale * e + k * E)
+    store(P, 40, scale * f + k * Q)
+    store(P, 48, scale * g + k * R)
+    store(P, 56, scale * h + k * S)
+    store(P, 64, scale * i + k * T)
+    return scale, I1, A * A + B * B + C * C + D * D + E * E + Q * Q + R * R + S * S + T * T
+
+
+@compiled
+def stiffest(J, scale, I1, I2, pressure, bulk):  # type: ignore[no-untyped-def]
+    """About the largest eigenvalue, Pa, of the tangent dP/dF of a group: what the largest stable step goes with.
+
+    The tangent (materials.tangent) is g 1 + a H(x)H + b swap(H, H) - 2/3 g (F(x)H + H(x)F) with g = G J^(-2/3), H = F^-T,
+    a = 2/9 g I1 + p J + K J^2 and b = g I1/3 - p J. The first three are bounded term by term, |H(x)H| = |swap| = |H|^2 = I2/J^2; the
+    last is left out: it is negative where the others are large. 3 K + 6 G at rest, where the true one is 3 K.
+    """
+    r = 1.0 / J
+    shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
+    along = shape * (2.0 / 3.0) + turned + bulk * J * J
+    return scale + (0.5 * (along + magnitude(along)) + magnitude(shape - turned)) * I2 * r * r
+
+
+@compiled
+def stiffest_in_space(J, scale, I1, pressure, bulk):  # type: ignore[no-untyped-def]
+    """The same, Pa, of the tangent with respect to places now, dP F^T/d grad u, per undeformed volume."""
+    shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
+    along = shape * (2.0 / 3.0) + turned + bulk * J * J
+    return shape + 3.0 * (0.5 * (along + magnitude(along)) + magnitude(shape - turned))
 
 
 @compiled

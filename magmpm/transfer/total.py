@@ -15,8 +15,21 @@ import numpy as np
 
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.jit import compiled, kernel, prange
-from magmpm.simd import flag_unless_positive, load, lowest, smaller, splat, store, sums, total
-from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean
+from magmpm.simd import (
+    flag_unless_positive,
+    highest,
+    larger,
+    load,
+    lowest,
+    magnitude,
+    smaller,
+    splat,
+    store,
+    sums,
+    total,
+)
+from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean, stiffest
+from magmpm.transfer.watch import stops
 
 LANES = 8
 SPLINES = 18 * LANES  # floats of a group's splines
@@ -116,15 +129,16 @@ def _projected(modes, group, count, c):  # type: ignore[no-untyped-def]
 @kernel
 def advance(
     steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, splines, volume, modes, count,
-    magnet, density, reference, effects, active, inverse_mass, place, u, v, force, low,
+    magnet, density, reference, effects, active, inverse_mass, place, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
 ):  # fmt: skip
     """Take `steps` steps of dt (s): v += dt f / m, then u += dt v, on the nodes `active`; u, v, force (3 nodes,) are changed in place.
 
     slab_first (slabs + 1,) first cell of each slab of two planes of cells, of alternating colours; cell_group (cells + 1,) first group
     of each cell; cell_node (cells,); count: modes of the volume part, 0 or 4; density, volume (groups, 8); magnet, reference
-    (groups, 3, 8); inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest; place (nodes, 3) m; low (slabs,): smallest det F
-    of each slab.
-    Returns the number of steps taken: fewer where some det F has become 0 or less, or is no number.
+    (groups, 3, 8); inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest; place (nodes, 3) m; stiffness (groups 8,) m^2/s^2:
+    the last step's (lanes.stiffest over density), NaN before the first; watch: see dynamics.step_watch; slab_ (slabs,): smallest det F,
+    largest stiffness and largest change of it of each slab.
+    Returns the number of steps taken: fewer where the watch says why.
     """
     slabs = len(slab_first) - 1
     flat_volume, flat_density, flat_modes = volume.reshape(-1), density.reshape(-1), modes.reshape(-1)
@@ -139,7 +153,7 @@ def advance(
                 F, J, c = np.empty(72 * most), np.empty(8 * most), np.empty(4)
                 P, f, dF, rate, work = np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(72)
                 value, x = np.empty(24 * most), np.empty(24)
-                least, bad = splat(np.inf), splat(0.0)
+                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for cell in range(slab_first[slab], slab_first[slab + 1]):
                     first, last, node = cell_group[cell], cell_group[cell + 1], cell_node[cell]
                     c[:] = 0.0
@@ -155,8 +169,13 @@ def advance(
                     for group in range(first, last):
                         at = 72 * (group - first)
                         det = load(J, 8 * (group - first))
-                        change = det - 1.0 if count == 0 else _projected(flat_modes, group, count, c)
-                        neo_hookean(F, at, det, cell_shear[cell], change * cell_bulk[cell], P)
+                        swollen = det - 1.0 if count == 0 else _projected(flat_modes, group, count, c)
+                        pressure = swollen * cell_bulk[cell]
+                        scale, I1, I2 = neo_hookean(F, at, det, cell_shear[cell], pressure, P)
+                        stiff = stiffest(det, scale, I1, I2, pressure, cell_bulk[cell]) / load(flat_density, 8 * group)
+                        high = larger(stiff, high)
+                        change = larger(magnitude(stiff - load(stiffness, 8 * group)), change)
+                        store(stiffness, 8 * group, stiff)
                         f[:] = 0.0
                         if has_rate_stress(effects) or has_contact(effects):
                             gather(v, node, along_x, along_y, splines, SPLINES * group, dF, 0, rate, 0)
@@ -173,11 +192,9 @@ def advance(
                         for i in range(3):
                             store(f, 8 * i, load(f, 8 * i) * V)
                         scatter(force, node, along_x, along_y, splines, SPLINES * group, P, f, work)
-                low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
-        broken = False
-        for slab in range(slabs):
-            broken = broken or not low[slab] > 0.0
-        if broken:
+                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
+                slab_high[slab], slab_change[slab] = highest(high), highest(change)
+        if stops(watch, slab_low, slab_high, slab_change):
             force[:] = 0.0
             return step
         for k in prange(len(active)):

@@ -24,6 +24,8 @@ from magmpm.simd import (
     floor,
     four,
     halves,
+    highest,
+    larger,
     load,
     load_rows,
     lowest,
@@ -35,8 +37,9 @@ from magmpm.simd import (
     store_rows,
     total,
 )
-from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean
+from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean, stiffest_in_space
 from magmpm.transfer.meeting import meet
+from magmpm.transfer.watch import BROKEN, WHY, stops
 
 ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 of place, 4 unused
 DRIFT = 0.95  # cells a particle may move before it must be sorted again; less than 1
@@ -74,14 +77,18 @@ def _locate(x, block, origin, h, along_x, along_y, lift, rows):  # type: ignore[
 
 @compiled
 def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, out):  # type: ignore[no-untyped-def]
-    """What a block of eight particles gives to its nodes, into out (8 ROW,): seven rows of four each. Returns its det F.
+    """What a block of eight particles gives to its nodes, into out (8 ROW,): seven rows of four each.
+
+    Returns its det F, and its stiffness over its density, m^2/s^2.
 
     out: [m, m v + dt f], [0, column k of m C] for k = x, y, z, and [0, column k of dt V P F^T].
     """
     P, f, dF, velocity, place = work
     at = 72 * block
-    J = determinant(F, at)
-    neo_hookean(F, at, J, load(shear, 8 * block), (J - 1.0) * load(bulk, 8 * block), P)
+    J, K = determinant(F, at), load(bulk, 8 * block)
+    pressure = (J - 1.0) * K
+    scale, I1, _ = neo_hookean(F, at, J, load(shear, 8 * block), pressure, P)
+    stiff = stiffest_in_space(J, scale, I1, pressure, K) / load(density, 8 * block)
     V = load(volume, 8 * block)
     f[:] = 0.0
     if any_effect(effects):
@@ -110,7 +117,7 @@ def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, densit
     z0, z1, z2 = _stress_column(2, push, F, at, P)
     store_rows(out, 16, ROW, zero, x0, x1, x2, zero, y0, y1, y2)
     store_rows(out, 24, ROW, zero, z0, z1, z2, zero, zero, zero, zero)
-    return J
+    return J, stiff
 
 
 @compiled
@@ -298,7 +305,7 @@ def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
 @kernel
 def advance(
     steps, dt, origin, h, along_x, along_y, nodes, slab_first, lift, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
-    momentum, velocity, fixed, weight, curve, place, clamp, mirrors, flat, low, fast, drift,
+    momentum, velocity, fixed, weight, curve, place, clamp, mirrors, flat, stiffness, watch, slab_low, slab_high, slab_change, fast, drift,
 ):  # fmt: skip
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
@@ -307,9 +314,10 @@ def advance(
     (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of its piece: each piece of the body has a grid of `nodes`,
     k in all; momentum, velocity (4 k nodes + 8,), momentum empty; fixed (k nodes,), weight (k nodes,) kg: nodes kept at rest, and mass of
     what is held (transfer.meeting, which knows curve); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1;
-    mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat: nothing moves along y; low, fast (slabs,): smallest det F,
-    largest move along an axis in cells a step; drift: cells that particles may have moved since they were sorted.
-    Returns steps taken, drift, and whether the motion broke: det F, or a particle that crosses a cell in one step.
+    mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat: nothing moves along y; stiffness (n,) m^2/s^2: the last
+    step's, NaN before the first; watch, slab_ (slabs,): as of transfer.total.advance; fast (slabs,): largest move along an axis in cells
+    a step; drift: cells that particles may have moved since they were sorted.
+    Returns steps taken and drift; the watch says why they ended: BROKEN also where a particle crosses a cell in one step.
     """
     slabs, pieces = len(slab_first) - 1, len(fixed) // nodes
     still, strides = np.zeros(3), (along_x, along_y, 1)
@@ -319,15 +327,22 @@ def advance(
                 slab = 2 * half + colour
                 work = (np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(24))
                 rows = np.empty(8 * ROW)
-                least, bad = splat(np.inf), splat(0.0)
+                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for block in range(slab_first[slab], slab_first[slab + 1]):
-                    J = _prepare(
+                    J, stiff = _prepare(
                         block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, rows,
                     )  # fmt: skip
                     least, bad = smaller(J, least), flag_unless_positive(J, bad)
+                    high = larger(stiff, high)
+                    change = larger(magnitude(stiff - load(stiffness, 8 * block)), change)
+                    store(stiffness, 8 * block, stiff)
                     _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
                     _scatter(momentum, along_x, along_y, h, rows)
-                low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
+                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
+                slab_high[slab], slab_change[slab] = highest(high), highest(change)
+        if stops(watch, slab_low, slab_high, slab_change):
+            momentum[:] = 0.0
+            return step, drift
         if clamp >= 0:
             _fold(momentum, clamp, along_x)
         _fold_pairs(momentum, mirrors)
@@ -341,9 +356,6 @@ def advance(
         if clamp >= 0:
             _mirror(velocity, clamp, along_x)
         _mirror_pairs(velocity, mirrors)
-        for slab in range(slabs):
-            if not low[slab] > 0.0:
-                return step, drift, True
         for slab in prange(slabs):
             rows = np.empty(8 * ROW)
             slow, bad = splat(0.0), splat(0.0)
@@ -356,12 +368,13 @@ def advance(
         most = 0.0
         for slab in range(slabs):
             if not fast[slab] <= DRIFT:
-                return step + 1, drift, True
+                watch[WHY] = BROKEN
+                return step + 1, drift
             most = max(most, fast[slab])
         drift += most
         if drift > DRIFT:
-            return step + 1, drift, False
-    return steps, drift, False
+            return step + 1, drift
+    return steps, drift
 
 
 @kernel

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from magmpm import effects
 from magmpm.dynamics import energies
 from magmpm.dynamics.run import begin
+from magmpm.dynamics.steps import take
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.errors import SolveError
@@ -24,7 +25,7 @@ Affine = Callable[[Array], Array]
 def at_rest(scene: Scene) -> tuple[Motion, float, float]:
     """The undeformed body, its chosen time step and the largest stable one, s."""
     moved = begin(build(scene))
-    return moved.motion, moved.dt, moved.stable.largest
+    return moved.motion, moved.control.step, moved.stable.largest
 
 
 def throw(motion: Motion, velocity: Affine) -> None:
@@ -53,21 +54,32 @@ def stretch(motion: Motion, by: float) -> None:
 def advance(motion: Motion, steps: int, dt: float, start: float = 0.0) -> None:
     """Take so many steps of dt (s) from time `start` (s). Raises SolveError where the motion breaks."""
     named = effects.collect(motion.model.scene, times=start + dt * np.arange(steps, dtype=float))
-    taken = 0
-    while taken < steps:
-        part = tuple(a[taken:] if k % 2 == 0 and len(a) > 1 else a for k, a in enumerate(named))
-        gone, broken = motion.advance(steps - taken, dt, part)
-        taken += gone
-        if broken:
-            raise SolveError(f"the motion broke at step {taken} of {steps}")
+    taken, broken = take(motion, named, steps, dt)
+    if broken:
+        raise SolveError(f"the motion broke at step {taken} of {steps}")
 
 
 def energy(motion: Motion, time: float = 0.0) -> float:
-    """Kinetic, elastic and the effects' potential energies together, J."""
-    x, _, F = motion.particles()
-    model = motion.model
-    elastic = energies.elastic_energy(model, F, isinstance(motion, TotalMotion))
-    return motion.kinetic_energy() + elastic + sum(energies.effect_energies(model, x, F, time).values())
+    """Kinetic, elastic and the effects' potential energies together, J, of one moment."""
+    now, model = motion.look(), motion.model
+    elastic = energies.elastic_energy(model, now.F, isinstance(motion, TotalMotion))
+    return now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())
+
+
+def spin(motion: Motion) -> Array:
+    """Angular momentum (3,) about the origin, N m s, of the particles and of what turns within them.
+
+    Mass sits on nodes: a particle's turns with it at a distance whose square is h^2/4 along each axis (dynamics.inertia).
+    """
+    now, model = motion.look(), motion.model
+    mass = model.density * model.particles.volume
+    if isinstance(motion, TotalMotion):
+        p = motion.packed
+        place = p.node_place + motion.u.reshape(-1, 3)
+        return np.asarray(p.node_mass @ np.cross(place, motion.velocity().reshape(-1, 3)))
+    within = model.grid.spacing**2 / 4 * motion.affine()  # sum of m d (x) dv over a particle's nodes: m C h^2/4
+    turning = np.stack([within[:, 2, 1] - within[:, 1, 2], within[:, 0, 2] - within[:, 2, 0], within[:, 1, 0] - within[:, 0, 1]], axis=1)
+    return np.asarray(mass @ (np.cross(now.x, now.v) + turning))
 
 
 def last_cells(model: Model) -> Array:

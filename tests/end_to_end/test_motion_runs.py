@@ -190,7 +190,7 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
 
     def too_fast(model: object) -> object:
         moved = begin(model)  # type: ignore[arg-type]
-        moved.dt = 1.2 * moved.stable.largest
+        moved.control.step = 1.2 * moved.stable.largest
         return moved
 
     monkeypatch.setattr("magmpm.dynamics.run.begin", too_fast)

@@ -1,0 +1,149 @@
+"""The time step while a body moves: as long as its present shape and motion allow.
+
+The bound that a motion begins with (stable_step) is that of the undeformed body. Large strain makes silicone stiffer: as a particle is
+crushed (J -> 0) its tangent grows without bound, as J^(-8/3). And a body that is let go from a large strain all at once moves by
+a good part of a cell in a step, of which the bound of small oscillations knows nothing. So kernels look at every step (transfer.watch):
+
+* at the stiffness of the stiffest particle: where it has outgrown that for which the step was chosen, the bound is found again for the
+  present shape, and steps are shortened if they must be;
+* at how much of it changes in one step: where it is more than CHANGE, steps are halved, until they resolve the motion. They
+  grow again as it calms down.
+
+A step that the scene gives itself is never changed: the motion ends where it is too long, and says so.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from magmpm.dynamics.stable_step import StableStep, present_bound, stiffness
+from magmpm.dynamics.steps import Look, Records, take
+from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.dynamics.watchdog import Trouble
+from magmpm.solvers import DynamicOptions
+from magmpm.transfer.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
+
+CHANGE = 0.15  # of the largest stiffness, that a particle's may change by in a step
+RESERVE = 0.95  # of the bound, that a step may reach before the bound is found again
+CALM = 0.25  # of CHANGE: below it halved steps grow again
+SOFTER = 0.7  # of the stiffness that shortened the steps: below it the bound is found again at the next frame
+MOST = 6  # halvings at once
+LEAST = 1e-4  # of the first step: what needs shorter ones is beyond what steps can follow
+
+
+class StepControl:
+    """The step of a motion, and when to change it.
+
+    step: the longest the next steps may be, s; shortest: so far, s; why: what shortened it last, in a few words, or "".
+    """
+
+    def __init__(self, motion: TotalMotion | UpdatedMotion, stable: StableStep, options: DynamicOptions) -> None:
+        self._motion, self._stable, self._options = motion, stable, options
+        self._bound = stable.of_body
+        self._stiffness = float(stiffness(motion.model, motion.particles()[2], motion.formulation).max())
+        self._longest = options.time_step or options.safety * stable.largest
+        self._halvings = 0
+        self.step = self.shortest = self._longest
+        self.why = ""
+        self._set_watch()
+
+    def state(self) -> dict[str, float]:
+        """What `restore` needs: plain numbers."""
+        return {
+            "bound": self._bound, "stiffness": self._stiffness, "halvings": self._halvings, "step": self.step,
+            "shortest": self.shortest,
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, float]) -> None:
+        """Go back to a state."""
+        self._bound, self._stiffness, self._halvings = state["bound"], state["stiffness"], int(state["halvings"])
+        self.step, self.shortest = state["step"], state["shortest"]
+        self._set_watch()
+
+    def warnings(self) -> list[str]:
+        """One sentence where steps had to be much shorter than at the start."""
+        if self.shortest > 0.5 * self._longest:
+            return []
+        return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why or 'as before'}"]
+
+    def take(self, named: Records, steps: int, dt: float) -> tuple[int, Look, Trouble | None]:
+        """Take up to `steps` steps of dt (s), fewer where the next ones have to be shorter.
+
+        Returns how many were taken, the motion then, and what is wrong where it can't go on.
+        """
+        motion, watch = self._motion, self._motion.watch
+        watch[QUICKEST] = 0.0
+        kept = motion.kept()
+        taken, _ = take(motion, named, steps, dt)
+        now = motion.look() if watch[WHY] == GOING else None
+        trouble = None
+        if watch[WHY] in (QUICK, BROKEN):
+            trouble = self._halve()
+            if trouble is None:  # the last step was too long: it is not taken
+                taken = max(taken - 1, 0)
+                motion.rewind(kept)
+                take(motion, named, taken, dt)
+                now = None
+        elif watch[WHY] == STIFF:
+            trouble, now = self._find_bound(), None
+        elif self._halvings and watch[QUICKEST] < CALM * CHANGE:
+            self._halvings -= 1
+            self._choose()
+        return taken, now or motion.look(), trouble
+
+    def at_frame(self) -> None:
+        """Find the bound again where what had shortened the steps is over."""
+        highest = self._motion.watch[HIGHEST]
+        if self._bound < self._stable.of_body and 0.0 < highest < SOFTER * self._stiffness:
+            self._find_bound()
+        self._motion.watch[HIGHEST] = 0.0
+
+    def _halve(self) -> Trouble | None:
+        """Shorter steps, by as many halves as the last one was too long."""
+        broke, given = self._motion.watch[WHY] == BROKEN, self._options.time_step is not None
+        over = 16.0 if broke else self._motion.watch[QUICKEST] / CHANGE
+        halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), MOST)
+        if given or 0.5**halvings < LEAST:
+            return None if broke else self._trouble(f"the motion changes too much within {'a' if given else 'any'} step")
+        self._halvings, self.why = halvings, "the body moves too quickly for longer ones"
+        self._choose()
+        return None
+
+    def _find_bound(self) -> Trouble | None:
+        """The bound of the body as it is now."""
+        self._bound = present_bound(self._motion)
+        self._stiffness = float(self._motion.watch[HIGHEST])
+        largest = self._stable.largest_beside(self._bound)
+        if self._options.time_step is not None and self.step > largest:
+            return self._trouble(f"the body has become stiffer, and bears steps of {largest:.3g} s")
+        if self.step > RESERVE * largest:
+            self.why = "the body has become stiffer"
+        self._choose()
+        return None
+
+    def _choose(self) -> None:
+        """The step for the bound and the halvings as they are."""
+        if self._options.time_step is None:
+            largest = self._stable.largest_beside(self._bound)
+            allowed = self._longest if self._longest <= RESERVE * largest else self._options.safety * largest
+            self.step = min(allowed, self._longest / 2.0**self._halvings)
+            self.shortest = min(self.shortest, self.step)
+        self._set_watch()
+
+    def _set_watch(self) -> None:
+        reserve = RESERVE if self._options.time_step is None else 1.0
+        self._motion.watch[LIMIT] = self._stiffness * max((reserve * self._bound / self.step) ** 2, 1.01)
+        self._motion.watch[SHARE] = CHANGE
+
+    def _trouble(self, cause: str) -> Trouble:
+        stiffest = int(np.argmax(stiffness(self._motion.model, self._motion.particles()[2], self._motion.formulation)))
+        given = self._options.time_step is not None
+        remedy = (
+            "lower solver.dynamic.time_step, or leave it out: it is then chosen"
+            if given
+            else "apply the load more slowly (field.over_time, damping), or use more cells across"
+        )
+        return Trouble(cause, stiffest, remedy)

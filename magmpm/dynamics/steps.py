@@ -1,0 +1,45 @@
+"""Steps of a motion under effects that change from step to step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from magmpm.basis import Array
+from magmpm.transfer.watch import GOING, WHY
+
+if TYPE_CHECKING:
+    from magmpm.dynamics.total import TotalMotion
+    from magmpm.dynamics.updated import UpdatedMotion
+
+
+class Look(NamedTuple):
+    """A motion at a moment: x, v (n, 3) m, m/s and F (n, 3, 3) of its particles, in the model's order; kinetic energy, J."""
+
+    x: Array
+    v: Array
+    F: Array
+    kinetic: float
+
+
+Records = tuple[Any, ...]  # records and data of each effect, in turn: effects.collect
+
+
+def from_step(named: Records, step: int) -> Records:
+    """The records from one of their steps on; of what does not change in time there is one record for all."""
+    return tuple(a[step:] if k % 2 == 0 and len(a) > 1 else a for k, a in enumerate(named))
+
+
+def at_step(named: Records, step: int) -> Records:
+    """The records of one step, or the last there are."""
+    return tuple(a[min(step, len(a) - 1) :][:1] if k % 2 == 0 else a for k, a in enumerate(named))
+
+
+def take(motion: TotalMotion | UpdatedMotion, named: Records, steps: int, dt: float) -> tuple[int, bool]:
+    """Take up to `steps` steps of dt (s). Returns how many were taken, fewer where the motion's watch ended them, and whether it broke."""
+    taken = 0
+    while taken < steps:
+        gone, broken = motion.advance(steps - taken, dt, from_step(named, taken))
+        taken += gone
+        if motion.watch[WHY] != GOING:  # else the updated formulation only wants its particles sorted again
+            return taken, broken
+    return taken, False
