@@ -141,6 +141,16 @@ def _parser() -> argparse.ArgumentParser:
     robot.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     robot.set_defaults(command=_import)
 
+    ahead = commands.add_parser(
+        "prepare",
+        help="compile kernels ahead of their first use",
+        description="Compile the kernels of scenes, or without any of the usual combinations of effects, so that no run waits for them. "
+        "They are kept in the user's cache and serve until magmpm, Numba or the processor changes.",
+    )
+    ahead.add_argument("scenes", metavar="SCENE", nargs="*", help="scene files; their values make no difference, only what they name")
+    ahead.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    ahead.set_defaults(command=_prepare)
+
     stability = commands.add_parser(
         "stability",
         help="the hard cases, each with its measure and bound",
@@ -381,6 +391,15 @@ def _import(options: argparse.Namespace) -> int:
         f"saved {options.output}; set its field, then: magmpm run {options.output}",
     ]
     _print(options, summary, "\n".join(text))
+    return 0
+
+
+def _prepare(options: argparse.Namespace) -> int:
+    from magmpm.cli_prepare import prepare
+
+    done = prepare(options.scenes)
+    lines = [f"{'compiled' if each['compiled'] else 'ready':<9} {each['kernels']}" for each in done]
+    _print(options, {"kernels": done}, "\n".join(lines))
     return 0
 
 

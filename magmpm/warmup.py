@@ -1,19 +1,26 @@
-"""Kernels ready before the clock starts: compiled once, in a process of their own, and then loaded from the disk cache.
+"""Kernels ready before the clock starts: compiled once, in processes of their own, and then loaded from the disk cache.
 
-Why another process: code that was compiled in this one and the same code loaded from the cache can differ in the last bit, because
+Why other processes: code that was compiled in this one and the same code loaded from the cache can differ in the last bit, because
 functions that several kernels use are then linked from other places. A study that compiled its kernels and one that is resumed
 would not be the same bit for bit. So everyone loads.
+
+What a scene needs is compiled in parts (warmup_parts), on as many cores as there are: some depend on the scene's combination of effects,
+others do not and are there already from the first combination on. One process at a time fills a cache; others that need the same wait.
 """
 
 from __future__ import annotations
 
-import contextlib
+import fcntl
 import hashlib
 import json
 import os
 import subprocess
 import sys
+import threading
 import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import llvmlite.binding
@@ -23,30 +30,67 @@ from numpy.typing import NDArray
 
 from magmpm import effects
 from magmpm.environment import PACKAGE
-from magmpm.errors import SolveError
-from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.statics.equilibrium import solve_static
+from magmpm.warmup_parts import formulation_of, parts_of, solve_small
 
+LOCK = "compiling.lock"
+Tell = Callable[[str], None]
 _ready: set[str] = set()
 
 
-def prepare_kernels(scene: Scene) -> float:
-    """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process."""
-    small = _small(scene)
-    dynamic = scene.solver.dynamic
-    about = [scene.solver.static.anti_locking, scene.body.kind, dynamic is not None and _formulation(scene)]
-    kinds = json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
+def on_stderr(line: str) -> None:
+    """A line for whoever waits."""
+    print(f"magmpm: {line}", file=sys.stderr, flush=True)
+
+
+def prepare_kernels(scene: Scene, tell: Tell = on_stderr) -> float:
+    """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process.
+
+    tell: gets a line where they have to be compiled, which takes 5 to 20 s, once on a machine.
+    """
+    kinds = _kinds(scene)
     if kinds in _ready:
         return 0.0
     begun = time.perf_counter()
-    marker = Path(os.environ["NUMBA_CACHE_DIR"]) / f"ready-{_stamp(kinds)}"
-    if not marker.exists() and _compiled_elsewhere(small):
-        with contextlib.suppress(OSError):  # a cache that can't be marked is only filled again
-            marker.touch()
+    small = _small(scene)
+    fill_cache(scene, tell)
     solve_small(small)
     _ready.add(kinds)
     return time.perf_counter() - begun
+
+
+def fill_cache(scene: Scene, tell: Tell = on_stderr) -> bool:
+    """See that the disk cache holds this scene's kernels. Returns whether any had to be compiled."""
+    marker = _cache() / f"ready-{_stamp(_kinds(scene))}"
+    if marker.exists():
+        return False
+    with _alone(tell):
+        if marker.exists():  # whoever we waited for has made them
+            return False
+        begun = time.perf_counter()
+        tell(f"compiling kernels for {describe(scene)}; once on this machine, 5 to 20 s on two idle cores")
+        if _compiled_elsewhere(_small(scene)):
+            with suppress(OSError):  # a cache that can't be marked is only filled again
+                marker.touch()
+        tell(f"kernels compiled in {time.perf_counter() - begun:.0f} s")
+    return True
+
+
+def describe(scene: Scene) -> str:
+    """What a scene's kernels are for, in a few words."""
+    named = [key for key in effects.every() if getattr(scene.effects, key) is not None]
+    solver = "statics" if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
+    return f"{solver} with {' + '.join(named) or 'no effects'}"
+
+
+def _kinds(scene: Scene) -> str:
+    """What tells one set of kernels from another."""
+    about = [scene.solver.static.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
+    return json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
+
+
+def _cache() -> Path:
+    return Path(os.environ["NUMBA_CACHE_DIR"])
 
 
 def _stamp(kinds: str) -> str:
@@ -58,12 +102,6 @@ def _stamp(kinds: str) -> str:
     times = [str(path.stat().st_mtime_ns) for path in sorted(PACKAGE.rglob("*.py"))]
     known = [kinds, str(PACKAGE), sys.version, numba.__version__, llvmlite.__version__, *host, *times]
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
-
-
-def _formulation(scene: Scene) -> str:
-    from magmpm.dynamics.run import formulation  # only for motion: statics needs none of it in memory
-
-    return formulation(scene)
 
 
 def _times(scene: Scene) -> NDArray[np.float64] | None:
@@ -82,26 +120,77 @@ def _small(scene: Scene) -> Scene:
     return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}})
 
 
-def solve_small(small: Scene) -> None:
-    """Solve the coarse twin: it calls every kernel; its answer is not used, and may well not exist."""
-    with contextlib.suppress(SolveError):
-        if small.solver.dynamic is not None:
-            from magmpm.dynamics.run import move
-
-            move(build(small))
-        else:
-            solve_static(build(small))
+@contextmanager
+def _alone(tell: Tell) -> Iterator[None]:
+    """Only one process at a time; the lock goes with the process, however it ends. Without it where the cache can't be written."""
+    try:
+        stream = (_cache() / LOCK).open("a")
+    except OSError:
+        yield
+        return
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            tell("another magmpm is compiling kernels; waiting for it")
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        yield
 
 
 def _compiled_elsewhere(small: Scene) -> bool:
-    """Fill the disk cache from a process of its own; False where that can't be had (the kernels are then compiled here)."""
-    code = (
-        "import json, sys; from magmpm.scene import Scene; from magmpm.warmup import solve_small; "
-        "solve_small(Scene.from_si(json.load(sys.stdin)))"
-    )
+    """Fill the disk cache from processes of their own; False where that can't be had (the kernels are then compiled here)."""
+    todo = deque(parts_of(small))
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        input=json.dumps(small.to_si()), text=True, capture_output=True, env={**os.environ, "PYTHONPATH": path}, check=False,
-    )  # fmt: skip
-    return done.returncode == 0
+    workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
+    try:
+        threads = [threading.Thread(target=worker.take_from, args=(todo,)) for worker in workers]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for worker in workers[1:]:
+            worker.close()
+        return workers[0].do("whole")  # what the parts have left out, and proof that they are all there
+    finally:
+        for worker in workers:
+            worker.close()
+
+
+class _Worker:
+    """A process that compiles parts by their names."""
+
+    def __init__(self, small: Scene, path: str) -> None:
+        code = "from magmpm.warmup_parts import serve; serve()"
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )  # fmt: skip
+        self._small = json.dumps(small.to_si())
+
+    def take_from(self, todo: deque[str]) -> None:
+        """Compile parts until none is left."""
+        while True:
+            try:
+                part = todo.popleft()
+            except IndexError:
+                return
+            if not self.do(part):
+                return
+
+    def do(self, part: str) -> bool:
+        """Compile one. Returns whether that could be done."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(json.dumps([part, self._small]) + "\n")
+            self._process.stdin.flush()
+        except OSError:  # it has died
+            return False
+        return self._process.stdout.readline() == "done\n"
+
+    def close(self) -> None:
+        """End the process."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        self._process.wait()

@@ -42,7 +42,7 @@ class Energy:
         self._fortran = addresses()
         cells = len(layout.cell_plane)
         self._rest: float | None = None
-        self._rest_F = np.ascontiguousarray(np.eye(3)[:, list(model.order)])
+        self.rest_gradient = np.ascontiguousarray(np.eye(3)[:, list(model.order)])
         self._per_cell = np.empty((3, cells))
         self._fixed = layout.fixed if layout.fixed.any() else None
 
@@ -51,7 +51,7 @@ class Energy:
         model, layout = self.model, self.model.layout
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
-        gather(layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, self._rest_F, u, F)
+        gather(layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, self.rest_gradient, u, F)
         x = model.particles.position + u
         energy, low, high = self._per_cell
         cell_energy(layout.cell_first, model.particles.volume, *self._materials, x, F, energy, low, high)
