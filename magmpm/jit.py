@@ -21,5 +21,7 @@ kernel: Callable[..., Any] = numba.njit(
     parallel=True, cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True
 )
 compiled: Callable[..., Any] = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
+# For what inner loops call with many arrays: a call hands over seven words an array, some hundred instructions, unless it is inlined.
+inlined: Callable[..., Any] = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True, forceinline=True)
 
-__all__ = ["FASTMATH", "compiled", "kernel", "prange"]
+__all__ = ["FASTMATH", "compiled", "inlined", "kernel", "prange"]

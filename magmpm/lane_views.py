@@ -114,61 +114,69 @@ def _setitem(context, builder, signature, values):  # type: ignore[no-untyped-de
     return context.get_dummy_value()
 
 
-# One of the eight particles, for hooks that branch: v[i] is a float. A slice of an array would do, but counting the references to it
-# costs more than a contact.
+# One vector of floats in a flat array, for hooks that branch: v[i] is a float. A slice of an array would do, but counting the references
+# to it costs more than a contact: ten times what a node's damping does.
 
 
-class Single(types.Type):  # type: ignore[misc]
-    """Type of one lane's (3,) vector."""
+class Strided(types.Type):  # type: ignore[misc]
+    """Type of a vector whose components lie `step` floats apart."""
 
-    def __init__(self) -> None:
-        super().__init__(name="SingleLaneView")
-
-
-_single = Single()
-register_model(Single)(_Model)
+    def __init__(self, step: int) -> None:
+        self.step = step
+        super().__init__(name=f"StridedView{step}")
 
 
-@intrinsic
-def single(typing_context, array, index):  # type: ignore[no-untyped-def]
-    """single(array, index): the vector of one particle, from array[index] on by steps of eight, of a flat array."""
-
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        return builder.gep(data, [values[1]])
-
-    return _single(array, types.intp), generate
+register_model(Strided)(_Model)
 
 
-def _place(context: Any, builder: Any, view: Any, index_type: Any, index: Any) -> Any:
+def _strided(step: int) -> Any:
+    kind = Strided(step)
+
+    def typed(typing_context, array, index):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            data = context.make_array(signature.args[0])(context, builder, values[0]).data
+            return builder.gep(data, [values[1]])
+
+        return kind(array, types.intp), generate
+
+    return typed
+
+
+single = intrinsic(_strided(WIDTH))  # single(array, index): the vector of one of eight particles, from array[index] on
+row = intrinsic(_strided(1))  # row(array, index): array[index], array[index + 1], ...
+
+
+def _place(context: Any, builder: Any, kind: Strided, view: Any, index_type: Any, index: Any) -> Any:
     at = context.cast(builder, index, index_type, types.intp)
-    return builder.gep(view, [builder.mul(at, ir.Constant(at.type, WIDTH))])
+    return builder.gep(view, [builder.mul(at, ir.Constant(at.type, kind.step))])
 
 
 @type_callable(operator.getitem)
-def _type_single(context):  # type: ignore[no-untyped-def]
+def _type_get_strided(context):  # type: ignore[no-untyped-def]
     def of(view, index):  # type: ignore[no-untyped-def]
-        return types.float64 if isinstance(view, Single) and isinstance(index, types.Integer) else None
+        return types.float64 if isinstance(view, Strided) and isinstance(index, types.Integer) else None
 
     return of
 
 
-@lower_builtin(operator.getitem, Single, types.Integer)
-def _get_single(context, builder, signature, values):  # type: ignore[no-untyped-def]
-    return builder.load(_place(context, builder, values[0], signature.args[1], values[1]))
+@lower_builtin(operator.getitem, Strided, types.Integer)
+def _get_strided(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    kind, index_type = signature.args
+    return builder.load(_place(context, builder, kind, values[0], index_type, values[1]))
 
 
 @type_callable(operator.setitem)
-def _type_set_single(context):  # type: ignore[no-untyped-def]
+def _type_set_strided(context):  # type: ignore[no-untyped-def]
     def of(view, index, value):  # type: ignore[no-untyped-def]
-        fits = isinstance(view, Single) and isinstance(index, types.Integer) and isinstance(value, types.Float)
+        fits = isinstance(view, Strided) and isinstance(index, types.Integer) and isinstance(value, types.Float)
         return types.void if fits else None
 
     return of
 
 
-@lower_builtin(operator.setitem, Single, types.Integer, types.Float)
-def _set_single(context, builder, signature, values):  # type: ignore[no-untyped-def]
-    given = context.cast(builder, values[2], signature.args[2], types.float64)
-    builder.store(given, _place(context, builder, values[0], signature.args[1], values[1]))
+@lower_builtin(operator.setitem, Strided, types.Integer, types.Float)
+def _set_strided(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    kind, index_type, value_type = signature.args
+    given = context.cast(builder, values[2], value_type, types.float64)
+    builder.store(given, _place(context, builder, kind, values[0], index_type, values[1]))
     return context.get_dummy_value()

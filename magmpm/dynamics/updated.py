@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,7 @@ class UpdatedMotion:
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
         self.momentum, self.velocity = np.zeros(4 * grids * nodes + 8), np.zeros(4 * grids * nodes + 8)
         self.fixed, self.weight = self._held_nodes(nodes, grids)
+        self.planes, self.shared = self._reached(cell - low)
         self.mirrors = self._mirrors()
         self.nodes_place = self._nodes_place() if has_hook("node", model.effects) else np.zeros((1, 3))
         self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
@@ -133,6 +134,24 @@ class UpdatedMotion:
         row = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first[:-1] * WIDTH, counts)
         padded[row] = order
         return padded, first[::grids].astype(np.int64), np.repeat(np.arange(len(counts)) % grids, blocks)
+
+    def _reached(self, cell: Index) -> tuple[Index, Index]:
+        """Planes of nodes, of all pieces' grids one after the other, that may get mass until particles at cells (n, 3) are sorted again;
+        and the box (2, 3) of nodes, from the first to one past the last, that two pieces may both reach: empty where none can meet.
+
+        A particle of cell c sees nodes c to c + 2, and moves by less than a cell.
+        """
+        first = np.array([cell[self.piece == k].min(axis=0) - 1 for k in range(int(self.piece.max()) + 1)])
+        last = np.array([cell[self.piece == k].max(axis=0) + 4 for k in range(len(first))])
+        first, last = np.maximum(first, 0), np.minimum(last, self.shape)
+        planes = np.concatenate([k * self.shape[0] + np.arange(a, b) for k, (a, b) in enumerate(zip(first[:, 0], last[:, 0], strict=True))])
+        pairs = combinations(range(len(first)), 2)
+        shared = [(np.maximum(first[a], first[b]), np.minimum(last[a], last[b])) for a, b in pairs]
+        shared = [box for box in shared if (box[0] < box[1]).all()]
+        if not shared:
+            return planes, np.zeros((2, 3), np.int64)
+        inside = np.array([np.min([low for low, _ in shared], axis=0), np.max([high for _, high in shared], axis=0)])
+        return planes, np.clip(inside, 1, self.shape - 1)  # slopes look at a node's neighbours
 
     def _held_nodes(self, nodes: int, grids: int) -> tuple[np.ndarray, Array]:
         """(grids nodes,) 1 where a held particle of the grid's piece has weight; and, if pieces can meet, the mass of what is held, kg."""
@@ -196,8 +215,8 @@ class UpdatedMotion:
         taken, drift = kernels.advance(
             steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first, self.lift,
             x, v, C, L, F, self.volume, self.shear, self.bulk, self.magnet,
-            self.density, effects, self.momentum, self.velocity, self.fixed, self.weight, self.curve, self.nodes_place, self.clamp,
-            self.mirrors,
+            self.density, effects, self.momentum, self.velocity, self.planes, self.fixed, self.weight, self.shared, self.curve,
+            self.nodes_place, self.clamp, self.mirrors,
             self.model.plane_strain, self.stiffness, self.watch, *self.slab, self.drift,
         )  # fmt: skip
         return int(taken), float(drift)

@@ -81,6 +81,12 @@ def depth(effect, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def near(effect, data, x):  # type: ignore[no-untyped-def]
+    """How far a particle at x is in it, m."""
+    return depth(effect, x)
+
+
+@compiled
 def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
     """f += the plane's push and friction, N."""
     below = depth(effect, x)
@@ -122,4 +128,4 @@ def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     law.refuse_overlap("ground", deepest, energy, mass.sum(), "move the plane's `point` away from the body")
 
 
-register(DTYPE, contact=contact)
+register(DTYPE, wide=("near",), contact=contact, near=near)

@@ -19,7 +19,10 @@ In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f (3,) N
                                                                 (x, v and f are indexed, v[i], and no more: kernels hand over views)
+``near(effect, data, x) -> float``                              above 0 where `contact` can push a particle at x: where an effect tells it,
+                                                                contact, and the velocities it needs, are left out elsewhere
 ``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
+                                                                (indexed, and no more)
 """
 
 from __future__ import annotations
@@ -31,8 +34,10 @@ import numpy as np
 from numba.extending import overload
 
 from magmpm.jit import FASTMATH
+from magmpm.simd import larger, splat
 
-HOOKS = ("energy", "stress", "force", "tangent", "softening", "rate_stress", "contact", "node")
+HOOKS = ("energy", "stress", "force", "tangent", "softening", "rate_stress", "contact", "near", "node")
+WIDE = ("stress", "force", "rate_stress", "near")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
 _wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hooks that serve eight particles at a time
@@ -41,8 +46,9 @@ _wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hook
 def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]) -> None:
     """Tell the kernels which compiled functions serve the effect whose parameters have this dtype.
 
-    wide: those of its hooks stress, force and rate_stress that are plain arithmetic (+ - * /, no branch on a particle's values, no array of
-    their own): motion calls them for eight particles at a time (magmpm.lane_views), which costs a fraction. They give the same numbers.
+    wide: those of its hooks stress, force, rate_stress and near that are plain arithmetic (+ - * /, no branch on a particle's values, no
+    array of their own): motion calls them for eight particles at a time (magmpm.lane_views), which costs a fraction.
+    They give the same numbers.
     Raises ValueError on an unknown hook, or if another effect has the same field names: they are what tells effects apart.
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):
@@ -51,8 +57,8 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
         if name not in HOOKS:
             raise ValueError(f"unknown hook {name!r}; hooks are {', '.join(HOOKS)}")
     for name in wide:
-        if name not in hooks or name not in ("stress", "force", "rate_stress"):
-            raise ValueError(f"wide: {name!r} must be one of the effect's hooks stress, force or rate_stress")
+        if name not in hooks or name not in WIDE:
+            raise ValueError(f"wide: {name!r} must be one of the effect's hooks stress, force, rate_stress or near")
         _wide[name].add(dtype.names)
     for name, function in hooks.items():
         _registry[name][dtype.names] = function
@@ -161,6 +167,40 @@ _walk(add_contact, "contact", "x, v, mass, dt, f")
 _walk(change_node, "node", "X, u, v, dt")
 
 
+def any_near(effects, step, x):  # type: ignore[no-untyped-def]
+    """Whether some effect's contact can push a particle at x, of effects whose `near` is not wide. Only within compiled code."""
+
+
+@overload(any_near, strict=False)
+def _any_near(effects, step, x):  # type: ignore[no-untyped-def]
+    if len(effects) == 0:
+        return lambda effects, step, x: False
+    if _find("contact", effects) is None or _find("near", effects, True) is not None:
+        return lambda effects, step, x: any_near(effects[2:], step, x)
+    hook = _find("near", effects)
+    if hook is None:  # it acts everywhere
+        return lambda effects, step, x: True
+    return lambda effects, step, x: (
+        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x) > 0.0 or any_near(effects[2:], step, x)
+    )
+
+
+def wide_near(effects, step, x):  # type: ignore[no-untyped-def]
+    """The largest `near`, lane by lane, of effects whose `near` is wide; below 0 where there is none. Only within compiled code."""
+
+
+@overload(wide_near, jit_options={"fastmath": FASTMATH}, strict=False)
+def _wide_near(effects, step, x):  # type: ignore[no-untyped-def]
+    if len(effects) == 0:
+        return lambda effects, step, x: splat(-1.0)
+    hook = _find("near", effects, True)
+    if hook is None:
+        return lambda effects, step, x: wide_near(effects[2:], step, x)
+    return lambda effects, step, x: larger(
+        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), wide_near(effects[2:], step, x)
+    )
+
+
 # For eight particles at a time (transfer.lanes): first the effects whose hooks are wide, called once, then the others, lane by lane.
 
 
@@ -220,7 +260,15 @@ def has_node(effects):  # type: ignore[no-untyped-def]
 
 
 def has_narrow(effects):  # type: ignore[no-untyped-def]
-    """Whether any effect has to be called lane by lane. Only within compiled code."""
+    """Whether any effect's stress or force has to be called lane by lane. Only within compiled code."""
+
+
+def has_wide_near(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect's `near` is wide. Only within compiled code."""
+
+
+def has_other_contact(effects):  # type: ignore[no-untyped-def]
+    """Whether any effect has a contact without a wide `near`. Only within compiled code."""
 
 
 def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = None) -> None:
@@ -239,3 +287,12 @@ _answer(has_rate_stress, ["rate_stress"])
 _answer(has_contact, ["contact"])
 _answer(has_node, ["node"])
 _answer(has_narrow, ["stress", "force", "rate_stress"], wide=False)
+_answer(has_wide_near, ["near"], wide=True)
+
+
+@overload(has_other_contact, strict=False)
+def _has_other_contact(effects):  # type: ignore[no-untyped-def]
+    each = [effects[i:] for i in range(0, len(effects), 2)]
+    if any(_find("contact", part) is not None and _find("near", part, True) is None for part in each):
+        return lambda effects: True
+    return lambda effects: False

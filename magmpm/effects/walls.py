@@ -135,6 +135,12 @@ def depth(effect, data, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def near(effect, data, x):  # type: ignore[no-untyped-def]
+    """How far a particle at x is beyond it, m."""
+    return depth(effect, data, x)[0]
+
+
+@compiled
 def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
     """f += the wall's push and friction, N."""
     beyond, sx, sy, sz = depth(effect, data, x)
@@ -190,4 +196,4 @@ def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     law.refuse_overlap("walls", deepest, energy, mass.sum(), "make the lumen wider, or move it")
 
 
-register(DTYPE, contact=contact)
+register(DTYPE, contact=contact, near=near)

@@ -13,15 +13,19 @@ from magmpm.effects.hooks import (
     add_wide_force,
     add_wide_rate_stress,
     add_wide_stress,
+    any_near,
     has_contact,
     has_force,
     has_narrow,
+    has_other_contact,
     has_rate_stress,
     has_stress,
+    has_wide_near,
+    wide_near,
 )
-from magmpm.jit import compiled
+from magmpm.jit import compiled, inlined
 from magmpm.lane_views import matrix, single, vector
-from magmpm.simd import cube_root_guess, load, magnitude, store
+from magmpm.simd import cube_root_guess, highest, load, magnitude, store
 
 LANES = 8
 
@@ -104,13 +108,25 @@ def stiffest_in_space(J, scale, I1, pressure, bulk):  # type: ignore[no-untyped-
     return shape + 3.0 * (0.5 * (along + magnitude(along)) + magnitude(shape - turned))
 
 
-@compiled
-def add_effects(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density, volume):  # type: ignore[no-untyped-def]
+@inlined
+def touches(effects, step, group, x, volume):  # type: ignore[no-untyped-def]
+    """Whether contact may push a particle of a group, x (3 8,)."""
+    if has_wide_near(effects) and highest(wide_near(effects, step, vector(x, 0))) > 0.0:
+        return True
+    if has_other_contact(effects):
+        for lane in range(LANES):
+            if volume[LANES * group + lane] != 0.0 and any_near(effects, step, single(x, lane)):  # 0: a lane without a particle
+                return True
+    return False
+
+
+@inlined
+def add_effects(effects, step, dt, group, F, at, P, dF, x, v, f, touched, room, magnet, density, volume):  # type: ignore[no-untyped-def]
     """What the effects add to a group's stress P (Pa) and load f (N/m^3).
 
-    F (9 8,) from index `at`; P, dF/dt (9 8,), x, v, f (3 8,) of the group; magnet (groups 3 8,), or (groups 4 8,) where an effect marks
-    particles (effects.marked); density and volume (groups 8,). Flat
-    arrays and no slices: counting references to them would cost as much as an effect.
+    F (9 8,) from index `at`; P, dF/dt (9 8,), x, v, f (3 8,) of the group; touched: whether contact may push it (`touches`); room (24,)
+    to work in; magnet (groups 3 8,), or (groups 4 8,) where an effect marks particles (effects.marked); density and volume (groups 8,).
+    Flat arrays and no slices: counting references to them would cost as much as an effect.
     """
     rho = load(density, LANES * group)
     m, place, deformed, out = vector(magnet, LANES * (len(magnet) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
@@ -119,8 +135,8 @@ def add_effects(effects, step, dt, group, F, at, P, dF, x, v, f, magnet, density
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
     if has_narrow(effects):
         _lane_by_lane(effects, step, group, F, at, P, dF, x, f, magnet, density, volume)
-    if has_contact(effects):
-        _contacts(effects, step, dt, group, x, v, f, density, volume)
+    if has_contact(effects) and touched:
+        _contacts(effects, step, dt, group, x, v, f, room, density, volume)
 
 
 @compiled
@@ -142,15 +158,15 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, magnet, density, vol
 
 
 @compiled
-def _contacts(effects, step, dt, group, x, v, f, density, volume):  # type: ignore[no-untyped-def]
-    """What contact adds to the loads, particle by particle."""
+def _contacts(effects, step, dt, group, x, v, f, room, density, volume):  # type: ignore[no-untyped-def]
+    """What contact adds to the loads, particle by particle; room (3 8,) to work in."""
+    force = room
     for lane in range(LANES):
         V = volume[LANES * group + lane]
-        if V == 0.0:  # a lane without a particle
-            continue
-        force = single(f, lane)
-        for i in range(3):
-            force[i] *= V
-        add_contact(effects, step, single(x, lane), single(v, lane), density[LANES * group + lane] * V, dt, force)
-        for i in range(3):
-            force[i] /= V
+        if V != 0.0:  # a lane with a particle
+            for i in range(3):
+                force[LANES * i + lane] = 0.0
+            add_contact(effects, step, single(x, lane), single(v, lane), density[LANES * group + lane] * V, dt, single(force, lane))
+            per_volume = 1.0 / V
+            for i in range(3):
+                f[LANES * i + lane] += per_volume * force[LANES * i + lane]

@@ -87,18 +87,20 @@ def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):  # ty
 
 
 @kernel
-def meet(momentum, weight, fixed, nodes, strides, h, curve):  # type: ignore[no-untyped-def]
-    """All pieces, each with a grid of a box of `nodes`.
+def meet(momentum, weight, fixed, nodes, low, high, strides, h, curve):  # type: ignore[no-untyped-def]
+    """All pieces, each with a grid of a box of `nodes`, at the nodes from low to high (3,), exclusive, along the axes.
 
     momentum (4 pieces nodes,): mass and momentum; weight, fixed (pieces nodes,): mass of what is held there, and whether that keeps the
     node at rest. Masses are not changed, so planes of nodes may be done at the same time. strides (3,): from node to node along the axes.
     """
     every = len(fixed)
-    for plane in prange(nodes // strides[0]):
+    for plane in prange(low[0], high[0]):
         slopes = np.empty((2, 3))
-        for node in range(plane * strides[0], (plane + 1) * strides[0]):
-            for one in range(node, every, nodes):
-                if momentum[4 * one] + weight[one] > 0.0:
-                    for other in range(one + nodes, every, nodes):
-                        if momentum[4 * other] + weight[other] > 0.0:
-                            _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes)
+        for line in range(low[1], high[1]):
+            begin = plane * strides[0] + line * strides[1]
+            for node in range(begin + low[2], begin + high[2]):
+                for one in range(node, every, nodes):
+                    if momentum[4 * one] + weight[one] > 0.0:
+                        for other in range(one + nodes, every, nodes):
+                            if momentum[4 * other] + weight[other] > 0.0:
+                                _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes)

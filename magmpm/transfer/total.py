@@ -15,6 +15,7 @@ import numpy as np
 
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.jit import compiled, kernel, prange
+from magmpm.lane_views import row
 from magmpm.simd import (
     flag_unless_positive,
     highest,
@@ -28,7 +29,7 @@ from magmpm.simd import (
     sums,
     total,
 )
-from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean, stiffest
+from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean, stiffest, touches
 from magmpm.transfer.watch import stops
 
 LANES = 8
@@ -72,6 +73,25 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
 
 
 @compiled
+def gather_value(field, node, along_x, along_y, splines, first, value):  # type: ignore[no-untyped-def]
+    """Value (3 8,) alone of a nodal field at a group of particles; arguments as of `gather`."""
+    zero = splat(0.0)
+    u0, u1, u2 = zero, zero, zero
+    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
+    for a in range(3):
+        p0, p1, p2 = zero, zero, zero
+        for b in range(3):
+            k = 3 * (node + a * along_x + b * along_y)
+            ny = load(splines, first + 24 + 8 * b)
+            p0 = p0 + ny * (nz0 * field[k] + nz1 * field[k + 3] + nz2 * field[k + 6])
+            p1 = p1 + ny * (nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7])
+            p2 = p2 + ny * (nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8])
+        nx = load(splines, first + 8 * a)
+        u0, u1, u2 = u0 + nx * p0, u1 + nx * p1, u2 + nx * p2
+    store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
+
+
+@compiled
 def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):  # type: ignore[no-untyped-def]
     """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - load (3 8,) N; both times the particles' volumes."""
     t00, t01, t02 = load(stress, 0), load(stress, 8), load(stress, 16)
@@ -104,8 +124,8 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
     )  # fmt: skip
     last = total(load(work, 64))
     store(work, 0, added)
-    for row in range(8):
-        force[k + 3 * (row // 3 * along_x + row % 3 * along_y)] += work[row]
+    for i in range(8):
+        force[k + 3 * (i // 3 * along_x + i % 3 * along_y)] += work[i]
     force[k + 6 * (along_x + along_y)] += last
 
 
@@ -142,7 +162,7 @@ def advance(
     """
     slabs = len(slab_first) - 1
     flat_volume, flat_density, flat_modes = volume.reshape(-1), density.reshape(-1), modes.reshape(-1)
-    flat_reference, flat_magnet = reference.reshape(-1), magnet.reshape(-1)
+    flat_reference, flat_magnet, flat_place = reference.reshape(-1), magnet.reshape(-1), place.reshape(-1)
     most = 1
     for cell in range(len(cell_node)):
         most = max(most, cell_group[cell + 1] - cell_group[cell])
@@ -177,14 +197,18 @@ def advance(
                         change = larger(magnitude(stiff - load(stiffness, 8 * group)), change)
                         store(stiffness, 8 * group, stiff)
                         f[:] = 0.0
-                        if has_rate_stress(effects) or has_contact(effects):
-                            gather(v, node, along_x, along_y, splines, SPLINES * group, dF, 0, rate, 0)
                         if any_effect(effects):
                             for i in range(3):
                                 moved = load(value, at // 3 + 8 * i) + load(flat_reference, 24 * group + 8 * i)
                                 store(x, 8 * i, moved)
+                            touched = has_contact(effects) and touches(effects, step, group, x, flat_volume)
+                            if has_rate_stress(effects):
+                                gather(v, node, along_x, along_y, splines, SPLINES * group, dF, 0, rate, 0)
+                            elif touched:
+                                gather_value(v, node, along_x, along_y, splines, SPLINES * group, rate)
                             add_effects(
-                                effects, step, dt, group, F, at, P, dF, x, rate, f, flat_magnet, flat_density, flat_volume,
+                                effects, step, dt, group, F, at, P, dF, x, rate, f, touched, work,
+                                flat_magnet, flat_density, flat_volume,
                             )  # fmt: skip
                         V = load(flat_volume, 8 * group)
                         for i in range(9):
@@ -203,7 +227,7 @@ def advance(
                 v[n + i] += dt * inverse_mass[n + i] * force[n + i]
                 force[n + i] = 0.0
             if has_node(effects):
-                change_node(effects, step, place[active[k]], u[n : n + 3], v[n : n + 3], dt)
+                change_node(effects, step, row(flat_place, n), row(u, n), row(v, n), dt)
             for i in range(3):
                 u[n + i] += dt * v[n + i]
     return steps

@@ -18,7 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
-from magmpm.jit import compiled, kernel, prange
+from magmpm.jit import compiled, inlined, kernel, prange
+from magmpm.lane_views import row
 from magmpm.simd import (
     flag_unless_positive,
     floor,
@@ -37,7 +38,14 @@ from magmpm.simd import (
     store_rows,
     total,
 )
-from magmpm.transfer.lanes import add_effects, any_effect, determinant, neo_hookean, stiffest_in_space
+from magmpm.transfer.lanes import (
+    add_effects,
+    any_effect,
+    determinant,
+    neo_hookean,
+    stiffest_in_space,
+    touches,
+)
 from magmpm.transfer.meeting import meet
 from magmpm.transfer.watch import BROKEN, WHY, stops
 
@@ -75,7 +83,7 @@ def _locate(x, block, origin, h, along_x, along_y, lift, rows):  # type: ignore[
     store_rows(rows, 56, ROW, c5, c6, c7, c8, c8, c8, c8, c8)
 
 
-@compiled
+@inlined
 def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, out):  # type: ignore[no-untyped-def]
     """What a block of eight particles gives to its nodes, into out (8 ROW,): seven rows of four each.
 
@@ -83,7 +91,7 @@ def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, densit
 
     out: [m, m v + dt f], [0, column k of m C] for k = x, y, z, and [0, column k of dt V P F^T].
     """
-    P, f, dF, velocity, place = work
+    P, f, dF, velocity, place, room = work
     at = 72 * block
     J, K = determinant(F, at), load(bulk, 8 * block)
     pressure = (J - 1.0) * K
@@ -101,7 +109,8 @@ def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, densit
                 for m in range(3):
                     rate = rate + load(L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
-        add_effects(effects, step, dt, block, F, at, P, dF, place, velocity, f, magnet, density, volume)
+        touched = has_contact(effects) and touches(effects, step, block, place, volume)
+        add_effects(effects, step, dt, block, F, at, P, dF, place, velocity, f, touched, room, magnet, density, volume)
     mass, zero = load(density, 8 * block) * V, splat(0.0)
     push = V * dt
     p0 = mass * load(v, 24 * block) + push * load(f, 0)
@@ -250,15 +259,14 @@ def _move(block, dt, h, rows, x, v, C, L, F, keep):  # type: ignore[no-untyped-d
     return magnitude(m0) * (1.0 / h[0]), magnitude(m1) * (1.0 / h[1]), magnitude(m2) * (1.0 / h[2])
 
 
-@compiled
+@inlined
 def _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still):  # type: ignore[no-untyped-def]
-    """Velocity of a node from its mass and momentum, which are emptied for the next step."""
-    mass = momentum[4 * n]
-    velocity[4 * n] = 0.0
+    """Velocity of a node that has mass, from its momentum; both are emptied for the next step."""
+    mass, free = momentum[4 * n], fixed[n] == 0
     for i in range(1, 4):
-        velocity[4 * n + i] = momentum[4 * n + i] / mass if mass > 0.0 and fixed[n] == 0 else 0.0
-    if has_node(effects) and mass > 0.0 and fixed[n] == 0:
-        change_node(effects, step, place[n % len(place)], still, velocity[4 * n + 1 : 4 * n + 4], dt)
+        velocity[4 * n + i] = momentum[4 * n + i] / mass if free else 0.0
+    if has_node(effects) and free:
+        change_node(effects, step, row(place, 3 * n % len(place)), row(still, 0), row(velocity, 4 * n + 1), dt)
     for i in range(4):
         momentum[4 * n + i] = 0.0
 
@@ -305,27 +313,29 @@ def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
 @kernel
 def advance(
     steps, dt, origin, h, along_x, along_y, nodes, slab_first, lift, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
-    momentum, velocity, fixed, weight, curve, place, clamp, mirrors, flat, stiffness, watch, slab_low, slab_high, slab_change, fast, drift,
+    momentum, velocity, planes, fixed, weight, shared, curve, place, clamp, mirrors, flat,
+    stiffness, watch, slab_low, slab_high, slab_change, fast, drift,
 ):  # fmt: skip
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
     Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place; volume, shear,
     bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first
     (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of its piece: each piece of the body has a grid of `nodes`,
-    k in all; momentum, velocity (4 k nodes + 8,), momentum empty; fixed (k nodes,), weight (k nodes,) kg: nodes kept at rest, and mass of
-    what is held (transfer.meeting, which knows curve); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1;
+    k in all; momentum, velocity (4 k nodes + 8,), momentum empty; planes: those of the k grids, one after the other, that may get mass;
+    fixed (k nodes,), weight (k nodes,) kg: nodes kept at rest, and mass of what is held; shared (2, 3): the box of nodes where pieces may
+    meet (transfer.meeting, which knows curve); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1;
     mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat: nothing moves along y; stiffness (n,) m^2/s^2: the last
     step's, NaN before the first; watch, slab_ (slabs,): as of transfer.total.advance; fast (slabs,): largest move along an axis in cells
     a step; drift: cells that particles may have moved since they were sorted.
     Returns steps taken and drift; the watch says why they ended: BROKEN also where a particle crosses a cell in one step.
     """
-    slabs, pieces = len(slab_first) - 1, len(fixed) // nodes
-    still, strides = np.zeros(3), (along_x, along_y, 1)
+    slabs, meeting = len(slab_first) - 1, (shared[0] < shared[1]).all()
+    still, strides, flat_place = np.zeros(3), (along_x, along_y, 1), place.reshape(-1)
     for step in range(steps):
         for colour in range(2):
             for half in prange((slabs + 1 - colour) // 2):
                 slab = 2 * half + colour
-                work = (np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(24))
+                work = (np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(24), np.empty(24))
                 rows = np.empty(8 * ROW)
                 least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for block in range(slab_first[slab], slab_first[slab + 1]):
@@ -346,13 +356,14 @@ def advance(
         if clamp >= 0:
             _fold(momentum, clamp, along_x)
         _fold_pairs(momentum, mirrors)
-        if pieces > 1:
-            meet(momentum, weight, fixed, nodes, strides, h, curve)
-        for plane in prange(pieces * (nodes // along_x)):
-            for n in range(plane * along_x, (plane + 1) * along_x):
-                _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still)
-                if flat:
-                    velocity[4 * n + 2] = 0.0
+        if meeting:
+            meet(momentum, weight, fixed, nodes, shared[0], shared[1], strides, h, curve)
+        for k in prange(len(planes)):
+            for n in range(planes[k] * along_x, (planes[k] + 1) * along_x):
+                if momentum[4 * n] > 0.0:  # of others no particle reads the velocity
+                    _update_node(n, step, dt, momentum, velocity, fixed, flat_place, effects, still)
+                    if flat:
+                        velocity[4 * n + 2] = 0.0
         if clamp >= 0:
             _mirror(velocity, clamp, along_x)
         _mirror_pairs(velocity, mirrors)
