@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.basis import Array
+from magmpm.regular_file import UnfitFile, read_regular
 from magmpm.shells import SAME, shared, trouble
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
+MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle, and one with too many is told their number
 RAYS = 400  # points from which the thickness is measured
 THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL
@@ -51,7 +53,11 @@ class Mesh:
 def read_stl(path: Path) -> Mesh:
     """The mesh of an STL file, text or binary, checked. Raises MeshError."""
     try:
-        content = path.read_bytes()
+        content = read_regular(path, MOST_BYTES)
+    except UnfitFile as error:
+        raise MeshError(
+            f"{error.strerror}; a mesh must be a regular file of at most {MOST_BYTES // 1_000_000} MB", "export the part as STL"
+        ) from None
     except OSError as error:
         raise MeshError(
             f"the file can't be read ({error.strerror})", "correct the path, which is relative to the scene file"

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.errors import InputError
+from magmpm.regular_file import UnfitFile, read_regular
 from magmpm.wording import report, show
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000
+MAX_BYTES = 200_000_000  # of the largest table there is, a map of half a million points with all digits
 MAX_MM = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
 
 
@@ -84,11 +86,13 @@ def read_lines(path: Path, start: str) -> list[str]:
     """Lines of a text file; `start` says how one begins, for messages. Raises TableError."""
     rule, remedy = "the table must be a readable text file", "check the path and its permissions"
     try:
-        return path.read_bytes().decode("utf-8-sig").splitlines()
+        return read_regular(path, MAX_BYTES).decode("utf-8-sig").splitlines()
     except FileNotFoundError:
         reason, remedy = "no such file", "check the path; it is relative to the file that names it"
     except UnicodeDecodeError:
         reason, remedy = "not a text file", start
+    except UnfitFile as error:
+        reason, rule, remedy = str(error.strerror), f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB", start
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from magmpm.errors import InputError, SceneError
+from magmpm.regular_file import UnfitFile, read_regular
 from magmpm.wording import Key, dotted, report, show, undotted
 
 MAX_BYTES = 1_000_000
@@ -108,11 +109,7 @@ def _read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise InputError(report(f"{path}: this is a folder", rule=_RULE, remedy="name a file in it"))
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            rule = f"the file must not exceed {MAX_BYTES} bytes"
-            raise InputError(report(str(path), received=f"{size} bytes", rule=rule, remedy=_START))
-        return path.read_bytes().decode("utf-8-sig")
+        return read_regular(path, MAX_BYTES).decode("utf-8-sig")
     except FileNotFoundError:
         siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, siblings, n=1)
@@ -123,6 +120,9 @@ def _read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
         raise InputError(report(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START)) from None
+    except UnfitFile as error:
+        rule = f"must be a regular file, and must not exceed {MAX_BYTES} bytes"
+        raise InputError(report(f"{path}: {error.strerror}", rule=rule, remedy=_START)) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         remedy = "check the path and its permissions"
