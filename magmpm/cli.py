@@ -7,19 +7,15 @@ Heavy imports stay inside the commands, so that `magmpm --help` answers at once.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
-from magmpm.motion_files import CHECKPOINT, forget
+from magmpm.cli_parts import of_file, print_summary, results_folder
+from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
-
-if TYPE_CHECKING:
-    from magmpm.results import Result
 
 HELP = """\
 Simulate magnetic soft catheters, and find the magnetisation that makes a wanted shape.
@@ -189,127 +185,10 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def results_folder(name: str) -> Path:
-    """runs/NAME for a scene or study of that name."""
-    return Path("runs") / name.replace(" ", "-")
-
-
-def writable(folder: Path) -> Path:
-    """The folder, made if missing, before the work whose results it takes. Raises InputError if it can't be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".magmpm-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"--out: received {folder}: results can't be written there ({error.strerror}); use another --out") from None
-    return folder
-
-
-@contextmanager
-def _of_file(path: str) -> Iterator[None]:
-    """What turns out to be wrong with a scene once it is built is told with its file and line, as what its loading finds."""
-    try:
-        yield
-    except SceneError as error:
-        from magmpm.yamlfile import placed
-
-        raise placed(error, path) from None
-
-
-def _print(options: argparse.Namespace, summary: dict[str, Any], text: str) -> None:
-    """The one JSON object, or the text for people."""
-    print(json.dumps(summary) if options.json else text)
-
-
 def _run(options: argparse.Namespace) -> int:
-    from magmpm.scene import load_scene
-    from magmpm.simulate import run
+    from magmpm.cli_run import run_scene
 
-    scene = load_scene(options.scene)
-    folder = writable(options.out or results_folder(scene.name))
-    dynamic = scene.solver.dynamic
-    if options.resume:
-        _say_if_afresh(folder, dynamic is not None)
-    with Progress(f"{scene.name}") as progress:
-
-        def tell(step: int, number: float) -> None:
-            if dynamic is None:
-                progress.note(f"Newton step {step}, energy gap {number:.0e}")
-            else:  # in thousandths, of which the time left is guessed
-                progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
-
-        try:
-            with _of_file(options.scene):
-                result = run(scene, folder=folder, resume=options.resume, on_progress=tell)
-        except SolveError as error:
-            if error.state is None:
-                raise
-            saved = _save(error.state, folder)
-            if options.json:
-                print(json.dumps({**error.state.summary(), "folder": str(folder), "reason": error.reason}))
-            raise SolveError(f"{error.reason}; the last good state is in {saved}", error.state) from None
-    _save(result, folder)
-    summary = {**result.summary(), "folder": str(folder)}
-    if options.render:
-        summary["files"] = _draw(folder, folder)
-        summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
-    _print(options, summary, _report(result, folder))
-    return 0
-
-
-def _say_if_afresh(folder: Path, moving: bool) -> None:
-    """--resume where there is nothing to go on from."""
-    if not moving:
-        print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)
-    elif not (folder / CHECKPOINT).exists():
-        print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
-
-
-def _save(result: Result, folder: Path) -> Path:
-    """Save a result, in place of an earlier one of either kind. Returns the folder."""
-    if result.formulation == "static":
-        forget(folder)
-    return result.save(folder)
-
-
-def _report(result: Result, folder: Path) -> str:
-    tip = ", ".join(f"{1e3 * x:.3f}" for x in result.tip)
-    seconds = result.seconds
-    lines = [
-        f"{result.name}: {_done(result)}",
-        f"  tip             ({tip}) mm",
-        f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}",
-        f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
-        f"{max(result.section.values()):.0e}",
-        f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
-        *(f"  warning         {warning}" for warning in result.warnings),
-        f"  saved in        {folder}",
-    ]
-    return "\n".join(lines)
-
-
-def _done(result: Result) -> str:
-    if result.formulation == "static":
-        return f"equilibrium in {result.iterations} Newton steps"
-    bounds = ", ".join(f"{name} {step:.3g}" for name, step in result.stable_steps.items())
-    rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
-    return (
-        f"{result.time:g} s of motion in {result.iterations} steps of {result.time_step:.3g} s ({result.formulation} formulation)\n"
-        f"  stable steps    {bounds} s\n"
-        f"  rate            {rate:.1f} million particle-steps a second, frames and looks included\n"
-        f"  energy          kinetic {result.kinetic_energy:.3g} J, potential {result.energy:.3g} J"
-    )
-
-
-def _draw(folder: Path, out: Path, **kind: Any) -> list[str]:
-    """Draw what a run left in a folder; the files."""
-    from magmpm.cli_render import render_run
-
-    files, note = render_run(folder, out, **kind)
-    if note:
-        print(note, file=sys.stderr)
-    return [str(path) for path in files]
+    return run_scene(options)
 
 
 def _design(options: argparse.Namespace) -> int:
@@ -325,15 +204,17 @@ def _accuracy(options: argparse.Namespace) -> int:
     from viz.plots import accuracy
 
     scene = load_scene(options.scene)
-    folder = writable(options.out or results_folder(scene.name))
-    with Progress(f"accuracy of {scene.name}") as progress, _of_file(options.scene):
-        ladder = climb(scene, run, _cells(options.cells) or LADDER, progress.at)
-    files = [
-        *save(ladder, folder),
-        accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name),
-    ]
+    cells = _cells(options.cells) or LADDER
+    folder = options.out or results_folder(scene.name)
+    with folder_lock(folder):
+        with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):
+            ladder = climb(scene, run, cells, progress.at)
+        files = [
+            *save(ladder, folder),
+            accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name),
+        ]
     summary = {**ladder.summary(), "files": [str(path) for path in files]}
-    _print(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
+    print_summary(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
     return 0
 
 
@@ -342,9 +223,9 @@ def _effects(options: argparse.Namespace) -> int:
     from studies.effects_table import survey
 
     scene = load_scene(options.scene)
-    with Progress(f"effects of {scene.name}") as progress, _of_file(options.scene):
+    with Progress(f"effects of {scene.name}") as progress, of_file(options.scene):
         table = survey(scene, measure=not options.quick, on_progress=progress.at)
-    _print(options, table.summary(), table.text())
+    print_summary(options, table.summary(), table.text())
     return 0
 
 
@@ -358,17 +239,10 @@ def _cells(text: str | None) -> list[int]:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from magmpm.cli_design import is_study, render_study
+    from magmpm.cli_render import render
 
-    folder = Path(options.result)
-    if is_study(folder):
-        drawn, note = render_study(folder, options.out or folder)
-        files = [str(path) for path in drawn]
-        if note:
-            print(note, file=sys.stderr)
-    else:
-        files = _draw(folder, options.out or folder, frames=options.frames, fps=options.fps)
-    _print(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
+    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps)
+    print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
     return 0
 
 
@@ -390,7 +264,7 @@ def _import(options: argparse.Namespace) -> int:
         *(f"  warning  {warning}" for warning in warnings),
         f"saved {options.output}; set its field, then: magmpm run {options.output}",
     ]
-    _print(options, summary, "\n".join(text))
+    print_summary(options, summary, "\n".join(text))
     return 0
 
 
@@ -399,7 +273,7 @@ def _prepare(options: argparse.Namespace) -> int:
 
     done = prepare(options.scenes)
     lines = [f"{'compiled' if each['compiled'] else 'ready':<9} {each['kernels']}" for each in done]
-    _print(options, {"kernels": done}, "\n".join(lines))
+    print_summary(options, {"kernels": done}, "\n".join(lines))
     return 0
 
 
@@ -417,7 +291,7 @@ def _stability(options: argparse.Namespace) -> int:
             outcomes.append(case.run())
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     summary = {"cases": [outcome.summary() for outcome in outcomes], "failed": failed}
-    _print(options, summary, table(outcomes))
+    print_summary(options, summary, table(outcomes))
     if failed:
         print(f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}", file=sys.stderr)
     return 3 if failed else 0

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import InputError
+from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
 
 if TYPE_CHECKING:
@@ -34,7 +35,11 @@ def design(options: argparse.Namespace) -> int:
 
     study = load_study(options.study)
     out = options.out or Path("runs") / study.name
-    with nullcontext() if options.no_pictures else Renderer() as renderer, Progress(study.name) as progress:
+    with (
+        folder_lock(out),  # until the pictures of the whole are there
+        nullcontext() if options.no_pictures else Renderer() as renderer,
+        Progress(study.name) as progress,
+    ):
         report = run_study(
             study,
             solve=run,

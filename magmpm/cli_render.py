@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import InputError
+from magmpm.folder_lock import folder_lock
+from magmpm.motion_files import ABOUT, MOTION
+from magmpm.results import NUMBERS
 
 if TYPE_CHECKING:
     from magmpm.motion import Motion
@@ -21,6 +25,35 @@ PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = (
     "energies.png",
     "frames",
 )
+
+
+def render(folder: Path, out: Path | None, *, frames: str | None = None, fps: float | None = None) -> list[str]:
+    """Draw what a run or a study left in a folder, into `out` or the folder itself; the files. A note of the renderer goes to stderr.
+
+    Raises InputError where there is nothing to draw or `out` can't be written, RenderError where nothing can be drawn.
+    """
+    from magmpm.cli_design import is_study, render_study
+
+    if is_study(folder):
+        with folder_lock(out or folder):
+            return _told(*render_study(folder, out or folder))
+    if not any((folder / name).exists() for name in (MOTION, NUMBERS)):
+        raise InputError(
+            f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
+        )
+    with folder_lock(out or folder):
+        return draw_run(folder, out or folder, frames=frames, fps=fps)
+
+
+def draw_run(folder: Path, out: Path, **kind: Any) -> list[str]:
+    """Draw what a run left in a folder into `out`; the files. Options as of `render_run`."""
+    return _told(*render_run(folder, out, **kind))
+
+
+def _told(files: list[Path], note: str) -> list[str]:
+    if note:
+        print(note, file=sys.stderr)
+    return [str(path) for path in files]
 
 
 def render_run(
@@ -66,8 +99,6 @@ def draw_result(result: Result, path: Path, renderer: Renderer) -> Path:
 def motion_of(folder: Path) -> Motion | None:
     """The motion in a folder, unless an equilibrium was saved there later."""
     from magmpm.motion import Motion
-    from magmpm.motion_files import ABOUT, MOTION
-    from magmpm.results import NUMBERS
 
     if not (folder / MOTION).exists():
         return None

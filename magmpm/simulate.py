@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ import numpy as np
 from magmpm import fields, measures, memory
 from magmpm.basis import Array
 from magmpm.errors import SolveError
+from magmpm.folder_lock import folder_lock
 from magmpm.model import Model, build
 from magmpm.results import Result
 from magmpm.scene import Scene
@@ -39,7 +41,8 @@ def run(
     start: result of a neighbouring static design on the same grid, to begin from; folder: where a motion's frames and checkpoints go
     (nowhere unless given), from which resume goes on; on_progress(step, number) is told of each Newton step and its energy decrement, or
     of a motion's steps and its time in s.
-    Raises InputError before the run; SolveError where no equilibrium is found or a motion goes wrong; its state is the last good Result
+    Raises InputError before the run, also where another process writes the folder.
+    Raises SolveError where no equilibrium is found or a motion goes wrong; its state is the last good Result
     (converged False), or None.
     """
     if scene.solver.dynamic is not None:
@@ -74,7 +77,8 @@ def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: 
             on_progress(steps, at)
 
     try:
-        moved = dynamics.follow(moved, folder=folder, resume=resume, on_progress=told)
+        with nullcontext() if folder is None else folder_lock(folder):
+            moved = dynamics.follow(moved, folder=folder, resume=resume, on_progress=told)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
         state = _moved_result(error.state, seconds, False) if isinstance(error.state, dynamics.Moved) else None

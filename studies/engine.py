@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from magmpm.errors import SolveError
+from magmpm.folder_lock import folder_lock
 from studies import records, report
 from studies.definition import Study
 from studies.report import StudyReport
@@ -22,7 +23,6 @@ from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
     claim_folder,
-    folder_lock,
     open_storage,
     open_study,
     shown_url,
@@ -64,7 +64,8 @@ def run_study(
     solve: from scene to Result; what it raises costs the trial the penalty. trials, sampler: in place of the study's; trials
     counts all trials, those of earlier runs included. A study that has reached its `stop` is done, however many trials are
     asked for. An interrupt (Ctrl-C) ends it with everything finished kept.
-    Raises InputError for a changed definition, an unusable sampler or storage; StorageError when the database is locked or gone.
+    Raises InputError for a changed definition, an unusable sampler or storage, and where another process writes the folder;
+    StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
     check_available(study.sampler)

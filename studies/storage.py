@@ -9,13 +9,12 @@ from __future__ import annotations
 import os
 import socket
 import sqlite3
-import time
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import InputError, MagmpmError
 from magmpm.wording import report
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 DATABASE = "study.db"
 OWNER = "study-name.txt"
-LOCK = ".lock"
 TIMEOUT = 60.0  # s to wait for a locked database
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind
 
@@ -221,31 +219,6 @@ def _alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
     return True
 
 
-@contextmanager
-def folder_lock(out: Path) -> Iterator[None]:
-    """Holds the results folder: one process at a time. The lock goes with the process, however it ends.
-
-    Raises StorageError when another process holds it, InputError when the folder can't be written.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        stream = (out / LOCK).open("a+")
-    except OSError as error:
-        rule, remedy = f"the folder must be writable ({error.strerror})", "use another --out"
-        raise InputError(report(str(out), rule=rule, remedy=remedy)) from None
-    with stream:
-        if not _try_lock(stream):
-            stream.seek(0)
-            holder = stream.read().strip()
-            rule = f"a study is running in this folder{f' (process {holder})' if holder else ''}"
-            remedy = "wait for it, end it, or use another --out"
-            raise StorageError(report(str(out), rule=rule, remedy=remedy))
-        stream.truncate(0)
-        stream.write(str(os.getpid()))
-        stream.flush()
-        yield
-
-
 def claim_folder(out: Path, name: str) -> None:
     """Makes the results folder this study's, whatever database its trials are in: two studies in one would mix their pictures.
 
@@ -257,18 +230,3 @@ def claim_folder(out: Path, name: str) -> None:
         rule = f"the folder holds the results of another study, {holder}; a study has a folder of its own"
         raise InputError(report(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"))
     path.write_text(name + "\n", encoding="utf-8")
-
-
-def _try_lock(stream: IO[str], patience: float = 2.0) -> bool:
-    """Tries for `patience` seconds: a process that has just been killed may need a moment to go."""
-    import fcntl
-
-    until = time.monotonic() + patience
-    while True:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except OSError:
-            if time.monotonic() > until:
-                return False
-            time.sleep(0.05)

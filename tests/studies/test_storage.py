@@ -17,15 +17,17 @@ from typing import Any
 
 import optuna
 import pytest
+from reference.folders import holding
 from rod_solve import STUDY, RodResult, solve, write_study
 from test_resume import trials_of
 
 from magmpm.errors import InputError
+from magmpm.folder_lock import FolderInUse
 from magmpm.scene import Scene
 from studies.definition import load_study
 from studies.engine import run_study
 from studies.report import StudyReport
-from studies.storage import STALE, StorageError, folder_lock, shown_url
+from studies.storage import STALE, StorageError, shown_url
 
 LOCKER = """\
 import sqlite3, sys
@@ -173,10 +175,7 @@ def test_a_study_someone_else_made_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_one_process_a_folder(tmp_path: Path) -> None:
-    with (
-        folder_lock(tmp_path / "out"),
-        pytest.raises(StorageError, match=f"running in this folder \\(process {os.getpid()}\\)"),
-    ):
+    with holding(tmp_path / "out") as pid, pytest.raises(FolderInUse, match=f"in use by process {pid} on "):
         run(tmp_path)
     assert run(tmp_path).trials == 8, "the lock goes with its process"
 

@@ -1,0 +1,119 @@
+"""One process at a time writes a folder of results; the second is told who does, and changes nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from reference.folders import holding
+from test_commands import SCENE, STUDY
+from test_motion_runs import environment, scene
+
+from magmpm import folder_lock as lock
+from magmpm.cli import main
+from magmpm.folder_lock import LOCK, FolderInUse, folder_lock
+from magmpm.motion import Motion
+from magmpm.motion_files import CHECKPOINT, ENERGIES
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lock, "PATIENCE", 0.1)
+
+
+def test_two_motions_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The second ends at once with status 2 and the first's number; the first goes on, and all it wrote is its own."""
+    path, out = scene(tmp_path, "duration: 100 s, output_every: 1 ms"), tmp_path / "out"
+    command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--out", str(out)]
+    with subprocess.Popen(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
+        try:
+            patience = time.monotonic() + 120
+            while not (out / CHECKPOINT).exists() and first.poll() is None and time.monotonic() < patience:
+                time.sleep(0.01)
+            for second in (["run", str(path)], ["run", str(path), "--resume"]):
+                assert main([*second, "--out", str(out)]) == 2
+                said = capsys.readouterr().err
+                assert f"{out}: in use by process {first.pid} on " in said
+                assert "\n  rule: " in said
+                assert "\n  remedy: wait for it, end it, or use another --out" in said
+            seen = len(Motion.load(out))
+            while len(Motion.load(out)) == seen and first.poll() is None and time.monotonic() < patience:
+                time.sleep(0.01)
+            assert first.poll() is None, "the first went on"
+        finally:
+            first.send_signal(signal.SIGKILL)
+    rows = (out / ENERGIES).read_text().splitlines()
+    times = [float(row.split(",")[0]) for row in rows[1:-1]]  # the last may be cut off
+    assert times == sorted(set(times)), "rows of one motion"
+    assert times[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"]],
+)
+def test_every_command_that_writes_a_folder_waits_its_turn(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
+    Path("scene.yaml").write_text(SCENE)
+    Path("study.yaml").write_text(STUDY)
+    Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n")
+    Path("out").mkdir()
+    if command[0] == "render":
+        assert main(["run", "scene.yaml", "--out", "out"]) == 0
+    capsys.readouterr()
+    before = sorted(Path("out").iterdir())
+    with holding(tmp_path / "out") as pid:
+        assert main([*command, "--out", "out"]) == 2
+        said = capsys.readouterr()
+        assert f"in use by process {pid} on " in said.err
+        assert " since 20" in said.err
+        assert said.out == ""
+    assert [path for path in sorted(Path("out").iterdir()) if path.name != LOCK] == [path for path in before if path.name != LOCK]
+
+
+def test_the_lock_goes_with_its_process(tmp_path: Path) -> None:
+    with holding(tmp_path) as pid:
+        os.kill(pid, signal.SIGKILL)
+        lock.PATIENCE = 5.0  # it may take the system a moment
+        with folder_lock(tmp_path):
+            pass
+
+
+def test_a_thread_may_take_it_again_and_another_may_not(tmp_path: Path) -> None:
+    """A command holds its folder, and so does the solver that it calls."""
+    found: list[BaseException] = []
+
+    def other() -> None:
+        try:
+            with folder_lock(tmp_path):
+                pass
+        except FolderInUse as error:
+            found.append(error)
+
+    with folder_lock(tmp_path):
+        with folder_lock(tmp_path / "." / ""):
+            pass
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+    assert f"process {os.getpid()} on" in str(found[0])
+    other()
+    assert len(found) == 1, "free again"
+
+
+def test_a_lock_of_someone_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file may hold anything: what matters is the lock on it."""
+    for text in ("", "null", "{", "4711"):
+        (tmp_path / LOCK).write_text(text)
+        monkeypatch.setattr(lock, "_try_lock", lambda stream: False)
+        with pytest.raises(FolderInUse, match="in use by another process"), folder_lock(tmp_path):
+            pass
