@@ -104,3 +104,10 @@ def written(folder: Path, frames: int = 9, spacing: float = 1e-3) -> Path:
     model = body(spacing)
     write(MotionWriter(folder, model), bending(model, np.linspace(0.0, 0.4, frames)))
     return folder
+
+
+def von_mises(cauchy: Array) -> Array:
+    """Von Mises stress (n,) Pa of the symmetric part of stresses (n, 3, 3) Pa: sqrt(3/2 s:s), s its deviator."""
+    s = 0.5 * (cauchy + cauchy.transpose(0, 2, 1))
+    s = s - np.trace(s, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("nij,nij->n", s, s)))
