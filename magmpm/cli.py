@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Run a design study; run it again to resume it.",
     )
     design.add_argument("study", metavar="STUDY", help="study file, such as data/studies/s_shape.yaml")
-    design.add_argument("--trials", type=int, metavar="N", help="trials in all, in place of the file's")
+    design.add_argument("--trials", type=int, metavar="N", help="trials in all, in place of the file's number and its `stop`")
     design.add_argument("--sampler", metavar="S", help="tpe, gp, cmaes or random, in place of the file's")
     design.add_argument(
         "--storage", metavar="URL", help="database of the trials [sqlite in the results folder]"

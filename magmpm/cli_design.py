@@ -77,6 +77,10 @@ def _trial_picture(renderer: Renderer) -> DrawTrial:
 
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
+    from studies.best_scene import SCENE
+    from studies.records import BEST
+    from studies.search_space import FIELD
+
     lines = [
         f"{report.name}: {report.trials} trials ({report.failed} failed), sampler {report.sampler}, seed {report.seed}"
     ]
@@ -86,6 +90,10 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         )
         for k, direction in enumerate(report.best["magnetization"] or [], 1):
             lines.append(f"    segment {k}      [{', '.join(f'{x:+.4f}' for x in direction)}]")
+        if FIELD[0] in report.best["params"]:
+            field = 1e3 * np.array(report.best["field_T"])
+            found = ", ".join(f"{x:+.4f}" for x in field)
+            lines.append(f"    field          [{found}] mT, {np.linalg.norm(field):.4g} mT in all")
     if report.stop_rms_m is not None:
         first = report.first_trial_below_stop
         lines.append(
@@ -95,8 +103,9 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")
     lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {report.out}")
     lines += [f"  saved            {path}" for path in files]
-    if report.ended == "interrupted":
-        lines.append("  interrupted; run the same command to go on")
+    if (scene := report.out / BEST / SCENE).exists():
+        lines.append(f"  best as a scene  magmpm run {scene} --render")
+    lines.append(f"  {report.why}")
     return "\n".join(lines)
 
 

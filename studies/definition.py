@@ -127,7 +127,8 @@ class Study:
     """A study with the scene and target it names. SI.
 
     path: the file; name: the file's name without its ending, which names the folder of results; target (m, 4) m: rows
-    [s, x, y, z]; field_max T or None (fixed field); stop_rms m or None.
+    [s, x, y, z]; field_max T or None (fixed field); stop_rms m or None; scene_file: the file of the scene, None for
+    a study made in Python.
     """
 
     path: Path
@@ -140,6 +141,7 @@ class Study:
     sampler: str
     seed: int
     stop_rms: float | None
+    scene_file: Path | None = None
 
     def changed(self, *, trials: int | None = None, sampler: str | None = None) -> Study:
         """The study with what a command line overrides. Raises InputError (NotThereYet for later samplers)."""
@@ -211,6 +213,7 @@ def load_study(path: Path | str) -> Study:
         sampler=file.sampler,
         seed=file.seed,
         stop_rms=None if file.stop is None else file.stop.rms,
+        scene_file=folder / file.scene,
     )
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from magmpm.errors import SolveError
 from magmpm.folder_lock import folder_lock
 from studies import records, report
+from studies.best_scene import write_best_scene
 from studies.definition import Study
 from studies.report import StudyReport
 from studies.samplers import check_available, make_sampler, settings
@@ -62,8 +63,8 @@ def run_study(
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
     solve: from scene to Result; what it raises costs the trial the penalty. trials, sampler: in place of the study's; trials
-    counts all trials, those of earlier runs included. A study that has reached its `stop` is done, however many trials are
-    asked for. An interrupt (Ctrl-C) ends it with everything finished kept.
+    counts all trials, those of earlier runs included, and whoever gives it gets them: the study then goes on past its
+    `stop`. An interrupt (Ctrl-C) ends it with everything finished kept.
     Raises InputError for a changed definition, an unusable sampler or storage, and where another process writes the folder;
     StorageError when the database is locked or gone.
     """
@@ -74,7 +75,7 @@ def run_study(
     with folder_lock(folder):
         claim_folder(folder, study.name)
         run = _Run(study, folder, url, storage_timeout)
-        ended = run.to_the_end(solve, picture, on_trial)
+        ended = run.to_the_end(solve, picture, on_trial, study.stop_rms if trials is None else None)
         if ended != "interrupted":
             run.keep_best(solve)
         summary = run.report(ended)
@@ -110,10 +111,13 @@ class _Run:
             return list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
 
     def to_the_end(
-        self, solve: Solve, picture: Picture | None, on_trial: Callable[[Trial], None] | None
+        self,
+        solve: Solve,
+        picture: Picture | None,
+        on_trial: Callable[[Trial], None] | None,
+        stop: float | None,
     ) -> report.Ended:
-        """Runs what trials are left. Returns why it ended."""
-        stop = self.study.stop_rms
+        """Runs what trials are left, or until one comes within `stop`, m. Returns why it ended."""
         while True:
             if stop is not None and self.best is not None and self.best <= stop:
                 return "stop"
@@ -192,10 +196,17 @@ class _Run:
         )
 
     def keep_best(self, solve: Solve) -> None:
-        """Sees that OUT/best holds the best trial; solves it again where its result is not in this folder."""
+        """Sees that OUT/best holds the best trial and its scene; solves it again where its result is not in this folder."""
         best = report.best_trial(self.finished())
-        if best is None or records.holds(self.out / records.BEST, best):
+        if best is None:
             return
+        if not records.holds(self.out / records.BEST, best):
+            self.replace_best(best, solve)
+        if records.holds(self.out / records.BEST, best):
+            write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
+
+    def replace_best(self, best: FrozenTrial, solve: Solve) -> None:
+        """Puts the best trial's result into OUT/best."""
         source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
         if not records.holds(source, best):
             try:

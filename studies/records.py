@@ -2,7 +2,7 @@
 
 OUT/pictures/trial_007.png    also an Optuna artifact of the trial, in OUT/artifacts, which the dashboard shows
 OUT/improvements/007/         result and design of a trial that was the best when it ran
-OUT/best/                     the same of the best trial
+OUT/best/                     the same of the best trial, and its scene as a file that runs, scene.yaml
 """
 
 from __future__ import annotations

@@ -43,9 +43,22 @@ class StudyReport:
     rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
     failed_trials: list[int]  # places of those in rms_m
 
+    @property
+    def why(self) -> str:
+        """Why the study is not running any more, and how it goes on: one sentence."""
+        if self.ended == "interrupted":
+            return "interrupted; run the same command to go on"
+        more = f"for more, give a number of trials beyond that, such as --trials {2 * self.trials}"
+        if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
+            return f"{self.trials} trials are done, and {self.wanted} were asked for; {more}"
+        return (
+            f"stopped after trial {self.first_trial_below_stop}, because its rms is within `stop`, "
+            f"{1e3 * self.stop_rms_m:g} mm, with {self.trials} trials done; {more}"
+        )
+
     def summary(self) -> dict[str, Any]:
         """What `magmpm design --json` prints."""
-        return {**asdict(self), "out": str(self.out)}
+        return {**asdict(self), "out": str(self.out), "why": self.why}
 
     def save(self) -> Path:
         """Writes the summary to OUT/study.json, whole or not at all. Returns the path."""

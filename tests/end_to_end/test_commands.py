@@ -123,6 +123,27 @@ def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[st
     assert more["trials"] == 4
 
 
+def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The text and the JSON hold the field; `best/scene.yaml` gives the trial's result; at `stop` it says so, and how to go on."""
+    study = STUDY.replace("{magnetization: {}}", "{magnetization: {}, field: {max: 10 mT}}").replace("0.001 mm", "1 m")
+    (folder / "study.yaml").write_text(study)
+    assert main(["design", "study.yaml", "--no-pictures"]) == 0
+    text = capsys.readouterr().out
+    assert "stopped after trial 0, because its rms is within `stop`, 1000 mm" in text
+    assert main(["design", "study.yaml", "--json", "--trials", "2", "--no-pictures"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["trials"] == 2, "asked for, and so done past `stop`"
+    assert main(["design", "study.yaml", "--no-pictures"]) == 0
+    text = capsys.readouterr().out
+    field = 1e3 * np.array(found["best"]["field_T"])
+    assert f"field          [{', '.join(f'{x:+.4f}' for x in field)}] mT, {np.linalg.norm(field):.4g} mT in all" in text
+    assert "magmpm run runs/study/best/scene.yaml --render" in text
+    assert main(["run", "runs/study/best/scene.yaml", "--json"]) == 0
+    tip = json.loads(capsys.readouterr().out)["tip"]
+    kept = Result.load("runs/study/best").tip
+    assert tip == pytest.approx(kept.tolist(), abs=1e-9)  # 1e-11 of the energy is what a solve ends at
+
+
 def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`render` needs only the folder."""
     assert main(["run", "scene.yaml"]) == 0

@@ -153,12 +153,21 @@ def test_what_is_done_does_nothing(tmp_path: Path) -> None:
     assert fewer.trials == 8, "trials that are there stay"
 
 
-def test_stop_reached_is_done_even_with_more_trials(tmp_path: Path) -> None:
+def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
+    """The reason names trial and remedy; a number of trials that is asked for is run, past `stop`."""
     path = write_study(tmp_path, STUDY + "stop: {rms: 30 mm}\n")  # any catheter is within 30 mm
     first = run_study(load_study(path), solve=solve, out=tmp_path / "out")
     assert (first.trials, first.ended, first.first_trial_below_stop) == (1, "stop", 0)
-    again = run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=20)
+    assert first.why.startswith("stopped after trial 0, because its rms is within `stop`, 30 mm")
+    assert "--trials 2" in first.why
+    again = run_study(load_study(path), solve=solve, out=tmp_path / "out")
     assert (again.trials, again.ended) == (1, "stop")
+    past = run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=5)
+    assert (past.trials, past.ended, past.first_trial_below_stop) == (5, "trials", 0)
+    assert past.rms_m[0] == first.rms_m[0]
+    enough = run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=3)
+    assert (enough.trials, enough.ended) == (5, "trials")
+    assert enough.why.startswith("5 trials are done, and 3 were asked for")
     path.write_text(STUDY + "stop: {rms: 0.001 mm}\n")  # stop may change: it is not part of the definition
     more = run_study(load_study(path), solve=solve, out=tmp_path / "out")
     assert (more.trials, more.ended, more.first_trial_below_stop) == (8, "trials", None)

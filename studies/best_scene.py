@@ -1,0 +1,93 @@
+"""The scene of a study's best design as a file that runs: the study's own scene with what the study found put in.
+
+It is written from the scene's file, with its units and words, rather than from the numbers inside; paths in it are
+mended, because a scene's paths are relative to its own file.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from magmpm.inputs import read_yaml
+from magmpm.meshes import PREFIX
+from studies.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    from studies.definition import Study
+
+SCENE = "scene.yaml"
+PATHS = frozenset({"mesh", "table", "centreline", "path"})  # keys whose text names a file
+
+
+def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]) -> Path | None:
+    """Write the scene of a design into a folder. Returns the file, or None for a study that was made in Python.
+
+    best: {number, rms_m, params} of the trial. The file is whole or not there; one that says the same is left alone.
+    """
+    if study.scene_file is None:
+        return None
+    path = folder / SCENE
+    text = _head(study, best, path) + yaml.safe_dump(
+        _content(study, study.scene_file, space, best["params"], folder),
+        sort_keys=False,
+        default_flow_style=None,
+        width=120,
+        allow_unicode=True,
+    )
+    if path.exists() and path.read_text(encoding="utf-8") == text:
+        return path
+    part = path.with_suffix(".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
+    """What the file is, where it comes from and how it runs."""
+    assert study.scene_file is not None
+    made_of = _from_folder(study.scene_file, path.parent)
+    return (
+        f"# The best design of the study {study.name}: trial {best['number']}, rms {1e3 * best['rms_m']:.4g} mm from the wanted shape.\n"
+        f"# `magmpm design` made it of {made_of}, and writes it anew when a trial is better: copy it before you change it.\n"
+        "#\n"
+        f"#   magmpm run {path} --render\n\n"
+    )
+
+
+def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str, float], folder: Path) -> dict[str, Any]:
+    """The scene's file as data, with the design in it and paths relative to `folder`."""
+    content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
+    content["name"] = f"{study.name} best"[:100]
+    if space.segments:
+        directions = space.directions(found)
+        pieces = space.scene.pieces()
+        for i in space.segments:
+            place = content["body"]
+            for key in pieces[i].at:
+                place = place[key]
+            place["magnetization"] = directions[i].tolist()
+    if space.field_max is not None:
+        uniform = [f"{1e3 * component:.15g} mT" for component in space.field(found).tolist()]
+        content["field"] = {**content.get("field", {}), "uniform": uniform}
+    return content
+
+
+def _mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:
+    """The same data, with paths that were relative to the folder `old` relative to `new`."""
+    if isinstance(value, Mapping):
+        return {name: _mended(item, old, new, name) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_mended(item, old, new) for item in value]
+    if key in PATHS and isinstance(value, str) and not value.startswith(PREFIX):
+        return value if Path(value).is_absolute() else _from_folder(old / value, new)
+    return value
+
+
+def _from_folder(path: Path, folder: Path) -> str:
+    """A path as a file in `folder` names it."""
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
