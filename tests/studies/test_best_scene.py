@@ -68,7 +68,7 @@ def test_relative_paths_are_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write_stl(BOX, tmp_path / "vessel.stl")
     s = np.linspace(0, 0.04, 5)
     write_centreline(tmp_path / "known.csv", np.column_stack([s, s, 0 * s, 0 * s]))
-    scene = SCENE.replace("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}, walls: {surface: {mesh: vessel.stl, unit: mm}}}")
+    scene = SCENE.replace("{magnetic_torque: {}}", "{magnetic_torque: {}, walls: {surface: {mesh: vessel.stl, unit: mm}}}")
     scene += "solver: {dynamic: {duration: 1 s}}\nreference: {centreline: known.csv}\n"
     report, file = best_of(tmp_path, scene=scene)
     found = same_answer(report, file, monkeypatch)
