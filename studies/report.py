@@ -48,12 +48,12 @@ class StudyReport:
         """Why the study is not running any more, and how it goes on: one sentence."""
         if self.ended == "interrupted":
             return "interrupted; run the same command to go on"
-        more = f"for more, give a number of trials beyond that, such as --trials {2 * self.trials}"
+        done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
         if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
-            return f"{self.trials} trials are done, and {self.wanted} were asked for; {more}"
+            return f"{done}, and {self.wanted} {'were' if self.wanted != 1 else 'was'} asked for; for more, say, --trials {2 * self.trials}"
         return (
             f"stopped after trial {self.first_trial_below_stop}, because its rms is within `stop`, "
-            f"{1e3 * self.stop_rms_m:g} mm, with {self.trials} trials done; {more}"
+            f"{1e3 * self.stop_rms_m:g} mm ({done}); to go on past it, say, --trials {2 * self.trials}"
         )
 
     def summary(self) -> dict[str, Any]:
