@@ -215,7 +215,7 @@ def dashboard(folder: Path, port: int) -> int:
         raise InputError(f"--port: received {port}; must be between 1 and 65535")
     if find_spec("optuna_dashboard") is None:
         raise InputError(
-            "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
+            "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
         )
     from optuna.artifacts import FileSystemArtifactStore
     from optuna_dashboard import run_server

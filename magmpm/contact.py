@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from magmpm.errors import SceneError
 from magmpm.jit import compiled
 from magmpm.mesh_bodies import grid_of_parts, part_particles
 from magmpm.scene import Scene
+from magmpm.wording import dotted
 
 THROWN = 0.1  # m/s
 SHARE = 0.7  # of the explicit limit 2 / w: with it, 0.8 of the smaller of body's and contact's steps is stable for both at once
@@ -133,16 +134,25 @@ def stable_step(stiffness: float) -> float:
     return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
 
 
-def refuse_overlap(key: str, depth: float, energy: float, mass: float, remedy: str) -> None:
+def place(model: Any, particle: int) -> str:
+    """Which piece of the body a particle is in, and where, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
+    piece = model.scene.pieces()[model.particles.segment[particle]]
+    at = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[particle] + 0.0)
+    return f"{piece.name} ({dotted(('body', *piece.at))}), at ({at}) mm"
+
+
+def refuse_overlap(key: str, obstacle: str, model: Any, particle: int, depth: float, energy: float, remedy: str) -> None:
     """A body that begins within an obstacle would be thrown out of it: SceneError where that is faster than THROWN.
 
-    depth m: its deepest; energy J: of the contact; mass kg: of the body.
+    key: of the effect; obstacle: in words; particle: the deepest, depth m; energy J: of the contact.
     """
+    mass = float(model.density @ model.particles.volume)
     speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
     if speed > THROWN:
         raise SceneError(
             f"effects.{key}",
-            found=f"the body begins {1e3 * depth:.3g} mm inside, and would be thrown out at {speed:.2g} m/s",
+            found=f"the body begins {1e3 * depth:.3g} mm inside {obstacle}, deepest with {place(model, particle)}, and would be thrown "
+            f"out at {speed:.2g} m/s",
             rule="a body must begin clear of it, or just touching",
             remedy=f"{remedy}, by {1e3 * depth:.3g} mm or more",
         )

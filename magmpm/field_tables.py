@@ -23,12 +23,14 @@ _MAP = {
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
 _NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as field_parts.Keyframe has them
 _FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
+_MEASURED = (-100.0, 100.0, "-100 T", "100 T")  # no magnet or coil that a robot is near has more: a larger value is a mistaken unit
 _BOUNDS = {
     "time": (0.0, 1e6, "0 s", "1e6 s"),
     "strength": _NUMBER,
     **dict.fromkeys(("Bx", "By", "Bz"), _FLUX),
     **dict.fromkeys("xyz", _PLACE),
 }
+_MAP_BOUNDS = {**dict.fromkeys(("Bx", "By", "Bz"), _MEASURED), **dict.fromkeys("xyz", _PLACE)}
 _START_MAP = "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid point"
 _START_SCHEDULE = "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
 
@@ -41,7 +43,7 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
-    names, rows, lines = _read(path, _MAP, _START_MAP, MAX_NODES)
+    names, rows, lines = _read(path, _MAP, _START_MAP, MAX_NODES, bounds=_MAP_BOUNDS)
     missing = [name for name in _MAP if name not in names]
     if missing:
         rule = f"a map has the columns x, y, z, Bx, By and Bz; {', '.join(missing)} is missing"

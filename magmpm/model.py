@@ -145,7 +145,7 @@ def build(scene: Scene, *, shift: tuple[float, float] = (0.0, 0.0)) -> Model:
     if scene.effects.in_a_field:
         fields.of(scene).check_at_rest(particles.position, moving=not scene.static)
     ratio = np.array([material.bulk_to_shear for material in materials])
-    averaged = scene.solver.static.anti_locking == "f-bar"
+    averaged = scene.solver.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
     model = Model(
         scene=scene,

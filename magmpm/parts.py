@@ -8,12 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import (
-    Field,
-    field_validator,
-)
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.inputs import Part, Quantity, fault
+from magmpm.inputs import Part, Quantity, fault, from_file
 from magmpm.solvers import DynamicOptions
 from magmpm.surroundings import Damping, Feed, Ground, SelfContact, Viscosity, Walls
 from magmpm.vectors import three
@@ -152,11 +149,6 @@ class Effects(Part):
 class StaticOptions(Part):
     """Equilibrium: how it is sought."""
 
-    anti_locking: Literal["f-bar", "none"] = Field(
-        default="f-bar",
-        description="Cure for volumetric locking: f-bar (unless given) or none.",
-        examples=["f-bar"],
-    )
     tolerance: float = Field(
         default=1e-11,
         strict=True,
@@ -185,16 +177,31 @@ class StaticOptions(Part):
 
 
 class Solver(Part):
-    """Statics or dynamics."""
+    """Statics or dynamics, one of them, and the settings that both share."""
 
+    anti_locking: Literal["f-bar", "none"] = Field(
+        default="f-bar",
+        description="Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or none.",
+        examples=["f-bar"],
+    )
     static: StaticOptions = Field(
-        default=StaticOptions(), description="Equilibrium: {} for the usual settings.", examples=[{}]
+        default=StaticOptions(), description="Equilibrium: {} for the usual settings; give this or `dynamic`.", examples=[{}]
     )
     dynamic: DynamicOptions | None = Field(
         default=None,
-        description="Motion in time, from rest: at least {duration: 0.5 s}.",
+        description="Motion in time, from rest: at least {duration: 0.5 s}; give this or `static`.",
         examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
     )
+
+    @model_validator(mode="after")
+    def _one_solver(self, info: ValidationInfo) -> Solver:
+        """A motion has no use for settings of equilibrium; plain SI data hold both, with the usual settings of statics."""
+        if self.dynamic is not None and "static" in self.model_fields_set and (from_file(info) or self.static != StaticOptions()):
+            raise fault(
+                "give `static` or `dynamic`, one of them: a scene is solved for its equilibrium or for its motion",
+                "remove one of them; what both use, `anti_locking`, stands beside them in `solver`",
+            )
+        return self
 
 
 class Resolution(Part):

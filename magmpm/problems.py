@@ -39,11 +39,10 @@ class Problem:
         """Length of the catheter, m."""
         return float(self.content["body"]["catheter"]["length"])
 
-    def scene(self, cells_across: int, **solver: Any) -> Scene:
-        """The scene at this resolution; solver: settings of `solver.static`."""
-        return Scene.from_si(
-            {**self.content, "resolution": {"cells_across": cells_across}, "solver": {"static": solver}}
-        )
+    def scene(self, cells_across: int, anti_locking: str = "f-bar", **static: Any) -> Scene:
+        """The scene at this resolution; anti_locking: of `solver`; static: settings of `solver.static`."""
+        solver = {"anti_locking": anti_locking, "static": static}
+        return Scene.from_si({**self.content, "resolution": {"cells_across": cells_across}, "solver": solver})
 
 
 def finite_element_problems(path: Path) -> dict[str, Problem]:

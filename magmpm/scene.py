@@ -28,6 +28,7 @@ from pydantic import (
 
 from magmpm.errors import InputError
 from magmpm.field_parts import FieldSource
+from magmpm.folder_names import folder_fault
 from magmpm.inputs import Key, Part, fault, folder_of, from_file, read_yaml, validate
 from magmpm.parts import (
     Effects,
@@ -71,7 +72,6 @@ NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.
     "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
     "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic, where either may act alone",
 )
-_FORBIDDEN = frozenset('/\\<>:"|?*')  # in a folder's name, on some system or other
 
 
 class FrozenDict(dict[K, V]):
@@ -163,12 +163,9 @@ class Scene(Part):
     @field_validator("name")
     @classmethod
     def _folder_name(cls, name: str) -> str:
-        bad = [c for c in name if c in _FORBIDDEN or not c.isprintable()]
-        if bad or name != name.strip() or name.startswith("."):
-            raise fault(
-                "must be usable as the name of a folder",
-                f"avoid {' '.join(sorted(_FORBIDDEN))} and a dot in front",
-            )
+        found = folder_fault(name)
+        if found is not None:
+            raise fault(*found)
         return name
 
     @model_validator(mode="after")

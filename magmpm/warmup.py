@@ -85,7 +85,7 @@ def describe(scene: Scene) -> str:
 
 def _kinds(scene: Scene) -> str:
     """What tells one set of kernels from another."""
-    about = [scene.solver.static.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
+    about = [scene.solver.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
     return json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from magmpm.errors import InputError, NotThereYet
+from magmpm.folder_names import folder_fault
 from magmpm.inputs import Part, Quantity, fault, validate
 from magmpm.scene import Scene, load_scene
 from magmpm.tables import read_centreline
@@ -188,6 +189,7 @@ def load_study(path: Path | str) -> Study:
     Raises InputError (NotThereYet for what a later version brings) naming file, line, key, value, rule and remedy.
     """
     document = read_yaml(path)
+    _check_name(document.path)
     file = validate(StudyFile, document)
     if file.sampler in LATER_SAMPLERS:
         check_sampler_name(file.sampler, _place(document, "sampler"))
@@ -215,6 +217,14 @@ def load_study(path: Path | str) -> Study:
         stop_rms=None if file.stop is None else file.stop.rms,
         scene_file=folder / file.scene,
     )
+
+
+def _check_name(path: Path) -> None:
+    """The file's name names the folder of results: `..yaml` would name the folder of all of them."""
+    found = folder_fault(path.stem)
+    if found is not None:
+        place, received = f"{path}: its name without the ending names the folder of results", f'"{path.stem}"'
+        raise InputError(report(place, received=received, rule=found[0], remedy=f"rename the file; {found[1]}"))
 
 
 def check_sampler_name(name: str, place: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from viz.process import RenderError
 
-NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install 'magmpm[render]'."
+NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install -e '.[render]' in the checkout of magmpm."
 
 _LEAN = ("-x264-params", "rc-lookahead=2:sync-lookahead=0:ref=1:bframes=0")
 

@@ -97,14 +97,17 @@ def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
 
 @compiled
 def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
-    count, deepest, squares = 0, 0.0, 0.0
+    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J); adds to force (3,) N."""
+    count, worst, deepest, squares = 0, -1, 0.0, 0.0
     for p in range(len(mass)):
         below = depth(effect, x[p])
         if below > 0.0:
             contact(effect, data, x[p], v[p], mass[p], dt, force)
-            count, deepest = count + 1, max(deepest, below)
+            count += 1
+            if below > deepest:
+                worst, deepest = p, below
             squares += mass[p] * below**2
-    return count, deepest, 0.5 * effect.ground_stiffness * squares
+    return count, worst, deepest, 0.5 * effect.ground_stiffness * squares
 
 
 def report(
@@ -117,15 +120,16 @@ def report(
 ) -> Contact:
     """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
     force = np.zeros(3)
-    count, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
+    count, _, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
     return Contact(force=force, count=count, depth=deepest)
 
 
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     """Raises SceneError where the body begins below the plane."""
     x, mass = model.particles.position, model.density * model.particles.volume
-    _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
-    law.refuse_overlap("ground", deepest, energy, mass.sum(), "move the plane's `point` away from the body")
+    _, worst, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
+    remedy = "move the plane's `point` away from the body"
+    law.refuse_overlap("ground", "the ground", model, worst, deepest, energy, remedy)
 
 
 register(DTYPE, wide=("near",), contact=contact, near=near)

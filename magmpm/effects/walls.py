@@ -155,14 +155,17 @@ def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
 
 @compiled
 def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
-    count, deepest, squares = 0, 0.0, 0.0
+    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J); adds to force (3,) N."""
+    count, worst, deepest, squares = 0, -1, 0.0, 0.0
     for p in range(len(mass)):
         beyond = depth(effect, data, x[p])[0]
         if beyond > 0.0:
             contact(effect, data, x[p], v[p], mass[p], dt, force)
-            count, deepest = count + 1, max(deepest, beyond)
+            count += 1
+            if beyond > deepest:
+                worst, deepest = p, beyond
             squares += mass[p] * beyond**2
-    return count, deepest, 0.5 * effect.walls_stiffness * squares
+    return count, worst, deepest, 0.5 * effect.walls_stiffness * squares
 
 
 def report(
@@ -175,7 +178,7 @@ def report(
 ) -> Contact:
     """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
     force = np.zeros(3)
-    count, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
+    count, _, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
     return Contact(force=force, count=count, depth=deepest)
 
 
@@ -183,17 +186,16 @@ def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     """Raises SceneError where the body begins beyond the wall."""
     out = -_room(model.scene, model.particles.position)
     if out.max() > law.cell_size(model.scene):  # less is an overlap, below
-        place = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[out.argmax()])
         far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
         raise SceneError(
             "effects.walls",
-            found=f"the body begins {far}outside the lumen, at ({place}) mm",
+            found=f"the body begins {far}outside the lumen, farthest with {law.place(model, int(out.argmax()))}",
             rule="the body must begin within the lumen",
             remedy="make the lumen wider, or move it to the body",
         )
     x, mass = model.particles.position, model.density * model.particles.volume
-    _, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
-    law.refuse_overlap("walls", deepest, energy, mass.sum(), "make the lumen wider, or move it")
+    _, worst, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
+    law.refuse_overlap("walls", "the wall", model, worst, deepest, energy, "make the lumen wider, or move it")
 
 
 register(DTYPE, contact=contact, near=near)

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 ARCS = 48  # of a coil's wire, each in a box of its own
 NEAREST = 0.5  # of the undeformed body's distance from a magnet: how near a cloud of dipoles is made good for
 SWEPT = 3.0  # times the body's reach: a table larger than this is for sources that turn or travel, which clouds of dipoles suit better
+ROUNDING = 1e-3  # of a map's spacing: what its planes may be off by (field_tables), and its margin with them
 ODD = 0.05  # of grad B: curl or divergence of a measured map that is worth a warning
 
 
@@ -256,13 +257,16 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
     spacing = np.array(grid.spacing)
     lower = np.array(grid.lower) + source.map.position
     box = Box(lower, lower + spacing * (np.array(grid.shape) - 1))
-    if not (np.all(seen.lower - spacing >= box.lower) and np.all(seen.upper + spacing <= box.upper)):
+    short = np.maximum(box.lower - (seen.lower - spacing), seen.upper + spacing - box.upper)  # m, along x, y, z
+    if np.any(short > ROUNDING * spacing):
+        worst = int(np.argmax(short))
         rule = (
             f"a map must cover the undeformed body, {seen.text()} as the map sees it, with a margin of one of its spacings "
             f"({', '.join(f'{1e3 * h:.3g}' for h in spacing)} mm)"
         )
         remedy = "measure or compute a larger map, or place it with field.map.position"
-        raise SceneError("field.map", found=f"the map reaches over {box.text()}", rule=rule, remedy=remedy)
+        found = f"the map reaches over {box.text()}, and lacks {1e3 * short[worst]:.3g} mm along {'xyz'[worst]}"
+        raise SceneError("field.map", found=found, rule=rule, remedy=remedy)
     packed, errors = table.of_values(lower, spacing, grid.array())
     warnings = [
         f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field has none; its force is as wrong as that"

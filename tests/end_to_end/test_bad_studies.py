@@ -56,6 +56,20 @@ def test_the_command_ends_with_status_2(
     assert not out.exists(), "nothing is left behind"
 
 
+@pytest.mark.parametrize("name", ["..yaml", "...yaml", "a\tb.yaml"])
+def test_a_study_is_named_as_a_folder_can_be(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`..yaml` would write its results into runs/ itself, `...yaml` beside it."""
+    monkeypatch.chdir(tmp_path)
+    write_good(tmp_path).rename(tmp_path / name)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["design", name, "--no-pictures"]) == 2
+    said = capsys.readouterr().err
+    assert all(part in said for part in (name, "names the folder of results", "\n  rule: ", "\n  remedy: rename the file"))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

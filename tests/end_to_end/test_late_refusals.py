@@ -39,7 +39,8 @@ TURNING = (
     [
         (FIELD, "ground: {point: [0 mm, 0 mm, 1 mm]}", '11: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
          ("the body begins 3 mm inside", "just touching", "away from the body")),
-        (FIELD, TUBE, '11: effects.walls: received {"tube": {"radius": "3 mm"', ("outside the lumen, at (", "make the lumen wider")),
+        (FIELD, TUBE, '11: effects.walls: received {"tube": {"radius": "3 mm"',
+         ("outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (", "make the lumen wider")),
         (NEAR, EFFECT, '9: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]', ("nearer than a cell", "move the dipole")),
         (TURNING, EFFECT, '7: field.magnet: received {"cylinder": {',
          ("the magnet, centre (", " s, is in the box around the body", "move the magnet")),

@@ -30,6 +30,7 @@ def rod_scene(
     gravity: Sequence[float] | None = None,
     cells: int = 2,
     particles: int = 2,
+    anti_locking: str = "f-bar",
     **static: Any,
 ) -> Scene:
     """A clamped catheter. shear: one value, or one a segment; field (3,) T, gravity (3,) m/s^2: None leaves
@@ -72,7 +73,7 @@ def rod_scene(
             },
             "field": {"uniform": [0.0, 0.0, 0.0] if field is None else list(map(float, field))},
             "effects": effects,
-            "solver": {"static": static},
+            "solver": {"anti_locking": anti_locking, "static": static},
             "resolution": {"cells_across": cells, "particles_per_cell": particles},
         }
     )

@@ -19,7 +19,7 @@ from rod_solve import solve, write_study
 from studies.definition import load_study
 from studies.engine import run_study
 
-pytest.importorskip("optuna_dashboard", reason="an extra: pip install 'magmpm[dashboard]'")
+pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
 
 SERVE = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
 

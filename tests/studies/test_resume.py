@@ -31,7 +31,7 @@ samplers = pytest.mark.parametrize(
             name,
             marks=pytest.mark.skipif(
                 name == "gp" and importlib.util.find_spec("torch") is None,
-                reason="the GP sampler needs torch, an extra: pip install 'magmpm[gp]'",
+                reason="the GP sampler needs torch, an extra: pip install -e '.[gp]'",
             ),
         )
         for name in SAMPLERS
@@ -181,7 +181,7 @@ def test_missing_extra_is_said_before_any_trial(
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a)
     )
-    with pytest.raises(InputError, match=rf"pip install 'magmpm\[{sampler}\]'"):
+    with pytest.raises(InputError, match=rf"pip install -e '\.\[{sampler}\]'"):
         check_available(sampler)
     study = load_study(write_study(tmp_path))
     with pytest.raises(InputError, match=module):

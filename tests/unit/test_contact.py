@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -215,6 +216,25 @@ def test_a_body_in_the_ground_is_refused() -> None:
         build(scene(ground={"point": ["0 mm", "0 mm", "-1.5 mm"]}))
 
 
+@pytest.mark.parametrize(
+    ("obstacle", "inside", "at"),
+    [
+        ({"ground": {"point": ["0 mm", "0 mm", "-2 mm"], "normal": [-0.2, 0, 1]}}, "the ground", lambda x: x[0] > 0 and x[2] < 0),
+        ({"walls": {"tube": {"radius": "3 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["30 mm", "0 mm", "3 mm"]]}}},
+         "the wall", lambda x: x[0] > 6 and x[2] < 0),
+    ],
+    ids=["ground", "walls"],
+)  # fmt: skip
+def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
+    """Which obstacle, which segment by its key, and where: the tip's lower side in both, whose plane or tube rises along x."""
+    named = validate(Effects, obstacle, "example.yaml")
+    with pytest.raises(InputError) as caught:
+        build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))
+    found = re.search(rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at \(([^)]*)\) mm", str(caught.value))
+    assert found is not None, str(caught.value)
+    assert at([float(c) for c in found[1].split(", ")])
+
+
 def test_a_body_outside_its_tube_is_refused() -> None:
     def tube(radius: str, height: str) -> dict[str, Any]:
         ends = [["-10 mm", "0 mm", height], ["30 mm", "0 mm", height]]
@@ -223,7 +243,7 @@ def test_a_body_outside_its_tube_is_refused() -> None:
     build(scene(walls=tube("3 mm", "0 mm")))
     build(scene(walls=tube("3 mm", "-1 mm")))  # just touching
     with pytest.raises(
-        InputError, match=r"effects.walls: the body begins .* mm outside the lumen, at \(.*\n.*\n.*remedy"
+        InputError, match=r"effects.walls: the body begins .* mm outside the lumen, farthest with segment 1 \(.*\), at \(.*\n.*\n.*remedy"
     ):
         build(scene(walls=tube("3 mm", "60 mm")))
     with pytest.raises(

@@ -375,7 +375,7 @@ def test_without_ffmpeg_the_movie_is_a_gif(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     made = motion_movie.movie(play, tmp_path / "movie.mp4", flat, size=SIZE)
     assert made.path.name == "movie.gif"
-    assert "magmpm[render]" in made.note
+    assert "'.[render]'" in made.note
     with Image.open(made.path) as gif:
         assert gif.n_frames == len(play)  # type: ignore[attr-defined]
 

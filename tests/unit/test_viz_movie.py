@@ -61,7 +61,7 @@ def test_without_ffmpeg_a_gif_is_written_and_said(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     made = movie.best_shapes_movie(shapes(), tmp_path / "best.mp4", renderer, size=SIZE)
     assert made.path.name == "best.gif"
-    assert "pip install 'magmpm[render]'" in made.note
+    assert "pip install -e '.[render]'" in made.note
     with Image.open(made.path) as gif:
         assert gif.n_frames == 3  # type: ignore[attr-defined]
         assert gif.size == (SIZE[0] // 2, SIZE[1] // 2)

@@ -14,6 +14,7 @@ from reference.scenes import rod_scene
 from magmpm import fields
 from magmpm.errors import InputError, SolveError
 from magmpm.field_parts import Grid3
+from magmpm.model import build
 from magmpm.rod import solve_rod
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
@@ -118,9 +119,22 @@ def test_a_map_that_does_not_cover_the_body_is_refused() -> None:
     scene = load_scene(ROOT / "data/scenes/pulled_by_map.yaml")
     data = scene.to_si()
     data["field"]["map"]["position"] = (60e-3, 0, 20e-3)
-    says = r"field.map: the map reaches over -30 to 42, -28 to 28, -8 to 48 mm\n  rule: .* 0 to 40, .*margin"
+    says = r"field.map: the map reaches over -30 to 42, -28 to 28, -8 to 48 mm, and lacks 2 mm along x\n  rule: .* 0 to 40, .*margin"
     with pytest.raises(InputError, match=says):
         run(Scene.from_si(data))
+
+
+def test_a_map_that_covers_the_body_to_rounding_is_taken() -> None:
+    """Planes a millionth of a millimetre off their places: what tables of rounded coordinates have."""
+    data = load_scene(ROOT / "data/scenes/pulled_by_map.yaml").with_cells(2).to_si()
+    grid = data["field"]["map"]["table"]
+    data["field"]["map"]["position"][0] -= grid["lower"][0] + data["field"]["map"]["position"][0] + grid["spacing"][0]  # the margin, just
+    build(Scene.from_si(data))
+    data["field"]["map"]["position"][0] += 1e-9
+    build(Scene.from_si(data))
+    data["field"]["map"]["position"][0] += 0.01 * grid["spacing"][0]
+    with pytest.raises(InputError, match=r"lacks 0\.0\d+ mm along x"):
+        build(Scene.from_si(data))
 
 
 def test_a_map_with_curl_is_warned_of() -> None:
