@@ -114,13 +114,16 @@ def _updated_rest(small: Scene) -> None:
 
 
 def _measured(small: Scene) -> None:
-    from magmpm.dynamics import energies
+    from magmpm.dynamics import energies, watchdog
+    from magmpm.frame_arrays import FrameArrays
 
     model = build(small)
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
     _, P = energies.elastic(model, F, True)
     energies.add_effects_stress(model, x, F, model.effects, P)
     energies.effect_energies(model, x, F, 0.0)
+    watchdog.look(model, x, np.zeros_like(x))
+    FrameArrays(x, model.magnet[:, :3]).of(x, x, F, P)
 
 
 _STATIC: dict[str, Callable[[Scene], None]] = {

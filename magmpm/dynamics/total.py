@@ -74,10 +74,14 @@ class TotalMotion:
         return self._look(v)
 
     def _look(self, v: Array) -> Look:
-        u, gradient = self.nodal(self.u)
-        moved = self.nodal(v)[0]
-        kinetic = 0.5 * float(np.sum(self.packed.node_mass[:, None] * v.reshape(-1, 3) ** 2))
-        return Look(self.model.particles.position + u, moved, np.eye(3) + gradient, kinetic)
+        p, n = self.packed, len(self.model.density)
+        position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+        kernels.at_particles(
+            self.u, v, self.model.particles.position, p.cell_group, p.cell_node, *p.along, p.splines, p.particle,
+            position, velocity, deformation,
+        )  # fmt: skip
+        kinetic = 0.5 * float(np.repeat(p.node_mass, 3) @ v**2)
+        return Look(position, velocity, deformation, kinetic)
 
     def kept(self) -> dict[str, Any]:
         """What `rewind` needs, in the same process: cheaper than `state`."""
@@ -107,13 +111,6 @@ class TotalMotion:
         v = np.zeros_like(u)
         self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u))  # a step of one second from rest: v is the acceleration
         return v
-
-    def nodal(self, field: Array) -> tuple[Array, Array]:
-        """Value (n, 3) and gradient (n, 3, 3) 1/m of a nodal field (3 nodes,) at the particles, in the model's order."""
-        p, n = self.packed, len(self.model.density)
-        values, gradients = np.zeros((n, 3)), np.zeros((n, 3, 3))
-        kernels.at_particles(field, p.cell_group, p.cell_node, *p.along, p.splines, p.particle, values, gradients)
-        return values, gradients
 
     def particles(self) -> tuple[Array, Array, Array]:
         """x, v (n, 3) and F (n, 3, 3), in the model's order."""

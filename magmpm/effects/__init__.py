@@ -6,6 +6,7 @@ its key in `parts.Effects`, by which it is found. CONTRIBUTING.md has a worked e
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -27,7 +28,12 @@ def module_of(name: str) -> ModuleType:
 
 def every() -> dict[str, ModuleType]:
     """All effects there are, by key, in the order of their phases; within a phase in the order of their keys in `parts.Effects`."""
-    modules = {name: module_of(name) for name in Effects.model_fields}
+    return dict(_modules(tuple(Effects.model_fields)))
+
+
+@cache
+def _modules(names: tuple[str, ...]) -> dict[str, ModuleType]:
+    modules = {name: module_of(name) for name in names}
     return dict(sorted(modules.items(), key=lambda item: PHASES.index(item[1].PHASE)))
 
 

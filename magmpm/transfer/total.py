@@ -234,16 +234,19 @@ def advance(
 
 
 @kernel
-def at_particles(field, cell_group, cell_node, along_x, along_y, splines, particle, values, gradients):  # type: ignore[no-untyped-def]
-    """Value (n, 3) and gradient (n, 3, 3) of a nodal field (3 nodes,) at the particles; particle (groups, 8): -1 for an empty lane."""
+def at_particles(u, v, reference, cell_group, cell_node, along_x, along_y, splines, particle, position, velocity, deformation):  # type: ignore[no-untyped-def]
+    """Position and velocity (n, 3), F (n, 3, 3) of the particles; u, v (3 nodes,); particle (groups, 8): -1 for an empty lane."""
     for cell in prange(len(cell_node)):
-        gradient, value = np.empty(72), np.empty(24)
+        gradient, moved, speed = np.empty(72), np.empty(24), np.empty(24)
         for group in range(cell_group[cell], cell_group[cell + 1]):
-            gather(field, cell_node[cell], along_x, along_y, splines, SPLINES * group, gradient, 0, value, 0)
+            gather(u, cell_node[cell], along_x, along_y, splines, SPLINES * group, gradient, 0, moved, 0)
+            gather_value(v, cell_node[cell], along_x, along_y, splines, SPLINES * group, speed)
             for lane in range(LANES):
                 p = particle[group, lane]
                 if p >= 0:
                     for i in range(3):
-                        values[p, i] = value[8 * i + lane]
+                        position[p, i] = reference[p, i] + moved[8 * i + lane]
+                        velocity[p, i] = speed[8 * i + lane]
                         for j in range(3):
-                            gradients[p, i, j] = gradient[8 * (3 * i + j) + lane]
+                            deformation[p, i, j] = gradient[8 * (3 * i + j) + lane]
+                        deformation[p, i, i] += 1.0
