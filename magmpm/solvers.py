@@ -64,9 +64,14 @@ class DynamicOptions(Part):
         return self
 
     @property
+    def frame_interval(self) -> float:
+        """Time between frames, s."""
+        return self.output_every or self.duration / 100
+
+    @property
     def frame_times(self) -> list[float]:
         """Times of the frames after the first, s: every `output_every`, and the end."""
-        every = self.output_every or self.duration / 100
+        every = self.frame_interval
         count = int(self.duration / every * (1 + 1e-12))
         times = [k * every for k in range(1, count + 1)]
         return times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]

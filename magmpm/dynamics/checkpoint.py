@@ -11,14 +11,30 @@ import numpy as np
 from magmpm.basis import Array
 from magmpm.errors import InputError
 from magmpm.motion_files import CHECKPOINT
+from magmpm.scene import Scene
+from magmpm.solvers import DynamicOptions
 from magmpm.wording import report
+
+_ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "control")
+
+
+def motion_hash(scene: Scene) -> str:
+    """Scene.hash() of what decides a motion up to any moment: all but how long it is followed, and how often it is looked at."""
+    assert scene.solver.dynamic is not None
+    endless = scene.solver.dynamic.model_copy(update={"duration": 1.0, "output_every": None})
+    return scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": endless})}).hash()
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """State arrays of a motion after `steps` steps, at frame number `frame`; control: of StepControl; scene_hash: of what."""
+    """State arrays of a motion after `steps` steps, at frame number `frame`, time s.
+
+    scene_hash: of what (`motion_hash`); every: time between frames, s; control: of StepControl.
+    """
 
     scene_hash: str
+    every: float
+    time: float
     formulation: str
     frame: int
     steps: int
@@ -29,17 +45,17 @@ class Checkpoint:
         """Write it into a folder, in place of an earlier one, whole or not at all."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        about = {k: getattr(self, k) for k in ("scene_hash", "formulation", "frame", "steps", "control")}
+        about = {k: getattr(self, k) for k in _ABOUT}
         part = folder / f".{CHECKPOINT}"
         with part.open("wb") as stream:
             np.savez(stream, **{"about": np.array(json.dumps(about)), **self.state})  # type: ignore[arg-type]
         return part.replace(folder / CHECKPOINT)
 
     @classmethod
-    def load(cls, folder: Path | str, scene_hash: str) -> Checkpoint | None:
+    def load(cls, folder: Path | str, scene: Scene) -> Checkpoint | None:
         """The checkpoint in a folder, None if there is none.
 
-        Raises InputError if it belongs to another scene or can't be read.
+        Raises InputError if it belongs to another scene, has gone on for longer than this one, or can't be read.
         """
         path = Path(folder) / CHECKPOINT
         if not path.exists():
@@ -50,16 +66,44 @@ class Checkpoint:
             saved = cls(**json.loads(str(arrays.pop("about"))), state=arrays)
         except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, TypeError, ...
             raise _useless(path, f"a file that can't be read ({type(error).__name__}: {error})") from None
-        if saved.scene_hash != scene_hash:
+        saved._must_be_of(scene, path)
+        return saved
+
+    def _must_be_of(self, scene: Scene, path: Path) -> None:
+        """Raises InputError unless a scene's motion can go on from here: the same scene, only longer perhaps."""
+        options = scene.solver.dynamic
+        assert options is not None
+        if self.scene_hash != motion_hash(scene) or (options.output_every or self.every) != self.every:
             raise InputError(
                 report(
                     str(path),
                     received="the checkpoint of another scene (or the file was changed since)",
-                    rule="only the scene that it was written by can be resumed from it",
+                    rule="only the scene that it was written by can be resumed from it; its duration alone may be longer",
                     remedy="run without --resume, or into another folder with --out",
                 )
             )
-        return saved
+        if options.duration < self.time * (1 - 1e-9):
+            raise InputError(
+                report(
+                    f"{path}: solver.dynamic.duration",
+                    received=f"{options.duration:.6g} s",
+                    rule=f"must be no shorter than what the motion has done, {self.time:.6g} s",
+                    remedy="give a longer one, or run without --resume: from the start",
+                )
+            )
+        if self.frame and not abs(self.times(options)[self.frame - 1] - self.time) <= 1e-9 * self.time:
+            raise InputError(
+                report(
+                    f"{path}: solver.dynamic.duration",
+                    received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
+                    rule=f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and it ended between two",
+                    remedy="run without --resume: from the start",
+                )
+            )
+
+    def times(self, options: DynamicOptions) -> list[float]:
+        """Times (s) of the frames after the first of a motion that goes on from here: as often as before."""
+        return options.model_copy(update={"output_every": self.every}).frame_times
 
     def must_fit(self, state: dict[str, Array], folder: Path | str) -> None:
         """Raises InputError unless it holds the arrays that a motion's state has, in their shapes; folder: where it was loaded from."""

@@ -14,7 +14,7 @@ import numpy as np
 from magmpm import effects, fields, motion_files
 from magmpm.basis import Array
 from magmpm.dynamics import energies, inertia, watchdog
-from magmpm.dynamics.checkpoint import Checkpoint
+from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Look
@@ -38,13 +38,15 @@ Progress = Callable[[float, int], None]
 class Moved:
     """Where a motion has got to.
 
-    stable: the bounds at the start; control: of the step; time s, steps; dt s: of the last step; x, v (n, 3), F, P (n, 3, 3), energies J.
+    stable: the bounds at the start; control: of the step; dt s: of the last step; every s: between frames; time s, steps;
+    x, v (n, 3), F, P (n, 3, 3), energies J.
     """
 
     motion: TotalMotion | UpdatedMotion
     stable: StableStep
     control: StepControl
     dt: float
+    every: float = 0.0
     time: float = 0.0
     steps: int = 0
     frame: int = 0
@@ -90,7 +92,7 @@ def begin(model: Model) -> Moved:
             remedy="lower it, or leave it out: it is then chosen",
         )
     control = StepControl(motion, stable, options)
-    return Moved(motion, stable, control, control.step, warnings=inertia.warnings(model))
+    return Moved(motion, stable, control, control.step, options.frame_interval, warnings=inertia.warnings(model))
 
 
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
@@ -154,11 +156,11 @@ def follow(
     """
     model = moved.motion.model
     options = _options(model.scene)
-    scene_hash = model.scene.hash()
-    saved = Checkpoint.load(folder, scene_hash) if folder is not None and resume else None
+    saved = Checkpoint.load(folder, model.scene) if folder is not None and resume else None
     if saved is not None and folder is not None:
         saved.must_fit(moved.motion.state(), folder)
-        _go_on_from(moved, saved, options)
+        _go_on_from(moved, saved)
+        moved.every = saved.every
     writer = None
     if folder is not None and saved is None:
         motion_files.forget(folder)
@@ -170,8 +172,8 @@ def follow(
         balance.look(moved.energies)
     if saved is None:
         _write(moved, writer)
-    times = options.frame_times
-    last = saved_last = _checkpoint(moved, scene_hash)
+    times = options.frame_times if saved is None else saved.times(options)
+    last = saved_last = _checkpoint(moved)
     saved_at = -math.inf
     try:
         while moved.frame < len(times):
@@ -182,12 +184,12 @@ def follow(
                 raise _stopped(moved, trouble)
             _write(moved, writer)
             moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
-            last = _checkpoint(moved, scene_hash)
+            last = _checkpoint(moved)
             if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
                 last.save(folder)
                 saved_last, saved_at = last, clock.monotonic()
     except SolveError as error:
-        _go_on_from(moved, last, options)
+        _go_on_from(moved, last)
         _measure(moved, moved.motion.look())
         raise type(error)(error.reason, moved) from None
     finally:  # also where the run is interrupted
@@ -196,18 +198,20 @@ def follow(
     return moved
 
 
-def _checkpoint(moved: Moved, scene_hash: str) -> Checkpoint:
+def _checkpoint(moved: Moved) -> Checkpoint:
     """A motion as it is after a frame."""
     motion = moved.motion
-    return Checkpoint(scene_hash, motion.formulation, moved.frame, moved.steps, moved.control.state(), motion.state())
+    return Checkpoint(
+        scene_hash=motion_hash(motion.model.scene), every=moved.every, time=moved.time, formulation=motion.formulation,
+        frame=moved.frame, steps=moved.steps, control=moved.control.state(), state=motion.state(),
+    )  # fmt: skip
 
 
-def _go_on_from(moved: Moved, saved: Checkpoint, options: DynamicOptions) -> None:
+def _go_on_from(moved: Moved, saved: Checkpoint) -> None:
     """Put a motion back to a checkpoint."""
     moved.motion.restore(saved.state)
     moved.control.restore(saved.control)
-    moved.frame, moved.steps = saved.frame, saved.steps
-    moved.time = options.frame_times[saved.frame - 1] if saved.frame else 0.0
+    moved.frame, moved.steps, moved.time = saved.frame, saved.steps, saved.time
 
 
 def _conserves(model: Model) -> bool:

@@ -62,7 +62,7 @@ def look(model: Model, x: Array, v: Array) -> Trouble | None:
 
 @compiled
 def _extremes(x, v, reference, sound):  # type: ignore[no-untyped-def]
-    """Whether all are numbers; the fastest particle, its speed over that of sound (n,); the one furthest from its place, and how far (m)."""
+    """Whether all are numbers; the fastest particle, its speed over sound's (n,) m/s; the one furthest from its place, how far (m)."""
     finite, fastest, furthest, most, way = True, 0, 0, 0.0, 0.0
     for p in range(len(x)):
         speed2, way2 = 0.0, 0.0

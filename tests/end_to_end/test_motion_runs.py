@@ -114,11 +114,49 @@ def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
 def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["run", str(scene(tmp_path, "duration: 1 ms, output_every: 1 ms")), "--out", str(out)]) == 0
-    assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 2
+    path = scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
+    path.write_text(path.read_text(encoding="utf-8").replace("20 mT", "19 mT"), encoding="utf-8")
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
     said = capsys.readouterr().err
     assert f"{out / CHECKPOINT}: received the checkpoint of another scene" in said
     assert "\n  rule: " in said
     assert "\n  remedy: " in said
+
+
+@pytest.mark.parametrize(("short", "long"), [("2 ms, output_every: 1 ms", "4 ms, output_every: 1 ms"), ("0.5 ms", "0.6 ms")])
+def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path) -> None:
+    """It goes on from its end, with frames as often as before, and equals one that was as long from the start."""
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    frames = long if "every" in long else f"{long}, output_every: 5 us"  # a hundredth of the short one
+    assert main(["run", str(scene(tmp_path, f"duration: {short}")), "--out", str(out), "--json"]) == 0
+    assert main(["run", str(scene(tmp_path, f"duration: {long}")), "--out", str(out), "--json", "--resume"]) == 0
+    assert main(["run", str(scene(tmp_path, f"duration: {frames}")), "--out", str(whole), "--json"]) == 0
+    one, two = Motion.load(out), Motion.load(whole)
+    np.testing.assert_array_equal(one.times, two.times)
+    np.testing.assert_array_equal(one.energies["total"], two.energies["total"])
+    for k in range(len(one)):
+        np.testing.assert_array_equal(one[k].quantities["cauchy_stress"], two[k].quantities["cauchy_stress"])
+    assert Result.load(out).particle_position.tobytes() == Result.load(whole).particle_position.tobytes()
+    assert one.scene["solver"]["dynamic"]["duration"] == Result.load(out).scene["solver"]["dynamic"]["duration"] > 5e-4
+
+
+@pytest.mark.parametrize(
+    ("short", "long", "rule"),
+    [
+        ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
+        ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
+        ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer"),
+    ],
+)
+def test_what_can_t_be_lengthened_is_refused(
+    short: str, long: str, rule: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["run", str(scene(tmp_path, f"duration: {short}")), "--out", str(out)]) == 0
+    before = Result.load(out)
+    assert main(["run", str(scene(tmp_path, f"duration: {long}")), "--out", str(out), "--resume"]) == 2
+    assert rule in capsys.readouterr().err
+    assert Result.load(out).time == before.time
 
 
 def _cut_short(path: Path) -> None:
