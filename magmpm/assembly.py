@@ -17,6 +17,7 @@ from magmpm.mesh_keys import read_mesh
 from magmpm.meshes import (
     PREFIX,
     overlap_of,
+    size_fault,
     thickness_of,
     unpack_mesh,
     volume_of,
@@ -89,6 +90,10 @@ class Parts(Part):
     @classmethod
     def _separate(cls, meshes: tuple[MeshPart, ...], info: ValidationInfo) -> tuple[MeshPart, ...]:
         unit = info.data.get("unit")
+        sizes = [] if unit is None else [size_fault(unpack_mesh(part.mesh), unit, UNITS[unit]) for part in meshes]
+        for k, found in enumerate(sizes):
+            if found is not None:
+                raise fault(*found, (k, "mesh"))
         for (i, one), (j, other) in itertools.combinations(enumerate(meshes), 2):
             shared, smaller = overlap_of(one.mesh, other.mesh), min(one.volume, other.volume)
             if shared > MAY_OVERLAP * smaller:

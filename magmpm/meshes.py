@@ -24,6 +24,8 @@ from magmpm.shells import SAME, shared, trouble
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
 MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle, and one with too many is told their number
+LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
+FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
 RAYS = 400  # points from which the thickness is measured
 THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL
@@ -72,6 +74,12 @@ def read_stl(path: Path) -> Mesh:
         )
     if not np.all(np.isfinite(corners)):
         raise MeshError("every coordinate must be a finite number", "export the part again")
+    largest = float(np.abs(corners).max())
+    if largest > LARGEST_NUMBER:
+        raise MeshError(
+            f"coordinates must be at most {LARGEST_NUMBER:.0e} in the file's unit, and this mesh has one of {largest:.3g}",
+            "the file is damaged, or not in a unit of length: export the part again",
+        )
     return checked(*_merged(corners))
 
 
@@ -157,6 +165,17 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     if (found := trouble(vertices, faces, size)) is not None:
         raise MeshError(*found)
     return mesh
+
+
+def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
+    """Rule and remedy where a mesh in this unit (of `scale` m) is too far away, or too small; else None."""
+    far, size = scale * float(np.abs(mesh.vertices).max()), scale * float(np.ptp(mesh.vertices, axis=0).max())
+    remedy = f"check the unit ({unit}), and the place of the mesh"
+    if far > FARTHEST * (1 + 1e-9):
+        return f"coordinates must be at most {FARTHEST:g} m, and this mesh reaches to {far:.3g} m", remedy
+    if size < SMALLEST * (1 - 1e-9):
+        return f"a mesh must be at least {1e6 * SMALLEST:g} um long, and this one is {1e6 * size:.3g} um", remedy
+    return None
 
 
 def volume_of(triangles: Array) -> float:

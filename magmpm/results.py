@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -66,8 +68,17 @@ class Result:
             if not key.startswith(("particle_", "grid_"))
         }
 
+    def not_finite(self) -> list[str]:
+        """Names of what holds a NaN or an infinity: of a result that is none, and that JSON can't hold."""
+        return [f.name for f in fields(self) if not _finite(getattr(self, f.name))]
+
     def save(self, folder: Path | str) -> Path:
-        """Write the result into a folder, made if missing. Both files appear whole or not at all. Returns the folder."""
+        """Write the result into a folder, made if missing. Both files appear whole or not at all. Returns the folder.
+
+        Raises ValueError where a number is not finite, before anything is written.
+        """
+        if wrong := self.not_finite():
+            raise ValueError(f"numbers that are not finite in {', '.join(wrong)}")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         arrays = {
@@ -81,7 +92,7 @@ class Result:
         part.replace(folder / ARRAYS)
         numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in arrays}
         part = folder / f".{NUMBERS}"
-        part.write_text(json.dumps({**numbers, **self.summary()}, indent=1) + "\n", encoding="utf-8")
+        part.write_text(json.dumps({**numbers, **self.summary()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         part.replace(folder / NUMBERS)
         return folder
 
@@ -105,3 +116,14 @@ class Result:
             raise InputError(
                 f"{folder}: the saved result can't be read ({error}); run the scene again"
             ) from None
+
+
+def _finite(value: Any) -> bool:
+    """Whether all numbers in an array, a number or plain data are finite; what is no number is."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind != "f" or bool(np.isfinite(value).all())
+    if isinstance(value, Mapping):
+        return all(_finite(item) for item in value.values())
+    if isinstance(value, (list, tuple)):
+        return all(_finite(item) for item in value)
+    return not isinstance(value, float) or math.isfinite(value)

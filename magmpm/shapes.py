@@ -14,6 +14,8 @@ from magmpm.vectors import Direction, Vector, three
 
 MAX_SEGMENTS = 1000
 MAX_SLENDERNESS = 500.0  # length over diameter, or over thickness
+SHORTEST = 0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 cells across, 0.16 at 16
+THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; what warns of walls thinner than a cell is in scene.py
 PIECES_A_PERIOD = 8  # of a profile: what its arrows and moments are shown by
 
 
@@ -51,8 +53,11 @@ def segment_lengths(length: float, segments: tuple[Segment, ...]) -> list[float]
     return [share if s.length is None else s.length for s in segments]
 
 
-def check_lengths(body: str, length: float, segments: tuple[Segment, ...]) -> None:
-    """Segments must fill their body's length (m). Raises PydanticCustomError (see `fault`)."""
+def check_lengths(body: str, length: float, thickness: float | None, segments: tuple[Segment, ...]) -> None:
+    """Segments must fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long.
+
+    Raises PydanticCustomError (see `fault`).
+    """
     given = [s.length for s in segments if s.length is not None]
     total, free = math.fsum(given), len(segments) - len(given)
     text = f"{1e3 * total:g} mm, the {body} {1e3 * length:g} mm"
@@ -64,6 +69,16 @@ def check_lengths(body: str, length: float, segments: tuple[Segment, ...]) -> No
         raise fault(
             f"segment lengths must leave some of the {body}'s length to the segments without one",
             f"those given sum to {text}: shorten them",
+        )
+    lengths = segment_lengths(length, segments)
+    shortest = min(range(len(lengths)), key=lengths.__getitem__)
+    if thickness is not None and lengths[shortest] < SHORTEST * thickness * (1 - 1e-9):
+        across = "diameter" if body == "catheter" else "thickness"
+        raise fault(
+            f"a segment must be at least {SHORTEST:g} times the {body}'s {across} long, {1e3 * SHORTEST * thickness:.3g} mm here, "
+            f"and segment {shortest + 1} is {1e3 * lengths[shortest]:.3g} mm",
+            "check its unit, make it longer, or leave it out: the grid tells nothing finer",
+            (shortest, "length") if segments[shortest].length is not None else (),
         )
 
 
@@ -112,6 +127,11 @@ class Catheter(Part):
                 "the inner diameter must be less than the diameter",
                 f"give less than {1e3 * outer:g} mm, or remove it",
             )
+        if outer is not None and not (outer - inner) / 2 >= THINNEST_WALL * outer * (1 - 1e-9):
+            raise fault(
+                f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick, {1e3 * THINNEST_WALL * outer:.3g} mm here",
+                f"give at most {1e3 * (1 - 2 * THINNEST_WALL) * outer:g} mm",
+            )
         return inner
 
     @field_validator("segments")
@@ -119,7 +139,7 @@ class Catheter(Part):
     def _fill_the_length(cls, segments: tuple[Segment, ...], info: ValidationInfo) -> tuple[Segment, ...]:
         length = info.data.get("length")
         if length is not None:
-            check_lengths("catheter", length, segments)
+            check_lengths("catheter", length, info.data.get("diameter"), segments)
         return segments
 
     def segment_lengths(self) -> list[float]:
@@ -281,7 +301,7 @@ class Strip(Part):
     ) -> tuple[Segment, ...] | None:
         length = info.data.get("length")
         if length is not None and segments is not None:
-            check_lengths("strip", length, segments)
+            check_lengths("strip", length, info.data.get("thickness"), segments)
         return segments
 
     @model_validator(mode="after")

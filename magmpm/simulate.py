@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Callable
@@ -58,8 +59,18 @@ def run(
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds) if isinstance(error.state, Equilibrium) else None
-        raise SolveError(error.reason, state) from None
-    return _result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})
+        raise SolveError(error.reason, None if state is None or state.not_finite() else state) from None
+    return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}))
+
+
+def _sound(result: Result) -> Result:
+    """The result, if all its numbers are finite. Raises SolveError: such numbers are no answer, and no file should hold them."""
+    if wrong := result.not_finite():
+        raise SolveError(
+            f"the solve ended with numbers that are not finite (in {', '.join(wrong)}), so there is no result; "
+            "remedy: check the units of sizes, loads and materials; what is smallest and largest may be too far apart for the grid"
+        )
+    return result
 
 
 def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None) -> Result:
@@ -82,9 +93,9 @@ def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: 
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
         state = _moved_result(error.state, seconds, False) if isinstance(error.state, dynamics.Moved) else None
-        raise type(error)(error.reason, state) from None
+        raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-    return _moved_result(moved, seconds, True)
+    return _sound(_moved_result(moved, seconds, True))
 
 
 def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Result:
@@ -106,7 +117,7 @@ def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Re
         warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings(),
         time=moved.time,
         time_step=moved.dt,
-        stable_steps=moved.stable.named,
+        stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
         formulation=moved.motion.formulation,
         kinetic_energy=moved.energies["kinetic"],
     )

@@ -14,7 +14,7 @@ from magmpm.basis import Array
 from magmpm.curves import curve, tightest_bend
 from magmpm.inputs import Part, Quantity, fault, folder_of
 from magmpm.mesh_keys import read_mesh
-from magmpm.meshes import unpack_mesh
+from magmpm.meshes import size_fault, unpack_mesh
 from magmpm.tables import TableError, read_centreline
 from magmpm.vectors import Direction, three
 
@@ -135,6 +135,13 @@ class Surface(Part):
     unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
         description="Unit of the numbers in the STL file, which does not say it.", examples=["mm"]
     )
+
+    @model_validator(mode="after")
+    def _of_usable_size(self) -> Surface:
+        found = size_fault(unpack_mesh(self.mesh), self.unit, UNITS[self.unit])
+        if found is not None:
+            raise fault(*found, ("mesh",))
+        return self
 
     @property
     def vertices(self) -> Array:

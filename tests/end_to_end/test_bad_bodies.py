@@ -90,6 +90,9 @@ ASSEMBLIES = [
     edit("a mesh of two minds", "mesh: arm.stl", "mesh: mixed.stl", "body.parts.meshes[1].mesh", '"mixed.stl"', "face opposite ways", "consistent"),
     edit("a piece inverted", "mesh: arm.stl", "mesh: pieces.stl", "body.parts.meshes[1].mesh", '"pieces.stl"', "2 shells: shell 2 of volume 1 faces inward", "flip the normals of what is inverted"),
     edit("no mass", "mesh: arm.stl", "mesh: flat.stl", "body.parts.meshes[1].mesh", '"flat.stl"', "no mass", "export the solid part"),
+    edit("corners beyond all numbers", "mesh: arm.stl", "mesh: absurd.stl", "body.parts.meshes[1].mesh", '"absurd.stl"', "at most 1e+08 in the file's unit, and this mesh has one of 1e+30", "export the part again"),
+    edit("a mesh of kilometres", "mesh: arm.stl", "mesh: town.stl", "body.parts.meshes[1].mesh", '"town.stl"', "at most 10 m, and this mesh reaches to 3e+03 m", "check the unit (mm)"),
+    edit("a mesh of nanometres", "mesh: arm.stl", "mesh: molecule.stl", "body.parts.meshes[1].mesh", '"molecule.stl"', "at least 1 um long, and this one is 0.003 um", "check the unit (mm)"),
     edit("an overlap", "mesh: arm.stl", "mesh: shifted.stl", "body.parts.meshes[1].mesh", '"shifted.stl"', "must not overlap", "shifted shares 0.5 mm^3 with base, 50 % of the smaller"),
     edit("a thin part", "mesh: arm.stl", "mesh: sheet.stl", "body.parts.spacing", '"0.5 mm"', "sheet is 0.2 mm, 0.4 cells of 0.5 mm", "at most `spacing: 0.1 mm`", line=7),
     edit("nothing held, in equilibrium", ", clamp: true", "", "body.parts.meshes", "[", "equilibrium needs a body that is held", line=8),
@@ -116,6 +119,9 @@ def meshes(folder: Path) -> None:
         "pieces": Mesh(np.concatenate([arm.vertices, piece.vertices]), np.concatenate([arm.faces, 8 + piece.faces[:, ::-1]])),
         "shifted": box((-0.5, 0, 0), (3, 1, 1)),
         "sheet": box((0, 0, 0), (3, 1, 0.2)),
+        "absurd": box((0, 0, 0), (1e30, 1e30, 1e30)),
+        "town": box((0, 0, 0), (3e6, 1e6, 1e6)),
+        "molecule": box((0, 0, 0), (3e-6, 1e-6, 1e-6)),
     }
     for name, mesh in solids.items():
         write_stl(mesh, folder / f"{name}.stl")
