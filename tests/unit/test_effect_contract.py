@@ -1,94 +1,109 @@
-"""Every effect goes through the same laws. A new one joins by its key in `parts.Effects`, with the settings of its first example there.
+"""Every effect goes through the same laws, in a scene in which it acts (reference.acting). A new one joins by its key in `parts.Effects`.
 
-Conservative hooks (energy, stress, force, tangent, softening) belong together by Taylor tests; viscous stress is objective, exerts no
-torque and makes heat; contact is conservative but for friction, which only brakes; damping only brakes; no strength is no effect.
+Here what every effect is, and its conservative hooks (energy, stress, force, tangent, softening), which belong together by Taylor tests;
+those of motion in test_effect_contract_motion.py.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from reference.acting import KEYS, Point, acting, having, hook, scene
 from reference.dynamics import Total, Updated
-from reference.scenes import rod_scene
 
 from magmpm import effects
+from magmpm.dynamics.run import begin, formulation
+from magmpm.dynamics.total import TotalMotion
 from magmpm.effects import hooks
 from magmpm.inputs import validate
-from magmpm.model import Model, build
+from magmpm.model import build
 from magmpm.parts import Effects
-from magmpm.scene import Scene
 
-KEYS = list(effects.every())
-BR, RHO, MASS, DT = np.array([0.1, 0.05, -0.08]), 1882.0, 2e-9, 1e-6
-SPEED = 0.1  # m/s
-NOTHING = np.zeros(0)
-
-
-def scene_with(key: str, settings: dict[str, Any] | None = None, example: int = 0) -> Scene:
-    """A short catheter in a field with one effect: at the settings given, or at those of an example of its key.
-
-    Not through the scene's own rules, by which some effects need the dynamic solver and a field of a kind.
-    """
-    given = settings if settings is not None else (Effects.model_fields[key].examples or [{}])[example]
-    named = validate(Effects, {key: given}, "example.yaml")
-    scene = rod_scene(length=12e-3, field=(2e-3, -3e-3, 5e-3))
-    return scene.model_copy(update={"effects": named})
-
-
-def named(key: str) -> tuple[np.ndarray, ...]:
-    return tuple(effects.collect(scene_with(key)))
-
-
-def hook_of(named: tuple[np.ndarray, ...], hook: str) -> Callable[..., Any] | None:
-    """One hook of an effect as a function of what comes after its record and data; None where it has none."""
-    if not named:
-        return None
-    function = hooks._registry[hook].get(named[0].dtype.names)
-    return None if function is None else lambda *given: function(named[0][0], named[1], *given)
-
-
-def having(*wanted: str) -> list[str]:
-    """Keys of the effects that have one of these hooks."""
-    return [key for key in KEYS if any(hook_of(named(key), hook) for hook in wanted)]
-
-
-def point(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A place in the catheter and a deformation gradient, random."""
-    x = np.array([12e-3, 4e-3, 4e-3]) * (rng.random(3) - [0.0, 0.5, 0.5])
-    return x, np.eye(3) + 0.2 * rng.standard_normal((3, 3))
-
-
-def turn(rng: np.random.Generator) -> np.ndarray:
-    Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    return Q * np.linalg.det(Q)
+DT = 1e-6  # s
+STATIC = ("energy", "stress", "force", "tangent", "softening")
+OUTPUTS: dict[str, tuple[tuple[int, ...], ...]] = {
+    "stress": ((3, 3),), "force": ((3,),), "tangent": ((9, 9),), "softening": ((3, 3), (3, 9)),
+}  # fmt: skip
 
 
 # what every effect is
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_it_is_described_and_its_example_runs(key: str) -> None:
+def test_it_is_described_and_has_records(key: str) -> None:
+    """In its scene and with its first example; only an effect without hooks has none, which the formulation then has to be."""
     module = effects.module_of(key)
     assert (module.__doc__ or "").startswith(f"{key}: "), "the first words of the file are its key"
     assert module.PHASE in effects.PHASES
-    found = named(key)
-    assert len(found) in {0, 2}
-    if found:
-        assert any(found[0].dtype.names in table for table in hooks._registry.values())
-        assert found[1].dtype == np.float64
-        assert found[1].ndim == 1
+    example = (Effects.model_fields[key].examples or [{}])[0]
+    assert getattr(validate(Effects, {key: example}, "example.yaml"), key) is not None
+    own = acting(key).own
+    if key == "self_contact":
+        assert not own
+        return
+    record, data = own
+    assert any(record.dtype.names in table for table in hooks._registry.values())
+    assert data.dtype == np.float64
+    assert data.ndim == 1
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_it_is_deterministic(key: str, rng: np.random.Generator) -> None:
+def test_it_acts(key: str) -> None:
+    """In its scene the plain reference moves otherwise than without it, by far more than rounding, in each formulation."""
+    one = acting(key)
+    if not one.own:
+        pytest.skip("no hooks: its formulation acts, see below")
+    without = replace(one.model, effects=effects.collect(one.model.scene.with_effects(**{key: None})))
+    found = []
+    for body in (replace(one.model, effects=one.all), without):
+        total, updated = Total.of(body), Updated.of(body)
+        L = np.array([[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]])  # 1/s: a motion of which viscous stress takes note
+        c, v = np.zeros((len(total.X), 3)), np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0)
+        updated.v, updated.C, updated.L = 1e-3 + updated.x @ L.T, np.tile(L, (len(updated.x), 1, 1)), np.tile(L, (len(updated.x), 1, 1))
+        for _ in range(2):
+            c, v = total.step(c, v, DT)
+            updated.step(DT)
+        assert np.isfinite(c).all()
+        assert np.isfinite(updated.x).all()
+        found.append((v, updated.v))
+    for a, b in zip(*found, strict=True):
+        assert np.abs(a - b).max() > 1e-8 * np.abs(b).max()  # rounding is 1e-13
+
+
+def test_self_contact_acts() -> None:
+    """Of two blocks a tenth of a cell apart the upper one moves: down, it takes the lower one along; up, it leaves it where it is. Without
+    the effect both cling to the one grid that they share.
+    """
+    moved = {}
+    for named in (True, False):
+        given = scene("self_contact")
+        body = build(given if named else given.with_effects(self_contact=None))
+        assert formulation(body.scene) == ("updated" if named else "total")
+        x, upper = body.particles.position, body.particles.segment == 1
+        assert effects.module_of("self_contact").observe(body, x)["count"] > 0
+        for speed in (-1.0, 1.0):  # m/s
+            motion = begin(body).motion
+            if isinstance(motion, TotalMotion):
+                motion.v[2::3] = np.where(motion.packed.node_place[:, 2] > 0.2e-3, speed, 0.0)
+            else:
+                n, v = len(upper), np.where(upper[:, None], [0.0, 0.0, speed], 0.0)
+                motion.place(x, v, np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+            motion.advance(3, DT, ())
+            moved[named, speed] = motion.particles()[1][~upper, 2].mean()
+    assert moved[True, -1.0] < -0.03
+    assert abs(moved[True, 1.0]) < 1e-3 * abs(moved[True, -1.0])
+    assert moved[False, 1.0] > 0.03
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_it_is_deterministic(key: str) -> None:
     """The same scene gives the same records and table, bit for bit."""
-    one, two = named(key), named(key)
+    one, two = (effects.collect(scene(key)) for _ in range(2))
     assert [a.tobytes() for a in one] == [a.tobytes() for a in two]
+    assert len(one) >= len(acting(key).own)
 
 
 def test_order_is_by_phase_not_by_file() -> None:
@@ -96,9 +111,10 @@ def test_order_is_by_phase_not_by_file() -> None:
     orders = []
     for keys in (KEYS, KEYS[::-1]):
         named = validate(Effects, {key: examples[key] for key in keys}, "example.yaml")
-        scene = rod_scene(length=12e-3, field=(2e-3, -3e-3, 5e-3)).model_copy(update={"effects": named})
-        orders.append([record.dtype.names for record in effects.collect(scene)[::2]])
+        given = scene("magnetic_force").model_copy(update={"effects": named})
+        orders.append([record.dtype.names for record in effects.collect(given)[::2]])
     assert orders[0] == orders[1]
+    assert len(orders[0]) == len(KEYS) - 1, "all but self_contact, which has none, have records"
     phases = [effects.PHASES.index(effects.module_of(key).PHASE) for key in KEYS]
     assert phases == sorted(phases)
 
@@ -106,258 +122,123 @@ def test_order_is_by_phase_not_by_file() -> None:
 # conservative hooks
 
 
-def derivatives(found: tuple[np.ndarray, ...], x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
-    """W, P = dW/dF (9,), f = -dW/dx (3,), A = d2W/dF2 (9, 9), H = d2W/dx2 (3, 3), M = d2W/dxdF (3, 9); zeros where there is no hook."""
-    P, f, A, H, M = np.zeros((3, 3)), np.zeros(3), np.zeros((9, 9)), np.zeros((3, 3)), np.zeros((3, 9))
-    outputs: dict[str, tuple[np.ndarray, ...]] = {
-        "stress": (P,), "force": (f,), "tangent": (A,), "softening": (H, M),
-    }  # fmt: skip
-    for hook, out in outputs.items():
-        if (function := hook_of(found, hook)) is not None:
-            function(BR, RHO, x, F, *out)
-    energy = hook_of(found, "energy")
-    return (energy(BR, RHO, x, F) if energy else 0.0), P.ravel(), f, A, H, M
+def derivatives(named: tuple[np.ndarray, ...], at: Point, x: np.ndarray, F: np.ndarray) -> tuple[Any, ...]:
+    """W, P = dW/dF (9,), f = -dW/dx (3,), A = d2W/dF2 (9, 9), H = d2W/dx2 (3, 3), M = d2W/dxdF (3, 9), summed over effects."""
+    sums = {name: tuple(np.zeros(s) for s in shapes) for name, shapes in OUTPUTS.items()}
+    W = 0.0
+    for own in zip(named[::2], named[1::2], strict=True):
+        for name, out in sums.items():
+            if (function := hook(own, name)) is not None:
+                function(at.magnet, at.rho, x, F, *out)
+        if (energy := hook(own, "energy")) is not None:
+            W += energy(at.magnet, at.rho, x, F)
+    (P,), (f,), (A,), (H, M) = (sums[name] for name in OUTPUTS)
+    return W, P.ravel(), f, A, H, M
 
 
-@pytest.mark.parametrize("key", having("energy", "stress", "force", "tangent", "softening"))
+STEPS = np.array([0.04, 0.02, 0.01, 0.005])
+
+
+def falls(left: np.ndarray, order: int, rounding: float) -> bool:
+    """Whether what is left (steps, ...) of a Taylor series is there at all. Asserts that it falls at its order then."""
+    size = np.array([np.abs(one).max() for one in left])
+    if size[0] <= 1e3 * rounding:
+        return False
+    if size[2] > 1e3 * rounding:  # the finest step is for those that are far from it
+        last = 3 if size[3] > 1e3 * rounding else 2
+        assert np.log2(size[last - 1] / size[last]) == pytest.approx(order, abs=0.15)
+    return True
+
+
+@pytest.mark.parametrize("key", having(*STATIC))
+def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Generator) -> None:
+    """Each of its static hooks gives something at some particle; magnetic_torque counts magnetic_force's energy, whose scene has both."""
+    one = acting(key)
+    assert any(hook(own, "energy") for own in zip(one.all[::2], one.all[1::2], strict=True)), "a stress or force has an energy"
+    at = Point(one, rng)
+    for name in STATIC:
+        if (function := hook(one.own, name)) is None:
+            continue
+        if name == "energy":
+            assert function(at.magnet, at.rho, at.x, at.F) != 0
+            continue
+        out = [np.zeros(shape) for shape in OUTPUTS[name]]
+        function(at.magnet, at.rho, at.x, at.F, *out)
+        assert all(part.any() for part in out), name
+
+
+@pytest.mark.parametrize("key", having(*STATIC))
 def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) -> None:
-    """Taylor: with slope and curvature taken away, what is left of W falls at order 3; with the slope only, at order 2."""
-    found = named(key)
-    assert hook_of(found, "energy"), "an effect with a stress or force has an energy"
+    """Taylor: with slope and curvature taken away, what is left of W falls at order 3; with the slope only, at order 2; and stress and
+    force, their own slopes (tangent, softening) taken away, at order 2. Left out, what is left of them falls at order 1 only.
+    """
+    one = acting(key)
+    curved = hook(one.own, "tangent") is not None or hook(one.own, "softening") is not None
     for _ in range(4):
-        x, F = point(rng)
+        at = Point(one, rng)
         dx, dF = 1e-3 * rng.standard_normal(3), 0.3 * rng.standard_normal((3, 3))
-        W, P, f, A, H, M = derivatives(found, x, F)
+        W, P, f, A, H, M = derivatives(one.all, at, at.x, at.F)
         d = dF.ravel()
         slope, curve = P @ d - f @ dx, d @ A @ d + dx @ H @ dx + 2 * dx @ M @ d
-        steps = np.array([0.1, 0.05, 0.025, 0.0125])
-        change = np.array([derivatives(found, x + t * dx, F + t * dF)[0] - W for t in steps])
-        rounding = 1e-13 * abs(W) + 1e-13 * abs(slope) + 1e-300
-        for order, left in ((2, change - steps * slope), (3, change - steps * slope - steps**2 * curve / 2)):
-            size = np.abs(left)
-            if size[-1] > 100 * rounding:
-                assert np.log2(size[-2] / size[-1]) == pytest.approx(order, abs=0.15)
-            else:  # nothing is left: W is of lower degree
-                assert size.max() <= max(1e4 * rounding, 2 * 8**3 * size[-1])
+        moved = [derivatives(one.all, at, at.x + t * dx, at.F + t * dF) for t in STEPS]
+        t = STEPS[:, None]
+        change = np.array([there[0] - W for there in moved])[:, None]
+        scale = 1e-15 * abs(W) + 1e-15 * abs(slope)
+        assert falls(change, 1, scale), "it is not constant"
+        assert falls(change - t * slope, 2, scale) or not curved
+        falls(change - t * slope - t**2 * curve / 2, 3, scale)
+        for name, was, rate in (("P", P, A @ d + dx @ M), ("f", f, -(H @ dx + M @ d))):
+            change = np.array([there[1 if name == "P" else 2] - was for there in moved])
+            falls(change - t * rate, 2, 1e-15 * np.abs(was).max())
+            assert not curved or not rate.any() or falls(change, 1, 1e-15 * np.abs(was).max())
         np.testing.assert_allclose(A, A.T, rtol=0, atol=1e-12 * np.abs(A).max())
         np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
+@pytest.mark.parametrize("key", [key for key in KEYS if hasattr(effects.module_of(key), "refresh")])
+def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(key: str, rng: np.random.Generator) -> None:
+    """Tables found anew in every shape: dE = sum V (P : dF - f . dx), at order 2; and the hooks' energy counts the loads as they stand."""
+    model = acting(key).model
+    x, F = model.particles.position, np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3))
+    dx, dF = 1e-3 * rng.standard_normal(x.shape), 0.3 * rng.standard_normal(F.shape)
+    effects.refresh(model.effects, model, x, F)
+    slope = 0.0
+    for p, volume in enumerate(model.particles.volume):
+        P, f = np.zeros((3, 3)), np.zeros(3)
+        hook(model.effects, "stress")(model.magnet[p], model.density[p], x[p], F[p], P)
+        hook(model.effects, "force")(model.magnet[p], model.density[p], x[p], F[p], f)
+        slope += volume * float(np.sum(P * dF[p]) - f @ dx[p])
+    energy = [effects.shared_energy(model.effects, model, x + t * dx, F + t * dF) for t in STEPS]
+    E = effects.shared_energy(model.effects, model, x, F)
+    change = (np.array(energy) - E)[:, None]
+    assert falls(change, 1, 1e-15 * abs(E))
+    assert falls(change - STEPS[:, None] * slope, 2, 1e-15 * abs(E))
+
+
 @pytest.mark.parametrize("key", having("stress", "force", "tangent", "softening"))
 def test_hooks_add_to_what_is_there(key: str, rng: np.random.Generator) -> None:
-    found, (x, F) = named(key), point(rng)
-    shapes: dict[str, tuple[tuple[int, ...], ...]] = {
-        "stress": ((3, 3),), "force": ((3,),), "tangent": ((9, 9),), "softening": ((3, 3), (3, 9)),
-    }  # fmt: skip
-    for hook, sizes in shapes.items():
-        function = hook_of(found, hook)
+    one = acting(key)
+    at = Point(one, rng)
+    for name, sizes in OUTPUTS.items():
+        function = hook(one.own, name)
         if function is not None:
             empty, full = [np.zeros(s) for s in sizes], [np.ones(s) for s in sizes]
-            function(BR, RHO, x, F, *empty)
-            function(BR, RHO, x, F, *full)
+            function(at.magnet, at.rho, at.x, at.F, *empty)
+            function(at.magnet, at.rho, at.x, at.F, *full)
             for a, b in zip(empty, full, strict=True):
-                np.testing.assert_allclose(b, a + 1.0, rtol=1e-14)
+                np.testing.assert_allclose(b, a + 1.0, rtol=1e-14, atol=1e-15 * np.abs(a).max())
 
 
 @pytest.mark.parametrize("key", having("energy"))
 def test_no_load_is_no_effect(key: str) -> None:
-    """A load at zero strength is left out of the kernels."""
-    assert effects.collect(scene_with(key), strength=0.0) == ()
-
-
-# viscous stress
-
-
-@pytest.mark.parametrize("key", having("rate_stress"))
-def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
-    """Objective: P(Q F, Q dF + W Q F) = Q P(F, dF) for any turn Q and spin W; without torque; and it makes heat."""
-    function = hook_of(named(key), "rate_stress")
-    assert function is not None
-
-    def stress(F: np.ndarray, dF: np.ndarray) -> np.ndarray:
-        P = np.zeros((3, 3))
-        function(RHO, F, dF, P)
-        return P
-
-    for _ in range(5):
-        _, F = point(rng)
-        dF, Q, w = rng.standard_normal((3, 3)), turn(rng), rng.standard_normal((3, 3))
-        W, P = w - w.T, stress(F, dF)
-        scale = np.abs(P).max()
-        np.testing.assert_allclose(stress(Q @ F, Q @ dF + W @ Q @ F), Q @ P, rtol=0, atol=1e-12 * scale)
-        np.testing.assert_allclose(stress(F, W @ F), 0.0, rtol=0, atol=1e-12 * scale)
-        np.testing.assert_allclose(P @ F.T, F @ P.T, rtol=0, atol=1e-12 * scale)
-        assert np.sum(P * dF) > 0
-
-
-# forces on a particle of a velocity
-
-CONTACT = [key for key in having("contact") if effects.module_of(key).PHASE == "contact"]
-
-
-@pytest.mark.parametrize("key", [key for key in having("contact") if key not in CONTACT])
-def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
-    """It takes energy out wherever the particle is, and does not push what is at rest."""
-    function = hook_of(named(key), "contact")
-    assert function is not None
-    for _ in range(5):
-        (x, _), v, moving, rest = point(rng), rng.standard_normal(3), np.zeros(3), np.zeros(3)
-        function(x, v, MASS, DT, moving)
-        function(x, np.zeros(3), MASS, DT, rest)
-        assert moving @ v < 0
-        assert not rest.any()
-
-
-def touching(found: tuple[np.ndarray, ...], rng: np.random.Generator) -> list[np.ndarray]:
-    """Places where the effect pushes a particle at rest, a little way in."""
-    function = hook_of(found, "contact")
-    assert function is not None
-    places = []
-    for size in (6e-3, 20e-3, 60e-3):
-        for x in size * rng.uniform(-1, 1, (3000, 3)):
-            f = np.zeros(3)
-            function(x, np.zeros(3), MASS, DT, f)
-            if f.any():
-                places.append(x)
-        if len(places) >= 20:
-            return places[:20]
-    raise AssertionError("the example touches nothing within 60 mm of the base")
-
-
-@pytest.mark.parametrize("key", CONTACT)
-def test_contact_is_conservative_without_friction(key: str, rng: np.random.Generator) -> None:
-    """On a particle at rest the force has a potential: its Jacobian is symmetric. It grows with the depth: the Jacobian is negative."""
-    found = named(key)
-    function = hook_of(found, "contact")
-    assert function is not None
-
-    def force(x: np.ndarray) -> np.ndarray:
-        f = np.zeros(3)
-        function(x, np.zeros(3), MASS, DT, f)
-        return f
-
-    smooth = 0
-    for x in touching(found, rng):
-        step = 1e-8  # of a depth of about a mm, so that differences carry 7 digits, and stays beside kinks of a table
-        J = np.stack([(force(x + step * e) - force(x - step * e)) / (2 * step) for e in np.eye(3)], axis=1)
-        assert np.abs(J - J.T).max() <= 1e-4 * np.abs(J).max()
-        smooth += np.linalg.eigvalsh((J + J.T) / 2)[0] < 0
-    assert smooth == 20
-
-
-@pytest.mark.parametrize("key", CONTACT)
-def test_friction_brakes_and_never_turns_back(key: str, rng: np.random.Generator) -> None:
-    """What moving adds to the force opposes the motion, lies across the normal, and at most stops the sliding within the step."""
-    given = dict((Effects.model_fields[key].examples or [{}])[0])
-    most = {}
-    for friction in (0.0, 0.2, 10.0):
-        found = tuple(effects.collect(scene_with(key, {**given, "friction": friction})))
-        function = hook_of(found, "contact")
-        assert function is not None
-        largest = 0.0
-        for x in touching(found, np.random.default_rng(3)):
-            v = SPEED * rng.standard_normal(3)
-            rest, moving = np.zeros(3), np.zeros(3)
-            function(x, np.zeros(3), MASS, DT, rest)
-            function(x, v, MASS, DT, moving)
-            drag, push = moving - rest, np.linalg.norm(rest)
-            n = rest / push
-            sliding = v - (v @ n) * n
-            assert drag @ v <= 0
-            assert abs(drag @ n) <= 1e-12 * push
-            assert np.linalg.norm(drag) <= friction * push * (1 + 1e-12)
-            assert np.linalg.norm(drag) * DT / MASS <= np.linalg.norm(sliding) * (1 + 1e-12)
-            largest = max(largest, np.linalg.norm(drag) / push)
-        most[friction] = largest
-    assert most[0.0] == 0.0
-    assert most[0.2] == pytest.approx(0.2, rel=1e-12), "slides at the edge of the cone"
-
-
-@pytest.mark.parametrize("key", CONTACT)
-def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> None:
-    found = named(key)
-    function = hook_of(found, "contact")
-    assert function is not None
-    x = np.concatenate([touching(found, rng), np.full((5, 3), 4.0)])  # and five that are far away
-    v, mass = SPEED * rng.standard_normal(x.shape), MASS * (1 + rng.random(len(x)))
-    forces = np.zeros_like(x)
-    for p in range(len(x)):
-        function(x[p], v[p], mass[p], DT, forces[p])
-    told = effects.module_of(key).report(found[0], found[1], x, v, mass, DT)
-    np.testing.assert_allclose(told["force"], forces.sum(axis=0), rtol=1e-12)
-    assert told["count"] == 20
-    assert 0 < told["depth"] < 60e-3
-    far = effects.module_of(key).report(found[0], found[1], x[20:], v[20:], mass[20:], DT)
-    assert (far["force"].any(), far["count"], far["depth"]) == (False, 0, 0.0)
-
-
-# nodes
-
-
-@pytest.mark.parametrize("key", [k for k in having("node") if effects.module_of(k).PHASE == "damping"])
-def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
-    """It takes energy out, along the velocity, and none in no time."""
-    function = hook_of(named(key), "node")
-    assert function is not None
-    X, v = np.zeros(3), rng.standard_normal(3)
-    slower = v.copy()
-    function(X, np.zeros(3), slower, 1e-3)
-    assert 0 < np.linalg.norm(slower) < np.linalg.norm(v)
-    np.testing.assert_allclose(np.cross(slower, v), 0.0, rtol=0, atol=1e-14)
-    same = v.copy()
-    function(X, np.zeros(3), same, 0.0)
-    assert np.array_equal(same, v)
-
-
-ZERO = {"damping": {"rate": "0 1/s"}, "viscosity": {"viscosity": "0 Pa s"}}
-
-
-@pytest.mark.parametrize("key", ZERO)
-def test_no_resistance_is_no_effect(key: str) -> None:
-    assert effects.collect(scene_with(key, ZERO[key])) == ()
-
-
-# steps
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return build(rod_scene(length=6e-3))
-
-
-@pytest.mark.parametrize("key", KEYS)
-def test_the_step_it_allows(key: str, model: Model) -> None:
-    stable_step = getattr(effects.module_of(key), "stable_step", None)
-    found = named(key)
-    if stable_step is None or not found:
-        assert not hook_of(found, "contact"), "contact is stiff: it has a stable step"
-        assert not hook_of(found, "rate_stress"), "viscous stress has a stable step"
-    else:
-        assert 0 < stable_step(*found, model) < math.inf
-
-
-@pytest.mark.parametrize("key", KEYS)
-def test_both_formulations_take_it(key: str, model: Model) -> None:
-    """Three steps of the plain reference in each formulation, finite; what is far from contact moves as if the effect were absent."""
-    with_it, without = replace(model, effects=named(key)), replace(model, effects=())
-    start = 1e-3 * np.ones(3)
-    for body in (with_it, without):
-        total, updated = Total.of(body), Updated.of(body)
-        c = np.zeros((len(total.X), 3))
-        v = np.where(total.mass[:, None] > 0, start, 0.0)
-        updated.v[:] = start
-        for _ in range(2):
-            c, v = total.step(c, v, DT)
-            updated.step(DT)
-        assert np.isfinite(c).all()
-        assert np.isfinite(updated.x).all()
-        if body is with_it:
-            ours = c, updated.x
-    idle = not any(hook_of(named(key), hook) for hook in hooks.HOOKS)
-    same = np.array_equal(ours[0], c) and np.array_equal(ours[1], updated.x)
-    assert same == (idle or effects.module_of(key).PHASE == "contact"), (
-        "the examples' obstacles are out of reach"
-    )
+    """A load at zero strength is left out of the kernels, and in proportion to it otherwise."""
+    given = scene(key)
+    assert effects.module_of(key).of_scene(given, 0.0, None) == ()
+    one, half = acting(key), effects.module_of(key).of_scene(given, 0.5, None)
+    at = Point(one, np.random.default_rng(1))
+    half = (half[0], one.own[1])  # a table of the body's shape is the same
+    full, other = (hook(own, "energy")(at.magnet, at.rho, at.x, at.F) for own in (one.own, half))
+    assert other == pytest.approx(full / 2, rel=1e-12)
 
 
 def test_unknown_hook_is_refused() -> None:

@@ -1,0 +1,127 @@
+"""For every effect a scene in which it acts: what the contract of effects puts each of them through.
+
+The usual scene is a short clamped catheter of two magnetised segments, and the effect at its first example's settings. SCENES has what an
+effect needs beyond that to do anything: a field, an obstacle that touches the body. An effect that does nothing in its scene fails the
+contract, so a new one that the usual scene does not wake up gets an entry here.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from reference.solids import box
+
+from magmpm import effects
+from magmpm.effects import hooks
+from magmpm.inputs import validate
+from magmpm.meshes import write_stl
+from magmpm.model import Model, build
+from magmpm.parts import Effects
+from magmpm.scene import Scene
+
+KEYS = list(effects.every())
+USUAL = """
+name: acting
+materials:
+  m: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}
+body:
+  catheter:
+    length: 8 mm
+    diameter: 4 mm
+    material: m
+    clamp: base
+    segments: [{magnetization: [1, 0, 0]}, {magnetization: [0.5, -0.4, 0.8]}]
+solver: {dynamic: {duration: 1 ms}}
+resolution: {cells_across: 2}
+"""
+NEAR_A_MAGNET = """
+field:
+  uniform: [1 mT, 0 mT, 2 mT]
+  dipole: {position: [16 mm, 2 mm, 4 mm], moment: [0.3 A*m^2, 0.2 A*m^2, -0.4 A*m^2]}
+"""
+# What an effect's scene has beyond the usual one; {name} in it is a file of `box` that is written beside it.
+SCENES = {
+    "magnetic_torque": "field: {uniform: [2 mT, -3 mT, 5 mT]}",
+    "magnetic_force": NEAR_A_MAGNET + "effects: {magnetic_torque: {}, magnetic_force: {}}",  # which counts its energy
+    # The body begins 0.01 mm inside: as much as the scene's rules let pass, and they would refuse more.
+    "ground": "effects: {ground: {point: [0 mm, 0 mm, -1.99 mm], normal: [0.1, 0.05, 1], friction: 0.3}}",
+    "walls": "effects: {walls: {tube: {radius: 1.99 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0 mm]]}, friction: 0.2}}",
+    "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",  # so viscous that its step is the shorter one
+    "feed": """
+body: {catheter: {length: 8 mm, diameter: 4 mm, material: m, segments: [{}]}}
+effects: {feed: {speed: 20 mm/s, exit: 5 mm}}
+""",
+    # Two blocks, a tenth of a cell apart.
+    "self_contact": """
+body:
+  parts:
+    unit: mm
+    spacing: 1 mm
+    meshes: [{mesh: lower.stl, material: m}, {mesh: upper.stl, material: m}]
+""",
+}
+MESHES = {"lower.stl": box((0, 0, -3), (4, 4, 0)), "upper.stl": box((0.3, 0, 0.1), (3.3, 3, 3))}  # mm
+
+
+@dataclass(frozen=True)
+class Acting:
+    """An effect at work. model: its scene's; own: the effect's record and data; all: those of all the scene's effects, its own included."""
+
+    model: Model
+    own: tuple[np.ndarray, ...]
+    all: tuple[np.ndarray, ...]
+
+
+def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
+    """The scene in which an effect acts; with other settings of the effect where they are given, added to the scene's."""
+    data = yaml.safe_load(USUAL) | yaml.safe_load(SCENES.get(key, "{}"))
+    named = data.setdefault("effects", {})
+    named.setdefault(key, (Effects.model_fields[key].examples or [{}])[0])
+    if settings:
+        named[key] = {**named[key], **settings}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, mesh in MESHES.items():
+            write_stl(mesh, Path(folder) / name)
+        return validate(Scene, data, Path(folder) / "acting.yaml")
+
+
+@cache
+def acting(key: str) -> Acting:
+    """The effect at work, on the body as it is made; a table of the body's shape is up to date."""
+    model = build(scene(key))
+    x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
+    effects.refresh(model.effects, model, x, F)
+    of = effects.module_of(key).of_scene(model.scene, 1.0, None)
+    names = of[0].dtype.names if of else None
+    pairs = zip(model.effects[::2], model.effects[1::2], strict=True)
+    own = next(((record, data) for record, data in pairs if record.dtype.names == names), ())
+    return Acting(model, own, model.effects)
+
+
+def hook(named: tuple[np.ndarray, ...], name: str) -> Any:
+    """One hook of an effect (its record and data) as a function of what comes after these; None where it has none."""
+    function = hooks._registry[name].get(named[0].dtype.names) if named else None
+    return None if function is None else lambda *given: function(named[0][0], named[1], *given)
+
+
+def having(*wanted: str) -> list[str]:
+    """Keys of the effects that have one of these hooks."""
+    return [key for key in KEYS if any(hook(acting(key).own, name) for name in wanted)]
+
+
+class Point:
+    """One of an acting effect's particles, in a random place beside its own and under a random strain."""
+
+    def __init__(self, one: Acting, rng: np.random.Generator) -> None:
+        model = one.model
+        p = int(rng.choice(np.flatnonzero(model.magnet[:, :3].any(axis=1) & ~model.held)))
+        self.magnet, self.rho = model.magnet[p], model.density[p]
+        self.x = model.particles.position[p] + 3e-4 * rng.standard_normal(3)
+        self.F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
