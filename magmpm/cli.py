@@ -64,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
     run.add_argument("--render", action="store_true", help="draw the result as well")
     run.add_argument("--resume", action="store_true", help="go on with a motion that was interrupted")
+    _overwriting(run, "results of another scene")
     _common(run, "runs/NAME, with the scene's name")
     run.set_defaults(command=_run)
 
@@ -91,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
         "scene", metavar="SCENE", help="scene file; its `reference` is compared with where given"
     )
     accuracy.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
+    _overwriting(accuracy, "results of another scene")
     _common(accuracy, "runs/NAME, with the scene's name")
     accuracy.set_defaults(command=_accuracy)
 
@@ -165,6 +167,10 @@ def _common(parser: argparse.ArgumentParser, folder: str) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 
+def _overwriting(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--overwrite", action="store_true", help=f"replace {what}")
+
+
 def _rate(text: str) -> float:
     """Frames a second."""
     try:
@@ -198,6 +204,7 @@ def _design(options: argparse.Namespace) -> int:
 
 
 def _accuracy(options: argparse.Namespace) -> int:
+    from magmpm.run_folder import RunFolder
     from magmpm.scene import load_scene
     from magmpm.simulate import run
     from studies.accuracy import LADDER, climb, save
@@ -207,12 +214,15 @@ def _accuracy(options: argparse.Namespace) -> int:
     cells = _cells(options.cells) or LADDER
     folder = options.out or results_folder(scene.name)
     with folder_lock(folder):
+        kept = RunFolder(folder, scene, options.scene)
+        kept.claim(options.overwrite)
         with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):
             ladder = climb(scene, run, cells, progress.at)
         files = [
             *save(ladder, folder),
             accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name),
         ]
+        kept.sign_accuracy()
     summary = {**ladder.summary(), "files": [str(path) for path in files]}
     print_summary(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
     return 0

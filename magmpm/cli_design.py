@@ -13,6 +13,7 @@ import numpy as np
 from magmpm.errors import InputError
 from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
+from magmpm.wording import report as worded
 
 if TYPE_CHECKING:
     from magmpm.results import Result
@@ -114,6 +115,15 @@ def is_study(folder: Path) -> bool:
     from studies.report import REPORT
 
     return (folder / REPORT).exists()
+
+
+def refuse_study(folder: Path) -> None:
+    """Raises InputError where a folder that a run wants belongs to a study."""
+    from studies.storage import OWNER
+
+    if is_study(folder) or (folder / OWNER).exists():
+        rule = "a study has a folder of its own: a run's result would mix with its designs"
+        raise InputError(worded(f"{folder}: holds a study", rule=rule, remedy="use another --out"))
 
 
 def render_study(folder: Path, out: Path) -> tuple[list[Path], str]:

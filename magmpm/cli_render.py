@@ -12,19 +12,12 @@ from magmpm.errors import InputError
 from magmpm.folder_lock import folder_lock
 from magmpm.motion_files import ABOUT, MOTION
 from magmpm.results import NUMBERS
+from magmpm.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE
 
 if TYPE_CHECKING:
     from magmpm.motion import Motion
     from magmpm.results import Result
     from viz.worker import Renderer
-
-PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = (
-    "picture.png",
-    "movie.mp4",
-    "moments.png",
-    "energies.png",
-    "frames",
-)
 
 
 def render(folder: Path, out: Path | None, *, frames: str | None = None, fps: float | None = None) -> list[str]:

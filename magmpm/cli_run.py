@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from magmpm.cli_design import refuse_study
 from magmpm.cli_parts import of_file, print_summary, results_folder
 from magmpm.cli_render import draw_run
-from magmpm.errors import SolveError
+from magmpm.errors import MagmpmError, SolveError
 from magmpm.folder_lock import folder_lock
-from magmpm.motion_files import CHECKPOINT, forget
+from magmpm.motion_files import CHECKPOINT
 from magmpm.progress import Progress
+from magmpm.run_folder import EARLIER, RunFolder
 
 if TYPE_CHECKING:
     from magmpm.results import Result
@@ -27,16 +29,49 @@ def run_scene(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     folder = options.out or results_folder(scene.name)
     with folder_lock(folder):
-        return _run_into(folder, scene, options)
+        refuse_study(folder)
+        kept = RunFolder(folder, scene, options.scene)
+        kept.claim(options.overwrite)
+        return _run_into(kept, scene, options)
 
 
-def _run_into(folder: Path, scene: Scene, options: argparse.Namespace) -> int:
+def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int:
+    folder, moving = kept.path, scene.solver.dynamic is not None
+    resume = options.resume and moving and (folder / CHECKPOINT).exists()
+    if options.resume and not resume:
+        _say_afresh(folder, moving)
+    replaced = "" if resume else kept.holding()
+    try:
+        result = _simulated(scene, options, kept)
+    except SolveError as error:
+        if error.state is None:
+            kept.put_back()
+            raise
+        saved = kept.save_failed(error.state)
+        _tell_failure(error, saved, options)
+        words = f"; the results in {folder} are as they were" if saved != folder else ""
+        raise SolveError(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
+    except BaseException:
+        if not (folder / CHECKPOINT).exists():  # nothing to resume from
+            kept.put_back()
+        elif (folder / EARLIER).is_dir():
+            print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
+        raise
+    kept.save(result)
+    summary = {**result.summary(), "folder": str(folder), "replaced": replaced}
+    if options.render:
+        summary["files"] = draw_run(folder, folder)
+        summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
+    print_summary(options, summary, _report(result, folder, replaced))
+    return 0
+
+
+def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
+    """The run itself, with a line of progress."""
     from magmpm.simulate import run
 
     dynamic = scene.solver.dynamic
-    if options.resume:
-        _say_if_afresh(folder, dynamic is not None)
-    with Progress(f"{scene.name}") as progress:
+    with Progress(f"{scene.name}") as progress, of_file(options.scene):
 
         def tell(step: int, number: float) -> None:
             if dynamic is None:
@@ -44,41 +79,30 @@ def _run_into(folder: Path, scene: Scene, options: argparse.Namespace) -> int:
             else:  # in thousandths, of which the time left is guessed
                 progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
 
-        try:
-            with of_file(options.scene):
-                result = run(scene, folder=folder, resume=options.resume, on_progress=tell)
-        except SolveError as error:
-            if error.state is None:
-                raise
-            saved = _save(error.state, folder)
-            if options.json:
-                print(json.dumps({**error.state.summary(), "folder": str(folder), "reason": error.reason}))
-            raise SolveError(f"{error.reason}; the last good state is in {saved}", error.state) from None
-    _save(result, folder)
-    summary = {**result.summary(), "folder": str(folder)}
+        return run(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
+
+
+def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -> None:
+    """The last good state: its picture, if asked for, and its numbers."""
+    summary = {**error.state.summary(), "folder": str(saved), "reason": error.reason}
     if options.render:
-        summary["files"] = draw_run(folder, folder)
-        summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
-    print_summary(options, summary, _report(result, folder))
-    return 0
+        try:
+            summary["files"] = draw_run(saved, saved)
+        except MagmpmError as trouble:  # what went wrong with the run matters more
+            print(f"magmpm: the last good state can't be drawn: {trouble}", file=sys.stderr)
+    if options.json:
+        print(json.dumps(summary))
 
 
-def _say_if_afresh(folder: Path, moving: bool) -> None:
+def _say_afresh(folder: Path, moving: bool) -> None:
     """--resume where there is nothing to go on from."""
-    if not moving:
-        print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)
-    elif not (folder / CHECKPOINT).exists():
+    if moving:
         print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
+    else:
+        print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)
 
 
-def _save(result: Result, folder: Path) -> Path:
-    """Save a result, in place of an earlier one of either kind. Returns the folder."""
-    if result.formulation == "static":
-        forget(folder)
-    return result.save(folder)
-
-
-def _report(result: Result, folder: Path) -> str:
+def _report(result: Result, folder: Path, replaced: str) -> str:
     tip = ", ".join(f"{1e3 * x:.3f}" for x in result.tip)
     seconds = result.seconds
     lines = [
@@ -89,6 +113,7 @@ def _report(result: Result, folder: Path) -> str:
         f"{max(result.section.values()):.0e}",
         f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
         *(f"  warning         {warning}" for warning in result.warnings),
+        *([f"  replaced        {replaced}"] if replaced else []),
         f"  saved in        {folder}",
     ]
     return "\n".join(lines)

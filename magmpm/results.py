@@ -18,6 +18,7 @@ from magmpm.errors import InputError
 
 ARRAYS = "state.npz"
 NUMBERS = "result.json"
+_LATER: dict[str, Any] = {"load_share": 1.0, "failure": ""}  # what results saved by earlier versions lack
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,8 @@ class Result:
     stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
     formulation: str = "static"  # or total, updated
     kinetic_energy: float = 0.0  # J
+    load_share: float = 1.0  # part of the load (field, weight) that an equilibrium carries: less where the solve failed on the way up
+    failure: str = ""  # why the run did not get to its end; then this is no answer, but its last good state
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm run --json` prints: everything but the particle and grid arrays."""
@@ -104,9 +107,8 @@ class Result:
             numbers = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
             with np.load(folder / ARRAYS) as stored:
                 arrays = dict(stored)
-            return cls(
-                **{f.name: arrays[f.name] if f.name in arrays else numbers[f.name] for f in fields(cls)}
-            )
+            found = {**_LATER, **numbers, **arrays}
+            return cls(**{f.name: found[f.name] for f in fields(cls)})
         except FileNotFoundError as error:
             raise InputError(
                 f"{folder}: holds no saved result ({Path(error.filename).name} is missing); "

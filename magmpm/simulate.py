@@ -18,6 +18,7 @@ from magmpm.basis import Array
 from magmpm.errors import SolveError
 from magmpm.folder_lock import folder_lock
 from magmpm.model import Model, build
+from magmpm.motion_files import CHECKPOINT
 from magmpm.results import Result
 from magmpm.scene import Scene
 from magmpm.statics.equilibrium import Equilibrium, solve_static
@@ -36,18 +37,19 @@ def run(
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
+    on_begin: Callable[[], None] | None = None,
 ) -> Result:
     """Simulate a scene: its equilibrium, or its motion where it names solver.dynamic.
 
     start: result of a neighbouring static design on the same grid, to begin from; folder: where a motion's frames and checkpoints go
     (nowhere unless given), from which resume goes on; on_progress(step, number) is told of each Newton step and its energy decrement, or
-    of a motion's steps and its time in s.
+    of a motion's steps and its time in s; on_begin: called where a motion begins at its start, before anything is written.
     Raises InputError before the run, also where another process writes the folder.
     Raises SolveError where no equilibrium is found or a motion goes wrong; its state is the last good Result
     (converged False), or None.
     """
     if scene.solver.dynamic is not None:
-        return _motion(scene, folder, resume, on_progress)
+        return _motion(scene, folder, resume, on_progress, on_begin)
     begun = time.perf_counter()
     with memory.within(scene):
         model = build(scene)
@@ -58,7 +60,7 @@ def run(
         found = solve_static(model, correction=_neighbour(model, start), on_step=on_progress)
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
-        state = _result(model, error.state, seconds) if isinstance(error.state, Equilibrium) else None
+        state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
         raise SolveError(error.reason, None if state is None or state.not_finite() else state) from None
     return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}))
 
@@ -73,7 +75,13 @@ def _sound(result: Result) -> Result:
     return result
 
 
-def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None) -> Result:
+def _motion(
+    scene: Scene,
+    folder: Path | str | None,
+    resume: bool,
+    on_progress: Progress | None,
+    on_begin: Callable[[], None] | None,
+) -> Result:
     from magmpm.dynamics import run as dynamics  # a study of static designs needs neither it nor HDF5: 20 MB
 
     begun = time.perf_counter()
@@ -89,16 +97,18 @@ def _motion(scene: Scene, folder: Path | str | None, resume: bool, on_progress: 
 
     try:
         with nullcontext() if folder is None else folder_lock(folder):
+            if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
+                on_begin()
             moved = dynamics.follow(moved, folder=folder, resume=resume, on_progress=told)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-        state = _moved_result(error.state, seconds, False) if isinstance(error.state, dynamics.Moved) else None
+        state = _moved_result(error.state, seconds, error.reason) if isinstance(error.state, dynamics.Moved) else None
         raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-    return _sound(_moved_result(moved, seconds, True))
+    return _sound(_moved_result(moved, seconds))
 
 
-def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Result:
+def _moved_result(moved: Moved, seconds: dict[str, float], failure: str = "") -> Result:
     model = moved.motion.model
     J = np.linalg.det(moved.F)
     axis = measures.axis_of_particles(model, moved.x)
@@ -107,7 +117,7 @@ def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Re
         grid_correction=np.zeros((0, 0)),
         centreline=axis,
         tip=axis[-1, 1:] if len(axis) else measures.piece_means(model, moved.x)[-1],
-        converged=finished,
+        converged=not failure,
         iterations=moved.steps,
         dof=moved.motion.unknowns,
         min_det_F=float(J.min()),
@@ -120,6 +130,7 @@ def _moved_result(moved: Moved, seconds: dict[str, float], finished: bool) -> Re
         stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
         formulation=moved.motion.formulation,
         kinetic_energy=moved.energies["kinetic"],
+        failure=failure,
     )
 
 
@@ -170,7 +181,7 @@ def _particles(model: Model, position: Array, F: Array, time: float | None) -> d
     }
 
 
-def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Result:
+def _result(model: Model, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
     scene, point = model.scene, found.point
     position = point.position
     return Result(
@@ -186,4 +197,6 @@ def _result(model: Model, found: Equilibrium, seconds: dict[str, float]) -> Resu
         energy=point.energy,
         seconds=seconds,
         warnings=_warnings(scene) + found.warnings,
+        load_share=found.load_share,
+        failure=failure,
     )

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import InputError, MagmpmError
+from magmpm.run_folder import holds_run
 from magmpm.wording import report
 from studies.definition import Study, definition_hash, differences
 
@@ -222,8 +223,11 @@ def _alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
 def claim_folder(out: Path, name: str) -> None:
     """Makes the results folder this study's, whatever database its trials are in: two studies in one would mix their pictures.
 
-    Raises InputError when it is another study's.
+    Raises InputError when it is another study's, or a run's.
     """
+    if holds_run(out):
+        rule = "a study has a folder of its own: its designs would mix with the run's result"
+        raise InputError(report(f"{out}: holds the results of a run", rule=rule, remedy=f"use another --out, say, {out}-study"))
     path = out / OWNER
     holder = path.read_text(encoding="utf-8").strip() if path.exists() else name
     if holder != name:

@@ -184,8 +184,9 @@ def field_text(picture: Picture) -> str:
     return f"|B| = {strength * 1e3:.1f} mT" if strength > 0 else "no field"
 
 
-def title_text(picture: Picture, most: int = 46) -> str:
+def title_text(picture: Picture) -> str:
     """The title, cut to what fits beside the caption."""
+    most = 28 if picture.mark else 46
     return picture.title if len(picture.title) <= most else picture.title[: most - 1] + "…"
 
 

@@ -178,7 +178,7 @@ def _write(figure: Figure, picture: Picture, views: layout.Views) -> None:
         )
 
     text(layout.title_text(picture), 0.02, layout.TITLE_Y, style.TEXT_LARGE)
-    text(picture.caption(), 0.985, layout.TITLE_Y, style.TEXT_LARGE, ha="right", weight="bold")
+    text(picture.caption(), 0.985, layout.TITLE_Y, style.TEXT_LARGE, style.caption(picture.mark), ha="right", weight="bold")
     for panel, name in ((layout.TOP, layout.TOP_NAME), (layout.SIDE, layout.SIDE_NAME)):
         text(name, panel.left + 0.008, panel.top - 0.024, style.TEXT_SMALL, style.FAINT_INK)
     for label in layout.compass_labels(picture, views.main, width / height):

@@ -44,7 +44,7 @@ class Page:
 
     def captions(self, picture: Picture) -> None:
         self.text(layout.title_text(picture), 0.02, layout.TITLE_Y, style.TEXT_LARGE)
-        self.text(picture.caption(), 0.985, layout.TITLE_Y, style.TEXT_LARGE, anchor="rm", bold=True)
+        self.text(picture.caption(), 0.985, layout.TITLE_Y, style.TEXT_LARGE, anchor="rm", bold=True, colour=style.caption(picture.mark))
 
     def panels(self) -> None:
         for panel, name in ((layout.TOP, layout.TOP_NAME), (layout.SIDE, layout.SIDE_NAME)):

@@ -36,6 +36,7 @@ class Picture:
     field                (3,) T, uniform field, zero if there is none
     gravity              (3,) m/s^2, or None
     title, trial, rms    caption; rms in m
+    mark                 what stands in the caption's place, in red, where this is no answer; or ""
     """
 
     particles: np.ndarray
@@ -54,6 +55,7 @@ class Picture:
     title: str = ""
     trial: int | None = None
     rms: float | None = None
+    mark: str = ""
 
     def __post_init__(self) -> None:
         for name, columns in (
@@ -92,7 +94,9 @@ class Picture:
         return self.centreline if len(self.centreline) > 1 else self.segment_center
 
     def caption(self) -> str:
-        """Trial number and rms as one line, "trial 12   rms 1.93 mm"; empty if neither is known."""
+        """Trial number and rms as one line, "trial 12   rms 1.93 mm"; empty if neither is known; the mark, where there is one."""
+        if self.mark:
+            return self.mark
         parts = []
         if self.trial is not None:
             parts.append(f"trial {self.trial}")
@@ -130,6 +134,7 @@ class Picture:
         keep = keep[_skin(np.asarray(result.particle_reference)[keep], SKIN * size, max_particles, kind)]
         length, diameter = _size(result.scene["body"], np.asarray(result.particle_reference))
         effects = result.scene.get("effects") or {}
+        mark, share = failure(result)
         return cls(
             particles=position[keep].astype(np.float32),
             particle_segment=np.asarray(result.particle_segment)[keep].astype(np.int32),
@@ -142,12 +147,23 @@ class Picture:
             clamp=_clamp(result.scene["body"][kind]),
             target=None if target is None else np.asarray(target, dtype=float)[:, -3:],
             target_name=target_name,
-            field=np.asarray(result.field, dtype=float),
+            field=share * np.asarray(result.field, dtype=float),
             gravity=_gravity(effects.get("gravity")),
             title=result.name if title is None else title,
             trial=trial,
             rms=rms,
+            mark=mark,
         )
+
+
+def failure(result: Any) -> tuple[str, float]:
+    """What to write on the picture of a result that is no answer, "" for one that is; and the share of the load that it carries."""
+    share = float(getattr(result, "load_share", 1.0))
+    if getattr(result, "converged", True):
+        return "", share
+    if share < 1.0:
+        return f"NOT THE ANSWER: at {min(100 * share, 99.9):.3g} % of the load", share
+    return "NOT THE ANSWER: the solve failed", share
 
 
 def _clamp(shape: dict[str, Any]) -> np.ndarray | None:

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from viz import scenery, style
 from viz.camera import best_direction
+from viz.picture import failure
 from viz.process import RenderError
 from viz.shapes import Surface, bar, refined, tube
 from viz.stage import History, Shot, Stage
@@ -327,10 +328,11 @@ class Still(Play):
 
     def __init__(self, result: Any) -> None:
         super().__init__(_OneFrame(result))
+        self._mark, _ = failure(result)
 
     def picture(self) -> Stage:
         """The stage, without a time."""
-        return replace(self.stage(0), time=None, trace=np.zeros((0, 3)))
+        return replace(self.stage(0), time=None, trace=np.zeros((0, 3)), mark=self._mark)
 
 
 class _OneFrame:
@@ -354,7 +356,7 @@ class _OneFrame:
             self.remanence[of] = np.linalg.lstsq(turned, mean, rcond=0.05)[0]
             magnetisation[of] = np.einsum("nij,nj->ni", F[of], self.remanence[of])
         self.times = np.zeros(1)
-        self.fields = np.asarray(result.field, dtype=float).reshape(1, 3)
+        self.fields = failure(result)[1] * np.asarray(result.field, dtype=float).reshape(1, 3)
         self.contacts: dict[str, Any] = {}
         self._frame = _Moment(position.reshape(n, 3), self.fields[0], {"magnetisation": magnetisation})
 

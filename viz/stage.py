@@ -37,6 +37,7 @@ class Stage:
     length, thickness m, of the undeformed body: they size marks; arrow_width: m, of the magnetisation's arrows
     field             (3,) T now, or None if unknown; history over the motion, or None
     time              s, or None for a body at rest; duration: s, of the motion; pace: how many times slower than life the movie is, or None
+    mark              what stands in the time's place, in red, where this is no answer; or ""
     """
 
     points: np.ndarray
@@ -61,6 +62,7 @@ class Stage:
     duration: float = 1.0
     pace: float | None = None
     title: str = ""
+    mark: str = ""
 
     @property
     def colours(self) -> np.ndarray:
@@ -81,7 +83,9 @@ class Stage:
         return style.nice_length(0.3 * self.length)
 
     def caption(self) -> str:
-        """The time, and the movie's pace."""
+        """The time, and the movie's pace; the mark, where there is one."""
+        if self.mark:
+            return self.mark
         if self.time is None:
             return ""
         return f"t = {seconds(self.time, self.duration)}" + (f"   {slower(self.pace)}" if self.pace else "")

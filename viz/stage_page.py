@@ -17,8 +17,8 @@ from viz.stage_layout import CURVE, Layout
 def written_on(image: np.ndarray, stage: Stage, views: Sequence[View], layout: Layout) -> np.ndarray:
     """The image (h, w, 3) uint8 with all text and lines of the page; a new array."""
     page = Page(image)
-    page.text(stage.title[:60], 0.015, stage_layout.TITLE_Y, style.TEXT_LARGE)
-    page.text(stage.caption(), 0.985, stage_layout.TITLE_Y, style.TEXT_LARGE, anchor="rm", bold=True)
+    page.text(stage.title[: 40 if stage.mark else 60], 0.015, stage_layout.TITLE_Y, style.TEXT_LARGE)
+    page.text(stage.caption(), 0.985, stage_layout.TITLE_Y, style.TEXT_LARGE, anchor="rm", bold=True, colour=style.caption(stage.mark))
     for place, view in zip(layout.compasses, views):
         for label in stage_layout.compass_labels(stage, view, place, page.aspect):
             page.text(label.text, label.x, label.y, style.TEXT_SMALL, anchor="mm", colour=style.FAINT_INK)

@@ -30,6 +30,7 @@ CLAMP, CLAMP_EDGE = "#9A9A9A", "#7C7C7C"
 HELD = "#6E6E6E"
 INK = "#1A1A1A"
 FAINT_INK = "#666666"
+ALARM = "#B3261E"  # a picture of what is no answer says so in this colour
 FLOOR = "#F7F7F5"
 GRID = "#DDDDDA"
 SHADOW = "#E2E2DE"
@@ -115,3 +116,8 @@ def nice_length(length: float) -> float:
 def in_mm(length: float) -> str:
     """A length in metres as text, "10 mm"."""
     return f"{length * 1e3:.3g} mm"
+
+
+def caption(mark: str) -> str:
+    """Colour of the caption, where a mark may stand in its place."""
+    return ALARM if mark else INK

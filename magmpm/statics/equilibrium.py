@@ -38,7 +38,8 @@ class Equilibrium:
     """What a static solve found.
 
     point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
-    shape, in the rod's frames, which a neighbouring design may start from; warnings: what a user should know.
+    shape, in the rod's frames, which a neighbouring design may start from; warnings: what a user should know; load_share: part of the load
+    that the state carries.
     """
 
     point: Point
@@ -46,6 +47,7 @@ class Equilibrium:
     converged: bool
     correction: Array
     warnings: list[str] = field(default_factory=list)
+    load_share: float = 1.0
 
 
 def solve_static(
@@ -207,7 +209,7 @@ def _ramp(
                 state = (
                     None
                     if last is None
-                    else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings)
+                    else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings, reached)
                 )
                 raise SolveError(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
             continue

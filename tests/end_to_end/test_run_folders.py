@@ -1,0 +1,259 @@
+"""What a run replaces, what it leaves alone, and what it says of it: a folder belongs to one scene and holds one result of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_commands import SCENE, STUDY
+from test_import import robot_file
+from test_motion_runs import SCENE as SWING
+from test_motion_runs import environment
+
+from magmpm.cli import main
+from magmpm.dynamics.run import begin
+from magmpm.errors import SolveError
+from magmpm.motion import Motion
+from magmpm.motion_files import CHECKPOINT, MOTION
+from magmpm.results import NUMBERS, Result
+from magmpm.run_folder import EARLIER, FAILED, MOMENTS, PICTURE
+from magmpm.statics import equilibrium
+from viz.picture import Picture
+from viz.play import Still
+
+MOVING = SWING.format(dynamic="duration: 0.4 ms, output_every: 0.2 ms")
+RESTING = MOVING[: MOVING.index("solver:")] + "solver: {static: {field_steps: 4}}\nresolution: {cells_across: 2}\n"
+OUT = Path("runs/swing")
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
+
+
+def run(text: str, *options: str, file: str = "scene.yaml") -> int:
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    Path(file).write_text(text, encoding="utf-8")
+    return main(["run", file, *options])
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Statics that fails after the first step of its ramp: at a quarter of the load."""
+    solved, calls = equilibrium.minimise, []
+
+    def fails(*arguments: Any, **options: Any) -> Any:
+        calls.append(1)
+        if len(calls) > 1:
+            raise SolveError("no step lowers the energy")
+        return solved(*arguments, **options)
+
+    monkeypatch.setattr(equilibrium, "minimise", fails)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Everything in a folder but hidden files, by name."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.name.startswith(".")
+    }
+
+
+# pictures
+
+
+def test_a_run_without_pictures_leaves_no_older_ones(capsys: Said) -> None:
+    """And says that it replaced them; with --render they are its own."""
+    assert run(RESTING, "--render") == 0
+    drawn = (OUT / PICTURE).stat().st_mtime_ns
+    capsys.readouterr()
+    assert run(RESTING.replace("20 mT", "5 mT")) == 0
+    assert not (OUT / PICTURE).exists()
+    said = capsys.readouterr().out
+    assert "replaced        the equilibrium of 20" in said
+    assert ", with its pictures" in said
+    assert run(RESTING, "--render", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["replaced"].startswith("the equilibrium of 20")
+    assert (OUT / PICTURE).stat().st_mtime_ns > drawn
+
+
+def test_an_equilibrium_after_a_motion_leaves_no_movie_of_it(capsys: Said) -> None:
+    assert run(MOVING) == 0
+    for name in (PICTURE, MOMENTS, "energies.png", "movie.mp4", "movie.gif"):
+        (OUT / name).write_text("an older picture")
+    (OUT / "frames").mkdir()
+    (OUT / "frames/frame_0000.png").write_text("an older picture")
+    (OUT / "notes.txt").write_text("mine")
+    capsys.readouterr()
+    assert run(RESTING) == 0
+    assert "replaced        the motion over 0.0004 s of 20" in capsys.readouterr().out
+    assert sorted(files(OUT)) == ["notes.txt", "result.json", "scene-file.json", "state.npz"]
+    assert run(MOVING) == 0
+    assert sorted(files(OUT)) == sorted(
+        ["checkpoint.npz", "energies.csv", "motion.json", "motion.vtkhdf", "notes.txt", "result.json", "scene-file.json", "state.npz"]
+    )
+
+
+def test_what_the_accuracy_was_goes_when_the_scene_has_changed() -> None:
+    Path("scene.yaml").write_text(SCENE)
+    assert main(["accuracy", "scene.yaml", "--cells", "2,3"]) == 0
+    assert run(SCENE) == 0
+    assert Path("runs/small/accuracy.png").exists(), "of this definition"
+    assert run(SCENE.replace("5 mT", "4 mT")) == 0
+    assert not Path("runs/small/accuracy.png").exists()
+
+
+# whose folder it is
+
+
+def test_another_scene_of_the_same_name_is_refused(capsys: Said) -> None:
+    """Unless told to replace it; the same file edited, or the same definition elsewhere, is the same scene."""
+    assert run(RESTING, file="one/a.yaml") == 0
+    assert run(RESTING.replace("20 mT", "5 mT"), file="one/a.yaml") == 0, "edited"
+    assert run(RESTING.replace("20 mT", "5 mT"), file="two/b.yaml") == 0, "copied"
+    before = files(OUT)
+    capsys.readouterr()
+    for text in (RESTING, MOVING):
+        assert run(text, file="one/c.yaml") == 2
+        said = capsys.readouterr().err
+        for part in (f"{OUT}: holds the results of another scene, swing (", "two/b.yaml)", "\n  rule: ", "--out runs/c;", "--overwrite"):
+            assert part in said, part
+    Path("one/d.yaml").write_text(RESTING)
+    assert main(["accuracy", "one/d.yaml", "--cells", "2,3"]) == 2
+    assert files(OUT) == before
+    assert run(MOVING, "--overwrite", file="one/c.yaml") == 0
+    assert "(of swing (" in capsys.readouterr().out
+    assert Result.load(OUT).formulation == "total"
+
+
+def test_a_result_saved_by_python_code_is_somebody_s_as_well(capsys: Said) -> None:
+    assert run(RESTING) == 0
+    (OUT / "scene-file.json").unlink()
+    assert run(RESTING) == 0, "the same definition"
+    (OUT / "scene-file.json").unlink()
+    assert run(RESTING.replace("20 mT", "5 mT")) == 2
+    assert "another scene, swing" in capsys.readouterr().err
+
+
+def test_two_robots_of_one_name_do_not_replace_one_another(tmp_path: Path, capsys: Said) -> None:
+    """Both are imported as "Tiny"."""
+    for folder, strength in (("A", 0.1), ("F", 0.138)):
+        assert main(["import", str(robot_file(tmp_path / folder, remenance=strength)), "-o", f"robot{folder}.yaml"]) == 0
+    assert main(["run", "robotA.yaml"]) == 0
+    assert main(["run", "robotF.yaml"]) == 2
+    said = capsys.readouterr().err
+    assert "runs/Tiny: holds the results of another scene, Tiny (" in said
+    assert "--out runs/robotF;" in said
+
+
+def test_studies_and_runs_do_not_share_a_folder(capsys: Said) -> None:
+    Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n")
+    Path("study.yaml").write_text(STUDY.replace("trials: 3", "trials: 1"))
+    assert run(SCENE) == 0
+    assert main(["design", "study.yaml", "--no-pictures", "--out", "runs/small"]) == 2
+    assert "runs/small: holds the results of a run" in capsys.readouterr().err
+    assert main(["design", "study.yaml", "--no-pictures"]) == 0
+    for overwrite in ([], ["--overwrite"]):
+        assert main(["run", "scene.yaml", "--out", "runs/study", *overwrite]) == 2
+        assert "runs/study: holds a study" in capsys.readouterr().err
+
+
+# runs that fail
+
+
+def test_a_failed_equilibrium_is_marked(failing: None, capsys: Said) -> None:
+    """In the result and in its picture: how far it came, and that it is no answer; the field is what acts there."""
+    assert run(RESTING, "--render", "--json") == 3
+    told = json.loads(capsys.readouterr().out)
+    assert Path(told["folder"]) == OUT
+    assert (told["converged"], told["load_share"]) == (False, 0.25)
+    assert "no step lowers the energy" in told["failure"]
+    assert (OUT / PICTURE).stat().st_size > 5_000
+    assert json.loads((OUT / NUMBERS).read_text())["load_share"] == 0.25
+    found = Result.load(OUT)
+    assert Picture.from_result(found).caption() == "NOT THE ANSWER: at 25 % of the load"
+    assert Picture.from_result(found).field == pytest.approx([0.0, 0.5e-3, 5e-3])
+    assert Still(found).picture().caption() == "NOT THE ANSWER: at 25 % of the load"
+
+
+def test_a_failed_equilibrium_keeps_what_was_there(failing: None, capsys: Said) -> None:
+    """A good motion with its pictures, byte for byte; the failed state is beside it, and goes with the next success."""
+    assert run(MOVING) == 0
+    (OUT / "movie.mp4").write_text("its movie")
+    before = files(OUT)
+    assert run(RESTING, "--json") == 3
+    printed = capsys.readouterr()
+    failed = OUT / FAILED
+    assert f"the last good state is in {failed}; the results in {OUT} are as they were" in printed.err
+    after = files(OUT)
+    assert {name: after.get(name) for name in before} == before
+    assert not Result.load(failed).converged
+    assert main(["render", str(failed)]) == 0
+    assert (failed / PICTURE).exists()
+    assert run(MOVING) == 0
+    assert not failed.exists()
+
+
+def test_a_motion_that_fails_keeps_what_was_there(monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
+    """A good equilibrium; the frames up to the failure are beside it."""
+
+    def too_fast(model: Any) -> Any:
+        moved = begin(model)
+        moved.control.step = 1.2 * moved.stable.largest
+        return moved
+
+    assert run(RESTING, "--render") == 0
+    before = files(OUT)
+    wild = SWING.format(dynamic="duration: 50 ms, output_every: 0.2 ms, time_step: 1 us")
+    with monkeypatch.context() as patch:
+        patch.setattr("magmpm.dynamics.run.begin", too_fast)
+        assert run(wild) == 3
+    assert f"the last good state is in {OUT / FAILED}; the results in {OUT} are as they were" in capsys.readouterr().err
+    after = files(OUT)
+    assert {name: after.get(name) for name in before} == before
+    assert not (OUT / MOTION).exists()
+    assert not (OUT / EARLIER).exists()
+    assert len(Motion.load(OUT / FAILED)) >= 1
+    assert not Result.load(OUT / FAILED).converged
+    assert run(wild.replace("time_step: 1 us", "time_step: 90 us")) == 2, "refused before it begins"
+    assert {name: files(OUT).get(name) for name in before} == before
+
+
+def test_a_motion_that_is_killed_keeps_what_was_there_aside(capsys: Said) -> None:
+    """In FOLDER/earlier until it is resumed and finished, or until it fails."""
+    assert run(RESTING) == 0
+    before = files(OUT)
+    Path("scene.yaml").write_text(SWING.format(dynamic="duration: 30 ms, output_every: 1 ms"))
+    command = [sys.executable, "-m", "magmpm.cli", "run", "scene.yaml"]
+    process = subprocess.Popen(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    patience = time.monotonic() + 120
+    while not (OUT / CHECKPOINT).exists() and process.poll() is None and time.monotonic() < patience:
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the run was over before it could be killed"
+    assert files(OUT / EARLIER) == before
+    assert main(["run", "scene.yaml", "--resume"]) == 0
+    assert not (OUT / EARLIER).exists()
+    assert Result.load(OUT).time == pytest.approx(0.03)
+
+
+def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(RESTING) == 0
+    before = files(OUT)
+
+    def interrupted(*_: Any, **__: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("magmpm.dynamics.run.follow", interrupted)
+    assert run(MOVING) == 1
+    assert files(OUT) == before
