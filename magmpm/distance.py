@@ -68,9 +68,31 @@ def to_path(points: Array, path: Array) -> Array:
     return best
 
 
+def past_ends(radius: float, spacing: float) -> float:
+    """How far (m) the table of a tube goes on past its ends, at most, and its wall with it."""
+    return radius + BAND * spacing
+
+
+def to_tube(points: Array, path: Array, radius: float, past: float) -> Array:
+    """Distance (n,) m of points (n, 3) from the wall of a tube of this radius around a finely sampled curve (m, 3), which goes on straight
+    past both ends (m)."""
+    slope = np.gradient(path, axis=0)
+    slope /= np.linalg.norm(slope, axis=1, keepdims=True)
+    more = np.linspace(0.0, past, max(2, len(path) // 10))[1:, None]
+    around = np.concatenate([path[0] - more * slope[0], path, path[-1] + more * slope[-1]])
+    along = np.concatenate([np.tile(slope[0], (len(more), 1)), slope, np.tile(slope[-1], (len(more), 1))])
+    found = np.empty(len(points))
+    for n, point in enumerate(points):  # the nearest of the circles that the wall is made of
+        apart = point - around
+        forward = np.einsum("ij,ij->i", apart, along)
+        aside = np.linalg.norm(apart - forward[:, None] * along, axis=1)
+        found[n] = np.hypot(forward, aside - radius).min()
+    return found
+
+
 def tube(path: Array, radius: float, spacing: float) -> Table:
     """A tube of this radius (m) around a finely sampled curve (m, 3), open at both ends, which go on straight as far as the table does."""
-    margin = radius + BAND * spacing
+    margin = past_ends(radius, spacing)
     origin, spacing, shape = points_between(path.min(axis=0) - margin, path.max(axis=0) + margin, spacing)
     values = np.empty(shape)
     y, z = (origin[k] + spacing * np.arange(shape[k]) for k in (1, 2))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm import fields, measures, memory
+from magmpm import effects, fields, measures, memory
 from magmpm.basis import Array
 from magmpm.errors import SolveError
 from magmpm.folder_lock import folder_lock
@@ -155,7 +155,7 @@ def _versions() -> dict[str, str]:
 
 def _warnings(scene: Scene) -> list[str]:
     """What the author may not have meant, and what there is to say about the field's map."""
-    return scene.warnings() + (fields.of(scene).warnings if scene.effects.in_a_field else [])
+    return [*scene.warnings(), *effects.warnings(scene), *(fields.of(scene).warnings if scene.effects.in_a_field else [])]
 
 
 def _particles(model: Model, position: Array, F: Array, time: float | None) -> dict[str, Any]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from magmpm import fields
 from magmpm.basis import Array
+from magmpm.body_reach import FAR
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.jit import compiled
 from magmpm.model import Model
 
-FAR = 10.0  # sizes of the undeformed body that a particle may move from where it was
 GAIN = 0.05  # of the largest kinetic energy: what the sum of all energies may grow by where nothing does work
 REMEDY = "lower solver.dynamic.safety (or time_step)"
 

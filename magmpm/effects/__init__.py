@@ -62,6 +62,12 @@ def check(model: Any) -> None:
                 module.check(*named, model)
 
 
+def warnings(scene: Scene) -> list[str]:
+    """What the effects a scene names have to say of it: ground that is too far away to be touched, say."""
+    named = [module for key, module in every().items() if getattr(scene.effects, key) is not None]
+    return [text for module in named if hasattr(module, "warnings") for text in module.warnings(scene)]
+
+
 def marked(scene: Scene, particles: Any, magnet: Array) -> Array:
     """Remanence (n, 3) T of bodies.Particles, with one more column where an effect tells particles apart (magnetic_interaction)."""
     for key, module in every().items():

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from magmpm import contact as law
 from magmpm.advice import Advice, Body
+from magmpm.body_reach import body_reach, unreached
 from magmpm.contact import Contact, push
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
@@ -71,6 +72,16 @@ def advice(scene: Scene, body: Body) -> Advice:
     if low >= 0:
         return Advice(0.0, f"the body comes to rest {1e3 * low:.3g} mm above it")
     return Advice(-low, f"without it the body would come to rest {-1e3 * low:.3g} mm below it")
+
+
+def warnings(scene: Scene) -> list[str]:
+    """Where the plane is too far away to be touched."""
+    named, reach = scene.effects.ground, body_reach(scene)
+    if named is None:
+        return []
+    height = (reach.base - np.array(named.point)) @ np.array(named.normal)
+    found = unreached("ground", "the ground", reach, height)
+    return [] if found is None else [found]
 
 
 @compiled

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from magmpm import contact as law
 from magmpm import distance
 from magmpm.advice import Advice, Body
+from magmpm.body_reach import body_reach, unreached
 from magmpm.contact import Contact, push
 from magmpm.curves import curve
 from magmpm.distance import Table, value
@@ -23,7 +24,7 @@ from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.jit import compiled
 from magmpm.scene import Scene
-from magmpm.surroundings import Surface, Tube
+from magmpm.surroundings import Surface, Tube, Walls
 
 PHASE = "contact"
 POINTS = 6  # of the table in a tube's radius
@@ -114,6 +115,24 @@ def advice(scene: Scene, body: Body) -> Advice:
     return Advice(-room, f"without it the body would come to rest {-1e3 * room:.3g} mm beyond it")
 
 
+def warnings(scene: Scene) -> list[str]:
+    """Where the wall is too far away to be touched."""
+    named = scene.effects.walls
+    found = None if named is None else _unreached(scene, named)
+    return [] if found is None else [found]
+
+
+def _unreached(scene: Scene, named: Walls) -> str | None:
+    reach = body_reach(scene)
+    if named.tube is not None:
+        path = _path(named.tube)
+        distances = distance.to_tube(reach.base, path, named.tube.radius, distance.past_ends(named.tube.radius, named.tube.radius / POINTS))
+    else:
+        assert named.surface is not None  # validated
+        distances = distance.to_triangles(reach.base, np.ascontiguousarray(named.surface.vertices[named.surface.faces]))
+    return unreached("walls", "the lumen's wall", reach, distances)
+
+
 @compiled
 def depth(effect, data, x):  # type: ignore[no-untyped-def]
     """How far (m) the body's surface at a particle at x is beyond the wall, negative inside; slope of the distance, inwards."""
@@ -183,7 +202,17 @@ def report(
 
 
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
-    """Raises SceneError where the body begins beyond the wall."""
+    """Raises SceneError where the body begins beyond the wall, or before the open end of a tube that it can't reach."""
+    named = model.scene.effects.walls
+    if named.tube is not None and not np.isfinite(table_of(model.scene).at(model.particles.position)[0]).any():
+        found = _unreached(model.scene, named)
+        if found is not None:
+            raise SceneError(
+                "effects.walls",
+                found=f"the body begins outside the lumen, before an open end of its tube; {found.removeprefix('effects.walls: ')}",
+                rule="the body must begin within the lumen, or be able to reach it",
+                remedy="move the tube to the body, or feed the body into it",
+            )
     out = -_room(model.scene, model.particles.position)
     if out.max() > law.cell_size(model.scene):  # less is an overlap, below
         far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
