@@ -203,6 +203,15 @@ def report(
 
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     """Raises SceneError where the body begins beyond the wall, or before the open end of a tube that it can't reach."""
+    out = -_room(model.scene, model.particles.position)
+    if out.max() > law.cell_size(model.scene):  # less is an overlap, below
+        far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
+        raise SceneError(
+            "effects.walls",
+            found=f"the body begins {far}outside the lumen, farthest with {law.place(model, int(out.argmax()))}",
+            rule="the body must begin within the lumen",
+            remedy="make the lumen wider, or move it to the body",
+        )
     named = model.scene.effects.walls
     if named.tube is not None and not np.isfinite(table_of(model.scene).at(model.particles.position)[0]).any():
         found = _unreached(model.scene, named)
@@ -213,15 +222,6 @@ def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
                 rule="the body must begin within the lumen, or be able to reach it",
                 remedy="move the tube to the body, or feed the body into it",
             )
-    out = -_room(model.scene, model.particles.position)
-    if out.max() > law.cell_size(model.scene):  # less is an overlap, below
-        far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
-        raise SceneError(
-            "effects.walls",
-            found=f"the body begins {far}outside the lumen, farthest with {law.place(model, int(out.argmax()))}",
-            rule="the body must begin within the lumen",
-            remedy="make the lumen wider, or move it to the body",
-        )
     x, mass = model.particles.position, model.density * model.particles.volume
     _, worst, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
     law.refuse_overlap("walls", "the wall", model, worst, deepest, energy, "make the lumen wider, or move it")
