@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from magmpm.cli_parts import of_file, print_summary, results_folder
+from magmpm.cli_parts import STYLES, of_file, print_summary, results_folder
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--render", action="store_true", help="draw the result as well")
     run.add_argument("--resume", action="store_true", help="go on with a motion that was interrupted")
     _overwriting(run, "results of another scene")
+    _style(run, "surface")
     _common(run, "runs/NAME, with the scene's name")
     run.set_defaults(command=_run)
 
@@ -80,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
         "--storage", metavar="URL", help="database of the trials [sqlite in the results folder]"
     )
     design.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    _style(design, "particles")
     _common(design, "runs/NAME, with the study file's name")
     design.set_defaults(command=_design)
 
@@ -117,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     render.add_argument("--frames", metavar="N,N,...", help="frames of a motion as pictures of their own, or `all`")
     render.add_argument("--fps", type=_rate, metavar="N", help="frames of the movie a second [it lasts about 6 s]")
+    _style(render, "surface for a run, particles for a study")
     _common(render, "into the folder itself")
     render.set_defaults(command=_render)
 
@@ -169,6 +172,10 @@ def _common(parser: argparse.ArgumentParser, folder: str) -> None:
 
 def _overwriting(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("--overwrite", action="store_true", help=f"replace {what}")
+
+
+def _style(parser: argparse.ArgumentParser, usual: str) -> None:
+    parser.add_argument("--style", choices=STYLES, help=f"what a body at rest is drawn by [{usual}]")
 
 
 def _rate(text: str) -> float:
@@ -251,7 +258,7 @@ def _cells(text: str | None) -> list[int]:
 def _render(options: argparse.Namespace) -> int:
     from magmpm.cli_render import render
 
-    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps)
+    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps, style=options.style)
     print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
     return 0
 

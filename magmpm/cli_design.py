@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.cli_parts import SURFACE
 from magmpm.errors import InputError
 from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
@@ -34,7 +35,7 @@ def design(options: argparse.Namespace) -> int:
     from studies.engine import run_study
     from viz.worker import Renderer
 
-    study = load_study(options.study)
+    study, smooth = load_study(options.study), options.style == SURFACE
     out = options.out or Path("runs") / study.name
     with (
         folder_lock(out),  # until the pictures of the whole are there
@@ -45,14 +46,14 @@ def design(options: argparse.Namespace) -> int:
             study,
             solve=run,
             out=out,
-            picture=None if renderer is None else _trial_picture(renderer),
+            picture=None if renderer is None else _trial_picture(renderer, smooth),
             on_trial=lambda trial: _tell(trial, progress),
             trials=options.trials,
             sampler=options.sampler,
             storage=options.storage,
         )
         done = report.ended != "interrupted"
-        files = _draw_study(out, report.summary(), study.target, renderer) if renderer is not None and done else []
+        files = _draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
         note = "" if renderer is None else renderer.note
     if note:
         print(note, file=sys.stderr)
@@ -66,11 +67,11 @@ def _tell(trial: Trial, progress: Progress) -> None:
     progress.at(trial.finished, trial.wanted, f"best {best}")
 
 
-def _trial_picture(renderer: Renderer) -> DrawTrial:
+def _trial_picture(renderer: Renderer, smooth: bool) -> DrawTrial:
     from viz.picture import Picture
 
     def draw(result: Result, path: Path, trial: Trial) -> Path:
-        picture = Picture.from_result(result, target=trial.target, trial=trial.number, rms=trial.rms_m)
+        picture = Picture.from_result(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=smooth)
         return renderer.render(picture, path)
 
     return draw
@@ -126,13 +127,16 @@ def refuse_study(folder: Path) -> None:
         raise InputError(worded(f"{folder}: holds a study", rule=rule, remedy="use another --out"))
 
 
-def render_study(folder: Path, out: Path) -> tuple[list[Path], str]:
-    """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note."""
+def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list[Path], str]:
+    """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note.
+
+    smooth: bodies are drawn by their surface in place of their particles.
+    """
     from viz.worker import Renderer
 
     report = _saved_report(folder)
     with Renderer() as renderer:
-        return _draw_study(folder, report, _saved_target(folder), renderer, out), renderer.note
+        return _draw_study(folder, report, _saved_target(folder), renderer, out, smooth=smooth), renderer.note
 
 
 def _saved_report(folder: Path) -> dict[str, Any]:
@@ -164,6 +168,8 @@ def _draw_study(
     target: np.ndarray | None,
     renderer: Renderer,
     out: Path | None = None,
+    *,
+    smooth: bool = False,
 ) -> list[Path]:
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.results import Result
@@ -183,7 +189,7 @@ def _draw_study(
             known = json.loads((of / DESIGN).read_text(encoding="utf-8"))
         except ValueError as error:
             raise InputError(f"{of / DESIGN}: can't be read ({error}); remove {of}, and run `magmpm design` again") from None
-        return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"])
+        return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
 
     files = []
     if (folder / BEST).exists():

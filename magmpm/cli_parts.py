@@ -11,6 +11,7 @@ from typing import Any
 
 from magmpm.errors import SceneError
 
+SURFACE, PARTICLES = STYLES = ("surface", "particles")  # what a body at rest is drawn by
 
 def results_folder(name: str) -> Path:
     """runs/NAME for a scene or study of that name."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from magmpm.cli_parts import PARTICLES, SURFACE
 from magmpm.errors import InputError
 from magmpm.folder_lock import folder_lock
 from magmpm.motion_files import ABOUT, MOTION
@@ -20,8 +21,12 @@ if TYPE_CHECKING:
     from viz.worker import Renderer
 
 
-def render(folder: Path, out: Path | None, *, frames: str | None = None, fps: float | None = None) -> list[str]:
+def render(
+    folder: Path, out: Path | None, *, frames: str | None = None, fps: float | None = None, style: str | None = None
+) -> list[str]:
     """Draw what a run or a study left in a folder, into `out` or the folder itself; the files. A note of the renderer goes to stderr.
+
+    style: SURFACE or PARTICLES; unless given, a surface for a run and particles for a study.
 
     Raises InputError where there is nothing to draw or `out` can't be written, RenderError where nothing can be drawn.
     """
@@ -29,13 +34,13 @@ def render(folder: Path, out: Path | None, *, frames: str | None = None, fps: fl
 
     if is_study(folder):
         with folder_lock(out or folder):
-            return _told(*render_study(folder, out or folder))
+            return _told(*render_study(folder, out or folder, smooth=style == SURFACE))
     if not any((folder / name).exists() for name in (MOTION, NUMBERS)):
         raise InputError(
             f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
         )
     with folder_lock(out or folder):
-        return draw_run(folder, out or folder, frames=frames, fps=fps)
+        return draw_run(folder, out or folder, frames=frames, fps=fps, style=style)
 
 
 def draw_run(folder: Path, out: Path, **kind: Any) -> list[str]:
@@ -50,13 +55,13 @@ def _told(files: list[Path], note: str) -> list[str]:
 
 
 def render_run(
-    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None
+    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None, style: str | None = None
 ) -> tuple[list[Path], str]:
     """Draw what a run left in a folder into `out`. Returns the files, and a note on what could not be done as wished, or "".
 
     A motion gets its movie, its moments (the first, the last, and that between which is most unlike both), its last moment as a picture
     and its energies; an equilibrium gets its picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps:
-    frames of the movie a second.
+    frames of the movie a second; style: how an equilibrium is drawn, by its surface unless given. Motions are always drawn by it.
     Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
     """
     from viz.worker import Renderer
@@ -64,22 +69,26 @@ def render_run(
     motion = motion_of(folder)
     if motion is None and (frames is not None or fps is not None):
         raise InputError(f"{folder}: holds no motion: --frames and --fps are for results of dynamic scenes")
+    if motion is not None and style == PARTICLES:
+        raise InputError(
+            f"{folder}: holds a motion, which is drawn by its surface: --style {PARTICLES} is for equilibria; ParaView shows the "
+            f"particles of {MOTION}"
+        )
     with Renderer() as renderer:
         if motion is not None:
             files, note = _render_motion(motion, out, renderer, frames, fps)
         else:
             from magmpm.results import Result
 
-            files, note = [draw_result(Result.load(folder), out / PICTURE, renderer)], ""
+            files, note = [draw_result(Result.load(folder), out / PICTURE, renderer, style)], ""
         return files, " ".join(filter(None, (note, renderer.note)))
 
 
-def draw_result(result: Result, path: Path, renderer: Renderer) -> Path:
-    """The picture of an equilibrium."""
+def draw_result(result: Result, path: Path, renderer: Renderer, style: str | None = None) -> Path:
+    """The picture of an equilibrium: the body's surface with what stands around it, or its particles, also from the top and the side."""
     from viz.style import FINAL_SIZE, MOVIE_SIZE
 
-    body: dict[str, Any] = result.scene.get("body") or {}
-    if body.get("catheter") is not None:
+    if style == PARTICLES:
         from viz.picture import Picture
 
         return renderer.render(Picture.from_result(result), path, size=FINAL_SIZE)

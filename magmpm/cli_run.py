@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from magmpm.cli_design import refuse_study
-from magmpm.cli_parts import of_file, print_summary, results_folder
+from magmpm.cli_parts import PARTICLES, of_file, print_summary, results_folder
 from magmpm.cli_render import draw_run
-from magmpm.errors import MagmpmError, SolveError
+from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.folder_lock import folder_lock
 from magmpm.motion_files import CHECKPOINT
 from magmpm.progress import Progress
+from magmpm.readable import lengths, quantity, significant
 from magmpm.run_folder import EARLIER, RunFolder
 
 if TYPE_CHECKING:
@@ -27,6 +28,11 @@ def run_scene(options: argparse.Namespace) -> int:
     from magmpm.scene import load_scene
 
     scene = load_scene(options.scene)
+    if options.style == PARTICLES and scene.solver.dynamic is not None:
+        raise InputError(
+            f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface; leave --style out, and look at the "
+            "particles in ParaView"
+        )
     folder = options.out or results_folder(scene.name)
     with folder_lock(folder):
         refuse_study(folder)
@@ -60,7 +66,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     kept.save(result)
     summary = {**result.summary(), "folder": str(folder), "replaced": replaced}
     if options.render:
-        summary["files"] = draw_run(folder, folder)
+        summary["files"] = draw_run(folder, folder, style=options.style)
         summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
     print_summary(options, summary, _report(result, folder, replaced))
     return 0
@@ -87,7 +93,7 @@ def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -
     summary = {**error.state.summary(), "folder": str(saved), "reason": error.reason}
     if options.render:
         try:
-            summary["files"] = draw_run(saved, saved)
+            summary["files"] = draw_run(saved, saved, style=options.style)
         except MagmpmError as trouble:  # what went wrong with the run matters more
             print(f"magmpm: the last good state can't be drawn: {trouble}", file=sys.stderr)
     if options.json:
@@ -103,11 +109,10 @@ def _say_afresh(folder: Path, moving: bool) -> None:
 
 
 def _report(result: Result, folder: Path, replaced: str) -> str:
-    tip = ", ".join(f"{1e3 * x:.3f}" for x in result.tip)
     seconds = result.seconds
     lines = [
         f"{result.name}: {_done(result)}",
-        f"  tip             ({tip}) mm",
+        f"  tip             {lengths(result.tip)}",
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}",
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
@@ -122,11 +127,12 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
 def _done(result: Result) -> str:
     if result.formulation == "static":
         return f"equilibrium in {result.iterations} Newton steps"
-    bounds = ", ".join(f"{name} {step:.3g}" for name, step in result.stable_steps.items())
+    bounds = ", ".join(f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items())
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (
-        f"{result.time:g} s of motion in {result.iterations} steps of {result.time_step:.3g} s ({result.formulation} formulation)\n"
-        f"  stable steps    {bounds} s\n"
-        f"  rate            {rate:.1f} million particle-steps a second, frames and looks included\n"
-        f"  energy          kinetic {result.kinetic_energy:.3g} J, potential {result.energy:.3g} J"
+        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of {quantity(result.time_step, 's')} "
+        f"({result.formulation} formulation)\n"
+        f"  stable steps    {bounds}\n"
+        f"  rate            {significant(rate)} million particle-steps a second, frames and looks included\n"
+        f"  energy          kinetic {quantity(result.kinetic_energy, 'J')}, potential {quantity(result.energy, 'J')}"
     )

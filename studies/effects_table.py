@@ -20,6 +20,7 @@ from magmpm.errors import MagmpmError, SceneError, SolveError
 from magmpm.inputs import validate
 from magmpm.model import build
 from magmpm.parts import Effects
+from magmpm.readable import fixed, significant
 from magmpm.rod import rod_model, solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -63,8 +64,8 @@ class Table:
         """The table for people; what the scene names is marked."""
         lines = ["  effect                shift mm   cost %  what it does here"]
         for row in self.rows:
-            shift = "-" if row.shift is None else f"{1e3 * row.shift:.3g}"
-            cost = "-" if row.cost_percent is None else f"{row.cost_percent:.0f}"
+            shift = "-" if row.shift is None else significant(1e3 * row.shift)
+            cost = "-" if row.cost_percent is None else fixed(row.cost_percent, 0)
             mark = "*" if row.named else " "
             lines.append(f"{mark} {row.effect:21} {shift:>8} {cost:>8}  {row.says}")
         return "\n".join(

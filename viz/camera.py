@@ -63,7 +63,7 @@ class Frame:
 
     @classmethod
     def of(cls, pictures: Picture | Sequence[Picture]) -> Frame:
-        """The frame that holds all bodies and targets of these pictures.
+        """The frame that holds all bodies and targets of these pictures, and the magnets and coils near them.
 
         The direction comes from the first picture's target where there is one, so that it is the same for
         every trial of a study; else from the first body's own shape.
@@ -71,6 +71,12 @@ class Frame:
         many = [pictures] if isinstance(pictures, Picture) else list(pictures)
         points = [
             shape[_thinned(len(shape), 40)] for p in many for shape in (p.axis, p.target) if shape is not None
+        ]
+        points += [
+            prop.points[[*prop.points.argmin(axis=0), *prop.points.argmax(axis=0)]]
+            for p in many
+            for prop in p.props
+            if prop.framed
         ]
         first = many[0]
         shape = first.axis if first.target is None else np.vstack([np.zeros((1, 3)), first.target])
@@ -88,7 +94,9 @@ class Frame:
         """The tilted view, with the floor in it. aspect: width over height of its panel."""
         (x0, y0, z), (x1, y1, _) = self.floor
         corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1)])
-        return fitted(self.toward, np.vstack([self.points, corners]), 0.5 * self.radius, aspect, 1.02)
+        # The body is as thick as twice the radius, and the clamp's plate a little more.
+        edges = [self.points + side * 0.95 * self.radius * axis for axis in _basis(self.toward) for side in (-1, 1)]
+        return fitted(self.toward, np.vstack([*edges, corners]), 0.5 * self.radius, aspect, 1.02)
 
     def top_and_side(self, aspect: float) -> tuple[View, View]:
         """Views along -z and along +y, at one and the same scale."""

@@ -19,9 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm.readable import quantity
 from viz import style
 from viz.camera import Frame, View
 from viz.picture import Picture
+from viz.scenery import POLES
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,9 @@ def floor_lines(frame: Frame, spacing: float) -> np.ndarray:
 
 
 def shadows(picture: Picture, frame: Frame) -> tuple[np.ndarray, np.ndarray | None]:
-    """Particles and target dots dropped onto the floor, (n, 3) and (q, 3) m."""
+    """Particles, or the surface's points, and target dots dropped onto the floor, (n, 3) and (q, 3) m."""
     dropped: list[np.ndarray] = []
-    for points in (picture.particles, picture.target):
+    for points in (picture.particles if picture.surface is None else picture.surface.points, picture.target):
         if points is not None:
             flat = np.array(points, dtype=float)
             flat[:, 2] = frame.floor[0][2]
@@ -169,19 +171,29 @@ def legend(picture: Picture) -> list[LegendItem]:
     entries.append(("line", (style.INK,), "axis"))
     if picture.target is not None:
         entries.append(("dot", (style.TARGET,), picture.target_name))
-    rows = 3
+    for name, colour in {prop.name: prop.colour for prop in picture.props if prop.name}.items():
+        poles = (style.NORTH, style.SOUTH)
+        short = name.removesuffix(POLES).split()[-1]  # there is little room, and the swatch shows the poles
+        entries.append(("swatch", poles if name.endswith(POLES) else (colour,), short))
+    rows = 3 if len(entries) <= 6 else 4
+    step, top = (LEGEND_ROW, LEGEND_TOP) if rows == 3 else (0.75 * LEGEND_ROW, LEGEND_TOP + 0.01)
     return [
-        LegendItem(
-            mark, colours, text, LEGEND_X + (i // rows) * LEGEND_COLUMN, LEGEND_TOP - (i % rows) * LEGEND_ROW
-        )
+        LegendItem(mark, colours, text, LEGEND_X + (i // rows) * LEGEND_COLUMN, top - (i % rows) * step)
         for i, (mark, colours, text) in enumerate(entries)
     ]
 
 
 def field_text(picture: Picture) -> str:
-    """The field's magnitude, "|B| = 10.0 mT", or "no field"."""
-    strength = float(np.linalg.norm(picture.field))
-    return f"|B| = {strength * 1e3:.1f} mT" if strength > 0 else "no field"
+    """The field's magnitude, "|B| = 10.0 mT"; nothing without a field."""
+    return magnitude(picture.field) if np.any(picture.field) else ""
+
+
+def magnitude(field: np.ndarray) -> str:
+    """A field's (3,) T magnitude in words; tenths of mT where that says enough."""
+    strength = float(np.linalg.norm(field))
+    if 1e-3 <= strength < 1.0:
+        return f"|B| = {strength * 1e3:.1f} mT"
+    return f"|B| = {quantity(strength, 'T')}"
 
 
 def title_text(picture: Picture) -> str:

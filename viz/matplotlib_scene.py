@@ -101,6 +101,37 @@ class FlatPanel:
             PolyCollection(flat, facecolors=colour, edgecolors="none", zorder=zorder), autolim=False
         )
 
+    def surface(
+        self,
+        points: np.ndarray,
+        triangles: np.ndarray,
+        colours: np.ndarray,
+        zorder: float,
+        hollow: np.ndarray | bool = False,
+    ) -> None:
+        """Triangles (m, 3) between points (n, 3) m in colours (m, 3), the farthest first; of what is hollow, (m,), the far side only."""
+        a, b, c = (points[triangles[:, i]] for i in range(3))
+        face = np.cross(b - a, c - a)
+        face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
+        hollow = np.broadcast_to(hollow, len(triangles))
+        seen = (face @ self.view.toward > 0) != hollow
+        light = brightness(np.where(hollow, -1.0, 1.0)[seen, None] * face[seen], self.view, contrast=0.3)
+        corner = np.stack([a[seen], b[seen], c[seen]], axis=1)
+        colour = np.clip(colours[seen] * light[:, None], 0.0, 1.0)
+        flat = self.view.project(corner.reshape(-1, 3)).reshape(-1, 3, 3)
+        order = np.argsort(flat[:, :, 2].mean(axis=1))
+        self.axes.add_collection(
+            # Edges of the faces' own colour close the hairlines between them.
+            PolyCollection(
+                list(flat[order, :, :2]),
+                facecolors=colour[order],
+                edgecolors=colour[order],
+                linewidths=0.3,
+                zorder=zorder,
+            ),
+            autolim=False,
+        )
+
     def arrow(
         self, start: np.ndarray, vector: np.ndarray, width: float, colour: str, halo: bool = False
     ) -> None:
@@ -130,7 +161,7 @@ class FlatPanel:
 
 
 def _body(panel: FlatPanel, picture: Picture) -> None:
-    """Clamp, particles, axis and target."""
+    """Clamp, magnets, particles or surface, axis and target."""
     if picture.clamp is not None:
         turn = np.linspace(0.0, 2.0 * np.pi, 49)
         circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
@@ -140,9 +171,18 @@ def _body(panel: FlatPanel, picture: Picture) -> None:
         edge = [np.stack([rim[k], rim[k + 1], back[k + 1], back[k]]) for k in range(48)]
         panel.faces(edge, style.CLAMP_EDGE, 2.0 if behind else 4.0)
         panel.faces([rim if behind else back], style.CLAMP, 2.1 if behind else 4.1)
-    colours = style.segment_colours(picture.magnetised)[picture.particle_segment]
-    colours *= brightness(outward(picture), panel.view, contrast=0.25)[:, None]
-    panel.balls(picture.particles, style.BALL_WIDTH * picture.particle_size, colours, 3.0)
+    middle = float(picture.axis.mean(axis=0) @ panel.view.toward)
+    for prop in picture.props:
+        near = float(prop.points.mean(axis=0) @ panel.view.toward) > middle
+        panel.surface(prop.points, prop.triangles, np.tile(style.rgb(prop.colour), (len(prop.triangles), 1)), 4.5 if near else 2.5)
+    colours = style.segment_colours(picture.magnetised)
+    if picture.surface is not None:
+        points = picture.surface.points.astype(float)
+        panel.surface(points, picture.surface.triangles, colours[picture.surface.part], 3.0)
+    else:
+        colours = colours[picture.particle_segment]
+        colours *= brightness(outward(picture), panel.view, contrast=0.25)[:, None]
+        panel.balls(picture.particles, style.BALL_WIDTH * picture.particle_size, colours, 3.0)
     axis = picture.axis
     panel.lines(np.stack([axis[:-1], axis[1:]], axis=1), style.INK, 1.5, 5.0)
     if picture.target is not None:
@@ -162,7 +202,10 @@ def _floor(panel: FlatPanel, picture: Picture, frame: Frame) -> None:
     panel.faces([corners], style.FLOOR, 1.0)
     panel.lines(layout.floor_lines(frame, layout.unit(picture)), style.GRID, 1.2, 1.1)
     body, target = layout.shadows(picture, frame)
-    panel.balls(body, style.BALL_WIDTH * picture.particle_size, style.SHADOW, 1.2)
+    if picture.surface is not None:
+        panel.faces(list(body[picture.surface.triangles]), style.SHADOW, 1.2)
+    else:
+        panel.balls(body, style.BALL_WIDTH * picture.particle_size, style.SHADOW, 1.2)
     if target is not None:
         panel.balls(target, 0.7 * style.DOT_WIDTH * picture.thickness, style.TARGET_SHADOW, 1.3)
 

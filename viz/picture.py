@@ -7,9 +7,15 @@ pickled for every trial of a study.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from magmpm import readable
+
+if TYPE_CHECKING:
+    from viz.scenery import Prop
+    from viz.shapes import Surface
 
 MAX_PARTICLES = 40_000
 
@@ -37,6 +43,8 @@ class Picture:
     gravity              (3,) m/s^2, or None
     title, trial, rms    caption; rms in m
     mark                 what stands in the caption's place, in red, where this is no answer; or ""
+    surface              what is drawn in place of the particles' cloud, or None
+    props                the field's magnets and coils
     """
 
     particles: np.ndarray
@@ -56,6 +64,8 @@ class Picture:
     trial: int | None = None
     rms: float | None = None
     mark: str = ""
+    surface: Surface | None = None
+    props: tuple[Prop, ...] = ()
 
     def __post_init__(self) -> None:
         for name, columns in (
@@ -101,7 +111,7 @@ class Picture:
         if self.trial is not None:
             parts.append(f"trial {self.trial}")
         if self.rms is not None:
-            parts.append(f"rms {self.rms * 1e3:.2f} mm")
+            parts.append(f"rms {self.rms * 1e3:.2f} mm" if self.rms >= 1e-4 else f"rms {readable.length(self.rms)}")
         return "   ".join(parts)
 
     @classmethod
@@ -115,13 +125,17 @@ class Picture:
         rms: float | None = None,
         title: str | None = None,
         max_particles: int = MAX_PARTICLES,
+        smooth: bool = False,
     ) -> Picture:
         """The picture of a simulation's result.
 
         result: magmpm.results.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or
         (q, 3) rows [x, y, z], m. Only the skin's particles are kept, at most max_particles, and only finite
-        ones that are not slivers.
+        ones that are not slivers. smooth: the body's surface is drawn in place of them.
         """
+        from viz.play import surface_of
+        from viz.scenery import sources_at_rest
+
         position = np.asarray(result.particle_position, dtype=float)
         finite = np.isfinite(position).all(axis=1)
         if not finite.any():
@@ -153,6 +167,8 @@ class Picture:
             trial=trial,
             rms=rms,
             mark=mark,
+            surface=surface_of(result) if smooth else None,
+            props=tuple(sources_at_rest(result.scene, np.asarray(result.particle_reference), length)),
         )
 
 

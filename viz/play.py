@@ -23,7 +23,7 @@ from viz.surface import Binding, PartedBinding, around_particles, bodies, crease
 MOST_ARROWS = 16
 LOOKS = 60  # frames looked at to place the camera
 # How far from the body, in its lengths, a source may be to be in the picture; in one of a few moments, where it is before it has come near.
-REACH, FAR = 2.5, 3.5
+REACH, FAR = scenery.REACH, 3.5
 
 
 class Body:
@@ -187,6 +187,17 @@ def _lengths(shape: Mapping[str, Any]) -> np.ndarray:
     return np.array([share if length is None else float(length) for length in given])
 
 
+def surface_of(result: Any) -> Surface:
+    """The deformed surface of a result's body: points (m, 3) m in single precision, triangles, parts."""
+    reference = np.asarray(result.particle_reference, dtype=float)
+    body = Body(
+        result.scene, reference, result.particle_volume, result.particle_segment, np.zeros_like(reference)
+    )
+    points = body.points(np.asarray(result.particle_position, dtype=float))
+    whole = np.isfinite(points).all(axis=1)[body.surface.triangles].all(axis=1)
+    return Surface(np.nan_to_num(points).astype(np.float32), body.surface.triangles[whole].astype(np.int32), body.surface.part[whole])
+
+
 class Play:
     """A motion (magmpm.motion.Motion) ready to be drawn: `stage(k)` of each frame, all to be seen in one `shot`."""
 
@@ -324,7 +335,7 @@ class Play:
 
 
 class Still(Play):
-    """A result of statics drawn as a motion is: one stage. For bodies that are no catheter."""
+    """A result of statics drawn as a motion is, with a smooth surface and what stands around it: one stage."""
 
     def __init__(self, result: Any) -> None:
         super().__init__(_OneFrame(result))
@@ -355,10 +366,11 @@ class _OneFrame:
             turned = np.average(F[of], axis=0, weights=self.volume[of])
             self.remanence[of] = np.linalg.lstsq(turned, mean, rcond=0.05)[0]
             magnetisation[of] = np.einsum("nij,nj->ni", F[of], self.remanence[of])
-        self.times = np.zeros(1)
+        time = scenery.END if getattr(result, "formulation", "static") == "static" else float(result.time)
+        self.times = np.full(1, time)
         self.fields = failure(result)[1] * np.asarray(result.field, dtype=float).reshape(1, 3)
         self.contacts: dict[str, Any] = {}
-        self._frame = _Moment(position.reshape(n, 3), self.fields[0], {"magnetisation": magnetisation})
+        self._frame = _Moment(time, position.reshape(n, 3), self.fields[0], {"magnetisation": magnetisation})
 
     def __len__(self) -> int:
         return 1
@@ -371,8 +383,10 @@ class _OneFrame:
 
 
 class _Moment:
-    def __init__(self, position: np.ndarray, field: np.ndarray, quantities: dict[str, np.ndarray]) -> None:
-        self.position, self.field, self.quantities, self.time = position, field, quantities, 0.0
+    def __init__(
+        self, time: float, position: np.ndarray, field: np.ndarray, quantities: dict[str, np.ndarray]
+    ) -> None:
+        self.time, self.position, self.field, self.quantities = time, position, field, quantities
 
 
 def _near(prop: scenery.Prop, points: np.ndarray, reach: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from viz.camera import Frame
 from viz.canvas import Canvas, PanelCanvas
 from viz.picture import Picture
 from viz.shade import brightness, outward
+from viz.shapes import normals
 from viz.stage import Shot, Stage
 
 
@@ -51,7 +52,7 @@ class Scene3D:
 
 
 def _body(panel: PanelCanvas, picture: Picture) -> None:
-    """Clamp, particles, axis and target.
+    """Clamp, magnets, particles or surface, axis and target.
 
     What the body must not hide is moved towards the camera: in a parallel projection that changes what hides
     what, and nothing else.
@@ -66,9 +67,18 @@ def _body(panel: PanelCanvas, picture: Picture) -> None:
             resolution=48,
         )
         panel.solid(plate, style.CLAMP)
-    colours = style.segment_colours(picture.magnetised)[picture.particle_segment]
-    colours *= brightness(outward(picture), panel.view, contrast=0.15)[:, None]
-    panel.balls(picture.particles, style.BALL_WIDTH * picture.particle_size, colours)
+    for prop in picture.props:
+        smooth = normals(prop.points, prop.triangles)
+        panel.surface(prop.points, prop.triangles, prop.colour, normals=smooth, only_far_side=prop.hollow)
+    colours = style.segment_colours(picture.magnetised)
+    if picture.surface is not None:
+        points, triangles = picture.surface.points.astype(float), picture.surface.triangles
+        smooth = normals(points, triangles)
+        panel.surface(points, triangles, colours[picture.surface.part], normals=smooth, glossy=True)
+    else:
+        colours = colours[picture.particle_segment]
+        colours *= brightness(outward(picture), panel.view, contrast=0.15)[:, None]
+        panel.balls(picture.particles, style.BALL_WIDTH * picture.particle_size, colours)
     panel.lines(_pairs(panel.view.lift(picture.axis, 2 * picture.length)), style.INK, 1.5)
     if picture.target is not None:
         dots = panel.view.lift(style.thinned(picture.target, style.TARGET_DOTS), 4 * picture.length)
@@ -92,9 +102,11 @@ def _floor(panel: PanelCanvas, picture: Picture, frame: Frame) -> None:
     panel.solid(pv.Rectangle(corners), style.FLOOR, lit=False)
     panel.lines(panel.view.lift(layout.floor_lines(frame, layout.unit(picture)), layer), style.GRID, 1.2)
     body, target = layout.shadows(picture, frame)
-    panel.balls(
-        panel.view.lift(body, 2 * layer), style.BALL_WIDTH * picture.particle_size, style.SHADOW, lit=False
-    )
+    body = panel.view.lift(body, 2 * layer)
+    if picture.surface is not None:
+        panel.surface(body, picture.surface.triangles, style.SHADOW, lit=False)
+    else:
+        panel.balls(body, style.BALL_WIDTH * picture.particle_size, style.SHADOW, lit=False)
     if target is not None:
         width = 0.7 * style.DOT_WIDTH * picture.thickness
         panel.balls(

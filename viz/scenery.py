@@ -15,6 +15,11 @@ AROUND = 48
 POLES = "(N, S)"  # ends the names of what is red in the north and blue in the south
 
 
+# How far from the body, in its lengths, a source may be to be in the picture.
+REACH = 2.5
+END = 1e12  # s: when every schedule that ends has ended
+
+
 @dataclass(frozen=True)
 class Prop:
     """A solid: points (n, 3) m, triangles (m, 3) counter-clockwise from outside.
@@ -82,6 +87,12 @@ def sources(scene: Mapping[str, Any], time: float) -> list[Prop]:
         Prop(p.name, (p.points + move - centre) @ turn.T + centre, p.triangles, p.colour, p.hollow, p.framed)
         for p in props
     ]
+
+
+def sources_at_rest(scene: Mapping[str, Any], points: np.ndarray, length: float) -> list[Prop]:
+    """The sources at the end of their schedule, where an equilibrium meets them; those farther than REACH lengths (m) from the body's
+    points (n, 3) m are not framed."""
+    return in_reach(sources(scene, END), points, REACH * length)
 
 
 def in_reach(props: list[Prop], points: np.ndarray, reach: float) -> list[Prop]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from viz import stage_layout, stage_page, style
 from viz.layout import compass_view
 from viz.matplotlib_scene import FlatPanel
-from viz.shade import brightness
+from viz.shapes import Surface
 from viz.stage import Shot, Stage, floor_colours
 from viz.stage_layout import Layout
 
@@ -45,34 +45,17 @@ def draw(stage: Stage, shot: Shot, size: tuple[int, int], layout: Layout) -> np.
 
 def _solids(panel: FlatPanel, stage: Stage) -> None:
     """Body and props as one heap of triangles; of a hollow prop the far side, of all else the near one."""
-    corners, colours = [], []
-    solids = [(stage.points.astype(float), stage.triangles, stage.colours, False)]
-    solids += [
-        (p.points, p.triangles, np.tile(style.rgb(p.colour), (len(p.triangles), 1)), p.hollow)
-        for p in stage.props
-    ]
-    for points, triangles, colour, hollow in solids:
-        a, b, c = (points[triangles[:, i]] for i in range(3))
-        face = np.cross(b - a, c - a)
-        face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
-        seen = (face @ panel.view.toward > 0) != hollow
-        light = brightness(np.where(hollow, -1.0, 1.0) * face[seen], panel.view, contrast=0.3)
-        corners.append(np.stack([a[seen], b[seen], c[seen]], axis=1))
-        colours.append(colour[seen] * light[:, None])
-    corner, colour = np.vstack(corners), np.clip(np.vstack(colours), 0.0, 1.0)
-    flat = panel.view.project(corner.reshape(-1, 3)).reshape(-1, 3, 3)
-    order = np.argsort(flat[:, :, 2].mean(axis=1))
-    panel.axes.add_collection(
-        # Edges of the faces' own colour close the hairlines between them.
-        PolyCollection(
-            list(flat[order, :, :2]),
-            facecolors=colour[order],
-            edgecolors=colour[order],
-            linewidths=0.3,
-            zorder=3.0,
-        ),
-        autolim=False,
+    colours = [stage.colours, *(np.tile(style.rgb(p.colour), (len(p.triangles), 1)) for p in stage.props)]
+    whole = Surface.joined(
+        [
+            Surface(points, triangles, np.full(len(triangles), part))
+            for points, triangles, part in [
+                (stage.points.astype(float), stage.triangles, False),
+                *((p.points, p.triangles, p.hollow) for p in stage.props),
+            ]
+        ]
     )
+    panel.surface(whole.points, whole.triangles, np.vstack(colours), 3.0, hollow=whole.part)
 
 
 def _signs(panel: FlatPanel, stage: Stage) -> None:

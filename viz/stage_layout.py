@@ -27,6 +27,7 @@ from viz.layout import (
     Panel,
     ScaleBar,
     compass_view,
+    magnitude,
 )
 from viz.scenery import POLES, Prop
 from viz.stage import Shot, Stage
@@ -122,11 +123,12 @@ def field_width(arrow: np.ndarray) -> float:
 
 
 def field_text(stage: Stage) -> str:
-    """The field's magnitude."""
+    """The field's magnitude; nothing where there is no field at any time."""
     if stage.field is None:
         return ""
-    strength = float(np.linalg.norm(stage.field))
-    return f"|B| = {strength * 1e3:.1f} mT" if strength > 0 else "|B| = 0"
+    if np.any(stage.field):
+        return magnitude(stage.field)
+    return "|B| = 0" if stage.history is not None and np.any(stage.history.values) else ""
 
 
 def varies(stage: Stage) -> bool:

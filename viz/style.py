@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from magmpm import readable
 from viz.picture import Picture
 
 RGB = tuple[float, float, float]
@@ -114,8 +115,8 @@ def nice_length(length: float) -> float:
 
 
 def in_mm(length: float) -> str:
-    """A length in metres as text, "10 mm"."""
-    return f"{length * 1e3:.3g} mm"
+    """A length in metres as text, "10 mm"; of what is smaller than a hundredth of one "5 nm"."""
+    return readable.length(length)
 
 
 def caption(mark: str) -> str:

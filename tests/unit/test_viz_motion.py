@@ -523,6 +523,31 @@ def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
     assert count(image, style.UNMAGNETISED) > 300
 
 
+def test_a_magnet_stands_where_the_equilibrium_met_it() -> None:
+    """At the end of its schedule. Where there is no field at all, none is spoken of."""
+    X = np.stack(np.meshgrid(np.arange(40), np.arange(4), np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = (X + np.array([0.5, -1.5, -1.5])) * 0.5e-3
+    dipole = {"moment": [0.0, 0.0, 1.0], "position": [0.03, 0.0, 0.0]}
+    moves = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 2.0, "move": [0.0, 0.01, 0.0]}]
+    shape = {"length": 0.02, "width": 0.002, "thickness": 0.002, "clamp": "base", "segments": [{}]}
+    result = SimpleNamespace(
+        name="strip",
+        scene={"body": {"strip": shape}, "field": {"dipole": [dipole], "over_time": {"keyframes": moves}}},
+        particle_reference=X,
+        particle_position=X,
+        particle_volume=np.full(len(X), 0.125e-9),
+        particle_segment=np.zeros(len(X), dtype=np.int32),
+        segment_remanence=np.array([[0.1, 0, 0]]),
+        field=np.array([0, 0, 8e-3]),
+    )
+    stage = Still(result).picture()
+    poles = np.vstack([prop.points for prop in stage.props if prop.name.startswith("point dipole")])
+    np.testing.assert_allclose(poles.mean(axis=0), [0.03, 0.01, 0.0], atol=1e-6)
+    assert stage_layout.field_text(stage) == "|B| = 8.0 mT"
+    none = SimpleNamespace(**{**vars(result), "field": np.zeros(3), "scene": {"body": {"strip": shape}}})
+    assert stage_layout.field_text(Still(none).picture()) == ""
+
+
 def test_a_body_in_plane_strain_keeps_its_width() -> None:
     """One layer of particles stands for all of it."""
     X = np.stack(np.meshgrid(np.arange(40), [0], np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)

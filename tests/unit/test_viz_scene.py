@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from viz import layout, samples, style
+from viz import layout, samples, scenery, style
 from viz.camera import Frame, View
 from viz.layout import Panel
 from viz.picture import Picture
+from viz.shapes import tube
 from viz.worker import Renderer
 
 WIDTH, HEIGHT = style.TRIAL_SIZE
@@ -146,7 +147,8 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     none = renderer.image(replace(picture, field=np.zeros(3)))
     assert not near(part(none, layout.FIELD), style.FIELD, tolerance=60).any()
     assert layout.field_text(picture) == "|B| = 10.0 mT"
-    assert layout.field_text(replace(picture, field=np.zeros(3))) == "no field"
+    assert layout.field_text(replace(picture, field=np.zeros(3))) == ""
+    assert layout.field_text(replace(picture, field=np.array([0, 0, 5e-6]))) == "|B| = 5.00 µT"
     afloat = renderer.image(replace(picture, gravity=None))
     assert not np.array_equal(part(afloat, layout.COMPASS), part(image, layout.COMPASS))
     bar = layout.scale_bar(
@@ -231,3 +233,48 @@ def test_what_is_nearer_hides_what_is_behind(renderer: Renderer, near_first: boo
     at = renderer.image(picture, frame=frame)[row, column].astype(float)
     palette = 255 * np.array([style.rgb(colour) for colour in style.SEGMENTS[:2]])
     assert np.argmin(np.linalg.norm(palette - at, axis=1)) == 0
+
+
+def test_magnet_near_the_body_is_drawn_in_every_view(renderer: Renderer) -> None:
+    """With a word in the legend; one that is far is in no view, or the body would be a speck."""
+    magnet = {"cylinder": {"length": 0.02, "diameter": 0.02}, "position": [0.07, 0.0, 0.01], "axis": [1.0, 0.0, 0.0], "remanence": 1.3}
+    picture = replace(body(), target=None)
+    for place, drawn in (([0.07, 0.0, 0.01], True), ([3.0, 0.0, 0.0], False)):
+        props = scenery.sources_at_rest({"field": {"magnet": [{**magnet, "position": place}]}}, picture.particles, picture.length)
+        image = renderer.image(replace(picture, props=tuple(props)))
+        for panel in (layout.MAIN, layout.TOP, layout.SIDE):
+            for colour in (style.NORTH, style.SOUTH):
+                assert (hue_share(part(image, panel), colour) > 2e-4) == drawn, (panel, colour)
+    assert layout.legend(replace(picture, props=tuple(props)))[-1].text == "magnet"
+
+
+def test_surface_in_place_of_particles_lies_where_they_lie(renderer: Renderer) -> None:
+    """Of one colour a segment and without the gaps of balls, it covers what they cover; target, axis and arrows stay."""
+    picture = replace(body(), segment_remanence=np.zeros((5, 3)), target=None)
+    rod = tube([0.008 * k for k in range(1, 6)], 2e-3, 0.0, 5e-4)
+    x, r, a = (g.ravel() for g in np.meshgrid(np.arange(2e-4, 0.04, 4e-4), (1e-3, 1.8e-3), np.arange(0, 6.28, 0.2), indexing="ij"))
+    straight = replace(
+        picture,
+        particles=np.column_stack([x, r * np.cos(a), r * np.sin(a)]),
+        particle_segment=(x / 0.008).astype(int),
+        particle_size=4e-4,
+        centreline=np.column_stack([np.linspace(0, 0.04, 21), np.zeros(21), np.zeros(21)]),
+    )
+    cloud = renderer.image(straight)
+    smooth = renderer.image(replace(straight, surface=rod))
+    side = [part(image, layout.SIDE).astype(int) for image in (cloud, smooth)]
+    grey = [(np.ptp(image, axis=2) < 12) & (image.max(axis=2) < 215) for image in side]
+    assert (grey[0] & grey[1]).sum() > 0.9 * grey[0].sum() > 300  # a ball's width at the edges
+    assert np.abs(cloud.astype(int) - smooth).max() > 20
+
+
+def test_nothing_of_the_body_leaves_the_main_view() -> None:
+    """Its clamp's plate, the widest part, is in the panel wherever the base lies."""
+    for curvature in (samples.s_shape, samples.c_shape):
+        picture = samples.catheter(curvature, spacing=1e-3)
+        frame = Frame.of(picture)
+        view = frame.main(1.3)
+        angle = np.linspace(0, 2 * np.pi, 40)
+        rim = style.CLAMP_RADIUS * picture.diameter * np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+        flat = view.project(np.vstack([rim, picture.particles]))[:, :2] / [1.3, 1.0]
+        assert np.abs(flat).max() <= 1.0
