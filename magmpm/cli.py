@@ -139,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     robot.add_argument("robot", metavar="ROBOT", help="robot file; its meshes are in the folder `meshes` beside it")
     robot.add_argument("-o", "--output", metavar="SCENE", type=Path, required=True, help="scene file to write")
+    _overwriting(robot, "a file that says something else")
     robot.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     robot.set_defaults(command=_import)
 
@@ -272,7 +273,7 @@ def _dashboard(options: argparse.Namespace) -> int:
 def _import(options: argparse.Namespace) -> int:
     from magmpm.robots import import_robot
 
-    scene, warnings = import_robot(options.robot, options.output)
+    scene, warnings = import_robot(options.robot, options.output, overwrite=options.overwrite)
     pieces = scene.pieces()
     held = sum(piece.held for piece in pieces)
     summary = {"scene": str(options.output), "name": scene.name, "parts": len(pieces), "held": held, "warnings": warnings}

@@ -145,10 +145,17 @@ def _saved_report(folder: Path) -> dict[str, Any]:
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-        _ = report["rms_m"], report["storage"], report["failed_trials"], report["stop_rms_m"]
-    except (OSError, ValueError, KeyError) as error:
+        for key, kind in (("rms_m", list), ("storage", str), ("failed_trials", list), ("name", str)):
+            if not isinstance(report[key], kind):
+                raise ValueError(f"`{key}` is {json.dumps(report[key])[:40]}")
+        _ = report["stop_rms_m"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"{folder / REPORT}: can't be read as a study's report ({error!r}); run `magmpm design` again, it writes it anew"
+            worded(
+                f"{folder / REPORT}: can't be read as a study's report ({error})",
+                rule="must be as `magmpm design` wrote it",
+                remedy="run `magmpm design` again: it writes it anew, and its trials are not in it",
+            )
         ) from None
     return report
 
@@ -174,7 +181,7 @@ def _draw_study(
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.results import Result
     from magmpm.tables import write_centreline
-    from studies.records import BEST, DESIGN, IMPROVEMENTS
+    from studies.records import BEST, DESIGN, IMPROVEMENTS, read_design
     from viz import plots
     from viz.movie import best_shapes_movie
     from viz.picture import Picture
@@ -185,10 +192,10 @@ def _draw_study(
         write_centreline(folder / "target.csv", target)
 
     def picture(of: Path) -> Picture:
-        try:
-            known = json.loads((of / DESIGN).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise InputError(f"{of / DESIGN}: can't be read ({error}); remove {of}, and run `magmpm design` again") from None
+        known = read_design(of)
+        if "number" not in known or "rms_m" not in known:
+            rule, remedy = "must be as `magmpm design` wrote it", "run `magmpm design` again: it makes the design anew"
+            raise InputError(worded(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy))
         return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
 
     files = []

@@ -15,10 +15,47 @@ from numpy.typing import NDArray
 
 from magmpm.basis import Array
 from magmpm.errors import InputError
+from magmpm.wording import report
 
 ARRAYS = "state.npz"
 NUMBERS = "result.json"
 _LATER: dict[str, Any] = {"load_share": 1.0, "failure": ""}  # what results saved by earlier versions lack
+
+
+def readable(folder: Path) -> bool:
+    """Whether both files of a saved result are whole."""
+    try:
+        with np.load(folder / ARRAYS) as stored:
+            whole = all(stored[name] is not None for name in stored.files)  # each array has a checksum
+        return whole and isinstance(json.loads((folder / NUMBERS).read_text(encoding="utf-8")), dict)
+    except Exception:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
+        return False
+
+
+def _checked(name: str, kind: str, value: Any) -> Any:
+    """A field's value, if it is of the kind that the field's annotation names. Raises ValueError."""
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "str": str, "bool": bool, "int": int, "float": (int, float), "Array": np.ndarray, "NDArray": np.ndarray, "dict": dict, "list": list,
+    }  # fmt: skip
+    if not isinstance(value, kinds[kind.split("[")[0]]):
+        raise ValueError(f"`{name}` is {json.dumps(value, default=repr)[:40]}, which is no {kind}")
+    return value
+
+
+def _unreadable(folder: Path, error: Exception) -> str:
+    """What to say of a result that can't be read: which of its files is damaged, and what to do."""
+    damaged = NUMBERS
+    try:
+        if isinstance(numbers := json.loads((folder / NUMBERS).read_text(encoding="utf-8")), dict) and not readable(folder):
+            damaged = ARRAYS
+        what = str(error) if isinstance(numbers, dict) else f"it holds {json.dumps(numbers)[:40]}"
+    except (OSError, ValueError) as trouble:
+        what = str(trouble)
+    return report(
+        f"{folder / damaged}: the saved result can't be read ({what})",
+        rule="must be whole, as `magmpm run` or `magmpm design` wrote it",
+        remedy="run the scene again, or for a design of a study `magmpm design`, which makes it anew",
+    )
 
 
 @dataclass(frozen=True)
@@ -108,16 +145,14 @@ class Result:
             with np.load(folder / ARRAYS) as stored:
                 arrays = dict(stored)
             found = {**_LATER, **numbers, **arrays}
-            return cls(**{f.name: found[f.name] for f in fields(cls)})
+            return cls(**{f.name: _checked(f.name, str(f.type), found[f.name]) for f in fields(cls)})
         except FileNotFoundError as error:
             raise InputError(
                 f"{folder}: holds no saved result ({Path(error.filename).name} is missing); "
                 "give the folder that `magmpm run` named, such as runs/NAME"
             ) from None
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(
-                f"{folder}: the saved result can't be read ({error}); run the scene again"
-            ) from None
+        except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
+            raise InputError(_unreadable(folder, error)) from None
 
 
 def _finite(value: Any) -> bool:

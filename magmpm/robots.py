@@ -14,6 +14,7 @@ import itertools
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,9 +27,11 @@ from magmpm.assembly import MAX_PARTS, MAY_OVERLAP
 from magmpm.errors import InputError
 from magmpm.inputs import Part, fault, read_yaml, validate
 from magmpm.meshes import MeshError, overlap_of, pack_mesh, read_stl, unpack_mesh, volume_of
+from magmpm.regular_file import read_regular
 from magmpm.scene import Scene, load_scene
 from magmpm.vectors import three
 from magmpm.wording import report
+from magmpm.yamlfile import MAX_BYTES
 
 BULK_TO_SHEAR = 20.0  # implied by the format
 UNIT = 0.1  # per cent that a vector's length may differ from one unnoticed: what three decimals leave
@@ -87,14 +90,16 @@ class Imported:
     warnings: list[str] = field(default_factory=list)
 
 
-def import_robot(robot_file: Path | str, scene_file: Path | str) -> tuple[Scene, list[str]]:
-    """Make a scene file of a robot file. Returns the scene and warnings.
+def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: bool = False) -> tuple[Scene, list[str]]:
+    """Make a scene file of a robot file. Returns the scene and warnings. overwrite: also in place of a file that says something else.
 
     Raises InputError with everything that is wrong; then no scene is written.
     """
     path, target = Path(robot_file), Path(scene_file)
     robot = validate(Robot, read_yaml(path))
     made = _scene_text(path, robot, target)
+    if not overwrite:
+        _spare(target, made.text)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         part = target.with_name(f".{target.name}.part")
@@ -104,8 +109,22 @@ def import_robot(robot_file: Path | str, scene_file: Path | str) -> tuple[Scene,
     except OSError as error:
         raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
     finally:
-        target.with_name(f".{target.name}.part").unlink(missing_ok=True)
+        with suppress(OSError):  # where nothing can be written, nothing was
+            target.with_name(f".{target.name}.part").unlink(missing_ok=True)
     return scene, made.warnings
+
+
+def _spare(target: Path, text: str) -> None:
+    """Raises InputError where a file is that an import would change: somebody may have worked on it."""
+    try:
+        same = not target.exists() or read_regular(target, MAX_BYTES) == text.encode()
+    except OSError as error:
+        raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
+    if not same:
+        raise InputError(report(
+            "-o", received=str(target), rule="a file that is there already, and says something else than this import, is left as it is",
+            remedy="name another file, or add --overwrite to lose what it says",
+        ))  # fmt: skip
 
 
 def _scene_text(path: Path, robot: Robot, target: Path) -> Imported:

@@ -7,6 +7,7 @@ trials before it, and on nothing else; a process may end anywhere, and the next 
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import statistics
 import time
 from collections.abc import Callable
@@ -24,6 +25,8 @@ from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
     claim_folder,
+    must_exist,
+    must_hold,
     open_storage,
     open_study,
     shown_url,
@@ -94,7 +97,11 @@ class _Run:
         self.space = SearchSpace.of(study)
         self.distributions = self.space.distributions()
         search = {"parameters": list(self.distributions), **settings(study.sampler)}
+        held = records.designs(out)
+        if held:
+            must_exist(url, out)
         self.storage = open_storage(url, timeout)
+        must_hold(self.storage, study.name, held, out, url, timeout)
         definition = {**study.definition(), "search": search}
         self.kept = open_study(self.storage, study, definition, out, url, timeout)
         self.gallery = records.Gallery(out, self.storage)
@@ -200,10 +207,23 @@ class _Run:
         best = report.best_trial(self.finished())
         if best is None:
             return
+        self.mend_improvements(solve)
         if not records.holds(self.out / records.BEST, best):
             self.replace_best(best, solve)
         if records.holds(self.out / records.BEST, best):
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
+
+    def mend_improvements(self, solve: Solve) -> None:
+        """Solves again what can't be read of the designs that were the best so far."""
+        trials = {trial.number: trial for trial in self.finished()}
+        for folder in sorted((self.out / records.IMPROVEMENTS).glob("[0-9]*")):
+            trial = trials.get(int(folder.name)) if folder.name.isdigit() else None
+            if trial is None or records.holds(folder, trial):
+                continue
+            try:
+                records.save_design(folder, solve(self.space.scene_of(trial.params)), report.describe(trial))
+            except SolveError:
+                shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
     def replace_best(self, best: FrozenTrial, solve: Solve) -> None:
         """Puts the best trial's result into OUT/best."""

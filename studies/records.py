@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.results import NUMBERS
+from magmpm.results import readable
 
 if TYPE_CHECKING:
     import optuna
@@ -73,12 +73,23 @@ def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
 
 def holds(folder: Path, trial: FrozenTrial) -> bool:
     """Whether a folder holds the whole result of this trial, readable."""
+    design = read_design(folder)
+    return design.get("number") == trial.number and design.get("params") == trial.params and readable(folder)
+
+
+def read_design(folder: Path) -> dict[str, Any]:
+    """What is said there of a design; empty where nothing readable is."""
     try:
         design = json.loads((folder / DESIGN).read_text(encoding="utf-8"))
-        json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False
-    return bool(design.get("number") == trial.number and design.get("params") == trial.params)
+        return {}
+    return design if isinstance(design, dict) else {}
+
+
+def designs(out: Path) -> dict[int, dict[str, Any]]:
+    """Parameters of the designs that a study's folder holds, by their trials' numbers."""
+    found = [read_design(folder) for folder in [out / BEST, *(out / IMPROVEMENTS).glob("[0-9]*")]]
+    return {design["number"]: design["params"] for design in found if "number" in design and "params" in design}
 
 
 def replace_folder(source: Path, target: Path) -> None:

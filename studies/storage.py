@@ -6,12 +6,13 @@ whoever else writes.
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import sqlite3
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from magmpm.errors import InputError, MagmpmError
 from magmpm.run_folder import holds_run
 from magmpm.wording import report
 from studies.definition import Study, definition_hash, differences
+from studies.report import REPORT
 
 if TYPE_CHECKING:
     import optuna
@@ -181,6 +183,49 @@ def open_study(
         _requeue(kept, storage, out)
         kept.set_user_attr("process", _this_process(out))
     return kept
+
+
+def must_exist(url: str, out: Path) -> None:
+    """Raises InputError where the designs of a folder have lost their SQLite file."""
+    from sqlalchemy.engine import make_url
+    from sqlalchemy.exc import ArgumentError
+
+    try:
+        parts = make_url(url)
+    except ArgumentError:
+        return  # open_storage says what is wrong with it
+    path = Path(str(parts.database))
+    if parts.get_backend_name() == "sqlite" and (not path.exists() or path.stat().st_size == 0):
+        raise _without_trials(out, f"{path} is {'empty' if path.exists() else 'missing'}")
+
+
+def must_hold(
+    storage: optuna.storages.BaseStorage, name: str, held: Mapping[int, Any], out: Path, url: str, timeout: float = TIMEOUT
+) -> None:
+    """Raises InputError unless the designs that a folder holds (their parameters by number of the trial) are of trials of this storage."""
+    import optuna
+
+    with storage_faults(url, timeout):
+        known = name in optuna.get_all_study_names(storage)
+        trials = optuna.load_study(study_name=name, storage=storage).get_trials(deepcopy=False) if known else []
+    params = {trial.number: trial.params for trial in trials if trial.number in held}
+    if held and (not params or any(params[number] != held[number] for number in params)):
+        has = f"{len(trials)} trials, which are others" if trials else "no trial of this study"
+        raise _without_trials(out, f"{shown_url(url)} has {has}")
+
+
+def _without_trials(out: Path, found: str) -> InputError:
+    written = ""
+    with suppress(OSError, ValueError, KeyError, TypeError):  # it was never written, or is damaged
+        written = str(json.loads((out / REPORT).read_text(encoding="utf-8"))["storage"])
+    which = f"name their database with --storage ({written} when they ended)" if written else "name their database with --storage"
+    return InputError(
+        report(
+            f"{out}: holds designs of trials that are not there: {found}",
+            rule="the designs in a folder and the trials in its database must belong together",
+            remedy=f"put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
+        )
+    )
 
 
 def _this_process(out: Path) -> dict[str, Any]:

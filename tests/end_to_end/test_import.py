@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +72,46 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.Captur
     assert result["converged"]
     # It hangs: the tip's centroid sinks by weight, rho g L^2/(2 E) = 7 um within the clamp's and the ends' effects.
     assert 2e-6 < 2.5e-3 - result["tip"][2] < 12e-6
+
+
+def test_an_edited_scene_is_not_imported_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second import that makes the same file is fine; one that would change it needs --overwrite."""
+    scene_file = tmp_path / "tiny.yaml"
+    command = ["import", str(robot_file(tmp_path / "robot")), "-o", str(scene_file)]
+    assert main(command) == 0
+    made = scene_file.read_text()
+    assert main(command) == 0
+    edited = made.replace("0 mT, 0 mT, 0 mT", "0 mT, 0 mT, 8 mT")
+    edited = edited if edited != made else made + "# mine\n"
+    scene_file.write_text(edited)
+    capsys.readouterr()
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert f"-o: received {scene_file}\n  rule: " in said
+    assert "--overwrite" in said
+    assert scene_file.read_text() == edited
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot", "tiny.yaml"]
+    assert main([*command, "--overwrite"]) == 0
+    assert scene_file.read_text() == made
+
+
+def test_import_into_what_cant_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A read-only disk, where even taking away what is not there fails; a folder in the file's place."""
+    robot = robot_file(tmp_path / "robot")
+
+    def read_only(self: Path, *_: Any, **__: Any) -> Any:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(self))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_text", read_only)
+        patch.setattr(Path, "unlink", read_only)
+        assert main(["import", str(robot), "-o", str(tmp_path / "tiny.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert "tiny.yaml: can't be written (Read-only file system)" in said
+    assert main(["import", str(robot), "-o", str(tmp_path / "robot")]) == 2
+    assert "can't be written (this is a folder)" in capsys.readouterr().err
 
 
 def test_a_robot_that_nothing_holds_stands_on_the_ground(tmp_path: Path) -> None:

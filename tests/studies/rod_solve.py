@@ -61,6 +61,7 @@ class RodResult:
         Path(folder).mkdir(parents=True, exist_ok=True)
         data = {"scene": self.scene, "tip": self.centreline[-1, 1:].tolist()}
         (Path(folder) / "result.json").write_text(json.dumps(data))
+        np.savez(Path(folder) / "state.npz", centreline=self.centreline)
         return Path(folder)
 
 
