@@ -2,8 +2,8 @@
 
 * The disk cache lies in a folder named by a hash of the package's sources (`environment`): Numba notices a change only in the file
   that holds a function, and would go on calling the old version of what that function uses in another file.
-* Arithmetic may be contracted and reassociated, but NaN and infinity keep their meaning (plain ``fastmath`` makes
-  ``isfinite`` always true).
+* Arithmetic may be contracted and reassociated, but NaN and infinity keep their meaning in comparisons: write ``x < np.inf``.
+  ``np.isfinite(x)`` is always true, since Numba makes it of x - x, which reassociation takes for zero.
 * Division by zero gives inf, as in NumPy, and is caught by the checks on the result: inside a parallel loop an exception
   would be lost.
 """

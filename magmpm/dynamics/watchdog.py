@@ -69,7 +69,7 @@ def _extremes(x, v, reference, sound):  # type: ignore[no-untyped-def]
         for i in range(3):
             speed2 += v[p, i] ** 2
             way2 += (x[p, i] - reference[p, i]) ** 2
-        finite = finite and np.isfinite(speed2 + way2)
+        finite = finite and speed2 + way2 < np.inf  # np.isfinite is always true here (magmpm.jit)
         if speed2 > most * sound[p] ** 2:
             fastest, most = p, speed2 / sound[p] ** 2
         if way2 > way:

@@ -33,7 +33,9 @@ from magmpm.basis import spline_weights
 from magmpm.connected import connected_pieces
 from magmpm.effects import hooks
 from magmpm.model import Model
-from magmpm.transfer.meeting import BESIDE, CLOSE
+
+# The rules of meeting, in cells, by docs/effects.md: not taken from the kernels, which are compared with them.
+CLOSE, BESIDE = 0.5, 1.25
 
 
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:

@@ -163,6 +163,27 @@ def test_tpe_kernels_are_normalised_and_drawn_from(tmp_path: Path) -> None:
     assert drawn.mean() == pytest.approx(1 / np.tanh(K) - 1 / K, abs=4e-3)
 
 
+def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path: Path) -> None:
+    """The first four trials are the corners of one tetrahedron, turned by the study's seed and by nothing else; what is drawn later goes
+    by the seed and the number of finished trials.
+    """
+    space = space_of(tmp_path, FIELD)
+    of = Designs(np.tile([1.0, 0.0, 0.0], (3, 6, 1)), np.full((3, 1), 0.5))
+    corners, chosen = {}, {}
+    for seed in (1, 2):
+        for finished in (0, 1):
+            tpe = DirectionTPE(space, seed, finished)
+            corners[seed, finished] = tpe._alike(finished)[0][:5]  # of the segments; the field is drawn
+            chosen[seed, finished] = DirectionTPE(space, seed, finished).choose(of, of).directions
+    for seed in (1, 2):
+        first, second = corners[seed, 0], corners[seed, 1]
+        np.testing.assert_array_equal(first, np.tile(first[0], (5, 1)))
+        assert first[0] @ second[0] == pytest.approx(-1 / 3, abs=1e-12), "two corners of one tetrahedron"
+        assert np.abs(chosen[seed, 0] - chosen[seed, 1]).max() > 0.01
+    assert np.abs(corners[1, 0] - corners[2, 0]).max() > 0.01
+    assert np.abs(chosen[1, 0] - chosen[2, 0]).max() > 0.01
+
+
 def test_tpe_copes_with_no_candidate_from_the_prior(tmp_path: Path) -> None:
     space = space_of(tmp_path, FIELD)
     tpe = DirectionTPE(space, seed=1, finished=9, settings=Settings(prior=1e-12))

@@ -12,12 +12,13 @@ from reference.taylor import slopes
 from scipy.spatial.transform import Rotation
 
 from magmpm.effects.magnetic_torque import MU0
-from magmpm.model import LINEAR_STIFFNESS, Model, build
+from magmpm.model import Model, build
 from magmpm.statics.energy import Energy
 from magmpm.statics.panels import multiply, to_dense
 
 LOCKING = pytest.mark.parametrize("locking", ["f-bar", "none"])
 FIELD = (4e-3, -3e-3, 6e-3)
+LINEAR_STIFFNESS = 5.0  # of G: the value that docs/design.md chose by measurement
 
 
 def model_of(**changes: object) -> Model:

@@ -75,6 +75,8 @@ def test_table_and_pint_give_the_same_float(number: object, which: tuple[str, st
         ("flux density", "-8 mT", -8e-3),
         ("flux density", "80 G", 8e-3),
         ("flux density", "80 gauss", 8e-3),
+        ("flux density", "80000 mG", 8e-3),
+        ("flux density", "0.08 kG", 8e-3),
         ("flux density", "8 millitesla", 8e-3),
         ("angle", "180 deg", math.pi),
         ("angle", "0.5 turn", math.pi),

@@ -1,0 +1,42 @@
+"""The ladder's errors have the length as their unit, and go by the finest cells or the reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rod_solve import RodResult, solve, write_study
+
+from magmpm.scene import Scene, load_scene
+from magmpm.tables import write_centreline
+from studies.accuracy import climb
+
+
+def off(scene: Scene) -> RodResult:
+    """A rod's result that is 0.16 mm off, over the number of cells squared; no time."""
+    found = solve(scene)
+    cells = scene.resolution.cells_across
+    found.centreline[:, 3] += 0.16e-3 / cells**2 * found.centreline[:, 0] / 40e-3
+    found.__dict__.update(seconds={}, particles=8 * cells**3, dof=3 * cells**3)
+    return found
+
+
+def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
+    """40 mm: 0.04 mm off at 2 cells, 0.01 at 4; at 4 mm of thickness they would be ten times as much."""
+    write_study(tmp_path)
+    scene = load_scene(tmp_path / "scene.yaml")
+    shape = solve(scene).centreline
+    ladder = climb(scene, off, (2, 4))
+    assert ladder.length == 40e-3
+    assert [rung.error_finest for rung in ladder.rungs] == [pytest.approx((0.04e-3 - 0.01e-3) / 40e-3, rel=1e-6), None]
+    assert [rung.error_reference for rung in ladder.rungs] == [None, None]
+    assert ladder.rungs[0].cell_size == 2e-3
+
+    write_centreline(tmp_path / "reference.csv", shape)
+    text = (tmp_path / "scene.yaml").read_text() + "reference: {centreline: reference.csv}\n"
+    (tmp_path / "scene.yaml").write_text(text)
+    ladder = climb(load_scene(tmp_path / "scene.yaml"), off, (2, 4))
+    rows = 1e-4  # the table has some digits only: 4e-9 m of the smallest error
+    np.testing.assert_allclose([rung.error_reference for rung in ladder.rungs], [1e-3, 0.25e-3], rtol=10 * rows)
+    assert ladder.order_reference == pytest.approx(2.0, abs=0.01)
