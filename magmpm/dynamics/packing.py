@@ -10,6 +10,7 @@ from magmpm.basis import Array
 from magmpm.model import Index, Model
 
 WIDTH = 8
+ALIKE = 12  # decimals
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,11 @@ class Packed:
     cell_shear: Array
     cell_bulk: Array
     along: tuple[int, int]  # nodes from one to the next along x and y
-    splines: Array
+    pattern: Index  # (groups,) index in `splines` where a group's begin
+    splines: Array  # (patterns 18 8,)
     volume: Array
-    modes: Array  # (groups modes 8,)
+    moments: Index  # (groups,) index in `modes` where a group's begin
+    modes: Array  # (patterns modes 8,)
     mode_count: int
     magnet: Array
     density: Array
@@ -77,9 +80,12 @@ def pack(model: Model) -> Packed:
     real = within < (ends - starts)[cell][:, None]
     particle = order[np.where(real, starts[cell][:, None] + within, starts[cell][:, None])]
 
-    splines = np.concatenate([model.weights.reshape(-1, 9), model.slopes.reshape(-1, 9)], axis=1)
+    slopes = model.slopes * np.array(model.grid.spacing)[:, None]
+    pattern, kinds = _alike(_lanes(np.concatenate([model.weights.reshape(-1, 9), slopes.reshape(-1, 9)], axis=1), particle))
+    kinds[:, 9:] /= np.repeat(np.array(model.grid.spacing), 3)[:, None]
     volume = np.where(real, model.particles.volume[particle], 0.0)
     count = model.modes.shape[1]
+    moments, modes = _alike(_lanes(model.modes, particle)) if count else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
     strides = (int(shape[1] * shape[2]), int(shape[2]))
     base = first @ np.array([*strides, 1])
     mass, inverse, place = _nodes(model, base, strides)
@@ -92,9 +98,11 @@ def pack(model: Model) -> Packed:
         cell_shear=model.shear[order[starts]],
         cell_bulk=model.bulk[order[starts]],
         along=strides,
-        splines=_lanes(splines, particle).ravel(),
+        pattern=pattern,
+        splines=kinds.ravel(),
         volume=volume,
-        modes=_lanes(model.modes, particle).ravel() if count else np.zeros(WIDTH),
+        moments=moments,
+        modes=modes.ravel(),
         mode_count=count,
         magnet=_lanes(model.magnet, particle),
         density=model.density[particle],
@@ -109,6 +117,23 @@ def pack(model: Model) -> Packed:
 def _lanes(values: Array, particle: Index) -> Array:
     """(n, k) values of particles as (groups, k, 8), contiguous."""
     return np.ascontiguousarray(values[particle].transpose(0, 2, 1))
+
+
+def _alike(groups: Array) -> tuple[Index, Array]:
+    """What groups (groups, k, 8) have in common: where in the flat array of the different ones each begins, and those (kinds, k, 8).
+
+    Of numbers of the order of one, the same to rounding: cells are alike but for where they are, and a few kinds stay in the cache where
+    all would have to be read at every step.
+    """
+    rounded = np.round(groups, ALIKE) + 0.0  # no -0.0
+    seen: dict[bytes, int] = {}
+    first: list[int] = []
+    kind = np.empty(len(groups), dtype=np.int64)
+    for g in range(len(groups)):
+        kind[g] = seen.setdefault(rounded[g].tobytes(), len(first))
+        if kind[g] == len(first):
+            first.append(g)
+    return kind * groups[0].size, groups[first]
 
 
 def _nodes(model: Model, base: Index, strides: tuple[int, int]) -> tuple[Array, Array, Array]:

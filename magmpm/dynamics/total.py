@@ -50,9 +50,9 @@ class TotalMotion:
         watch = unlimited() if watch is None else watch
         return int(
             kernels.advance(
-                steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.splines, p.volume, p.modes,
-                p.mode_count, p.magnet, p.density, p.reference, effects, p.active, p.inverse_mass, p.node_place, u, v, force,
-                stiffness, watch, *self.slab,
+                steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines,
+                p.volume, p.moments, p.modes, p.mode_count, p.magnet, p.density, p.reference, effects, p.active, p.inverse_mass,
+                p.node_place, u, v, force, stiffness, watch, *self.slab,
             )
         )  # fmt: skip
 
@@ -77,7 +77,7 @@ class TotalMotion:
         p, n = self.packed, len(self.model.density)
         position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         kernels.at_particles(
-            self.u, v, self.model.particles.position, p.cell_group, p.cell_node, *p.along, p.splines, p.particle,
+            self.u, v, self.model.particles.position, p.cell_group, p.cell_node, *p.along, p.pattern, p.splines, p.particle,
             position, velocity, deformation,
         )  # fmt: skip
         kinetic = 0.5 * float(np.repeat(p.node_mass, 3) @ v**2)

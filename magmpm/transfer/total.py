@@ -5,7 +5,7 @@ stress back (P2G), cell by cell. Splines are products of one-dimensional ones, s
 additions in place of 486, and 18 numbers a particle in place of 108. A cell's particles lie in groups of eight lanes (dynamics.packing).
 The plain formulas are in transfer.g2p and transfer.p2g, and in tests/reference.
 
-Flat arrays, as `simd.load` takes them: field (3 nodes,) a value per node and component; splines (groups 18 8,) values then slopes,
+Flat arrays, as `simd.load` takes them: field (3 nodes,) a value per node and component; splines (patterns 18 8,) values then slopes,
 each axis by node; per_particle (groups 8,), magnet (groups 3 8,).
 """
 
@@ -130,38 +130,39 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
 
 
 @compiled
-def _project(modes, group, first, count, volume, J, c):  # type: ignore[no-untyped-def]
-    """c (modes,) += moments of J - 1 over a group (model.volume_modes)."""
+def _project(modes, at, group, first, count, volume, J, c):  # type: ignore[no-untyped-def]
+    """c (modes,) += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
     change = load(volume, 8 * group) * (load(J, first) - 1.0)
     for k in range(count):
-        c[k] += total(load(modes, 8 * (count * group + k)) * change)
+        c[k] += total(load(modes, at + 8 * k) * change)
 
 
 @compiled
-def _projected(modes, group, count, c):  # type: ignore[no-untyped-def]
+def _projected(modes, at, count, c):  # type: ignore[no-untyped-def]
     """J - 1 of a group as its cell's modes see it."""
     value = splat(0.0)
     for k in range(count):
-        value = value + load(modes, 8 * (count * group + k)) * c[k]
+        value = value + load(modes, at + 8 * k) * c[k]
     return value
 
 
 @kernel
 def advance(
-    steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, splines, volume, modes, count,
+    steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
     magnet, density, reference, effects, active, inverse_mass, place, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
 ):  # fmt: skip
     """Take `steps` steps of dt (s): v += dt f / m, then u += dt v, on the nodes `active`; u, v, force (3 nodes,) are changed in place.
 
     slab_first (slabs + 1,) first cell of each slab of two planes of cells, of alternating colours; cell_group (cells + 1,) first group
-    of each cell; cell_node (cells,); count: modes of the volume part, 0 or 4; density, volume (groups, 8); magnet, reference
+    of each cell; cell_node (cells,); pattern, moments (groups,): where a group's splines and modes begin, as many groups have the same;
+    count: modes of the volume part, 0 or 4; density, volume (groups, 8); magnet, reference
     (groups, 3, 8); inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest; place (nodes, 3) m; stiffness (groups 8,) m^2/s^2:
     the last step's (lanes.stiffest over density), NaN before the first; watch: see dynamics.step_watch; slab_ (slabs,): smallest det F,
     largest stiffness and largest change of it of each slab.
     Returns the number of steps taken: fewer where the watch says why.
     """
     slabs = len(slab_first) - 1
-    flat_volume, flat_density, flat_modes = volume.reshape(-1), density.reshape(-1), modes.reshape(-1)
+    flat_volume, flat_density = volume.reshape(-1), density.reshape(-1)
     flat_reference, flat_magnet, flat_place = reference.reshape(-1), magnet.reshape(-1), place.reshape(-1)
     most = 1
     for cell in range(len(cell_node)):
@@ -179,17 +180,17 @@ def advance(
                     c[:] = 0.0
                     for group in range(first, last):
                         at = 72 * (group - first)
-                        gather(u, node, along_x, along_y, splines, SPLINES * group, F, at, value, at // 3)
+                        gather(u, node, along_x, along_y, splines, pattern[group], F, at, value, at // 3)
                         for i in range(3):
                             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
                         det = determinant(F, at)
                         store(J, 8 * (group - first), det)
                         least, bad = smaller(det, least), flag_unless_positive(det, bad)
-                        _project(flat_modes, group, 8 * (group - first), count, flat_volume, J, c)
+                        _project(modes, moments[group], group, 8 * (group - first), count, flat_volume, J, c)
                     for group in range(first, last):
                         at = 72 * (group - first)
                         det = load(J, 8 * (group - first))
-                        swollen = det - 1.0 if count == 0 else _projected(flat_modes, group, count, c)
+                        swollen = det - 1.0 if count == 0 else _projected(modes, moments[group], count, c)
                         pressure = swollen * cell_bulk[cell]
                         scale, I1, I2 = neo_hookean(F, at, det, cell_shear[cell], pressure, P)
                         stiff = stiffest(det, scale, I1, I2, pressure, cell_bulk[cell]) / load(flat_density, 8 * group)
@@ -203,9 +204,9 @@ def advance(
                                 store(x, 8 * i, moved)
                             touched = has_contact(effects) and touches(effects, step, group, x, flat_volume)
                             if has_rate_stress(effects):
-                                gather(v, node, along_x, along_y, splines, SPLINES * group, dF, 0, rate, 0)
+                                gather(v, node, along_x, along_y, splines, pattern[group], dF, 0, rate, 0)
                             elif touched:
-                                gather_value(v, node, along_x, along_y, splines, SPLINES * group, rate)
+                                gather_value(v, node, along_x, along_y, splines, pattern[group], rate)
                             add_effects(
                                 effects, step, dt, group, F, at, P, dF, x, rate, f, touched, work,
                                 flat_magnet, flat_density, flat_volume,
@@ -215,7 +216,7 @@ def advance(
                             store(P, 8 * i, load(P, 8 * i) * V)
                         for i in range(3):
                             store(f, 8 * i, load(f, 8 * i) * V)
-                        scatter(force, node, along_x, along_y, splines, SPLINES * group, P, f, work)
+                        scatter(force, node, along_x, along_y, splines, pattern[group], P, f, work)
                 slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
                 slab_high[slab], slab_change[slab] = highest(high), highest(change)
         if stops(watch, slab_low, slab_high, slab_change):
@@ -234,13 +235,15 @@ def advance(
 
 
 @kernel
-def at_particles(u, v, reference, cell_group, cell_node, along_x, along_y, splines, particle, position, velocity, deformation):  # type: ignore[no-untyped-def]
+def at_particles(
+    u, v, reference, cell_group, cell_node, along_x, along_y, pattern, splines, particle, position, velocity, deformation
+):  # type: ignore[no-untyped-def]
     """Position and velocity (n, 3), F (n, 3, 3) of the particles; u, v (3 nodes,); particle (groups, 8): -1 for an empty lane."""
     for cell in prange(len(cell_node)):
         gradient, moved, speed = np.empty(72), np.empty(24), np.empty(24)
         for group in range(cell_group[cell], cell_group[cell + 1]):
-            gather(u, cell_node[cell], along_x, along_y, splines, SPLINES * group, gradient, 0, moved, 0)
-            gather_value(v, cell_node[cell], along_x, along_y, splines, SPLINES * group, speed)
+            gather(u, cell_node[cell], along_x, along_y, splines, pattern[group], gradient, 0, moved, 0)
+            gather_value(v, cell_node[cell], along_x, along_y, splines, pattern[group], speed)
             for lane in range(LANES):
                 p = particle[group, lane]
                 if p >= 0:

@@ -142,8 +142,8 @@ def mechanism_percent() -> float:
     def plain() -> float:
         begun = time.perf_counter()
         plain_total.advance(
-            steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.splines, p.volume, p.modes,
-            p.mode_count, p.active, p.inverse_mass, motion.u, motion.v, motion.force, motion.low_det,
+            steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines,
+            p.volume, p.moments, p.modes, p.mode_count, p.active, p.inverse_mass, motion.u, motion.v, motion.force, motion.low_det,
         )  # fmt: skip
         return time.perf_counter() - begun
 

@@ -23,12 +23,13 @@ from magmpm.transfer.total import SPLINES, _project, _projected, gather, scatter
 
 @kernel
 def advance(
-    steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, splines, volume, modes, count, active,
+    steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
+    active,
     inverse_mass, u, v, force, low,
 ):  # fmt: skip
     """`steps` steps of dt (s); arguments as of transfer.total.advance."""
     slabs = len(slab_first) - 1
-    flat_volume, flat_modes = volume.reshape(-1), modes.reshape(-1)
+    flat_volume = volume.reshape(-1)
     most = 1
     for cell in range(len(cell_node)):
         most = max(most, cell_group[cell + 1] - cell_group[cell])
@@ -45,22 +46,22 @@ def advance(
                     c[:] = 0.0
                     for group in range(first, last):
                         at = 72 * (group - first)
-                        gather(u, node, along_x, along_y, splines, SPLINES * group, F, at, value, at // 3)
+                        gather(u, node, along_x, along_y, splines, pattern[group], F, at, value, at // 3)
                         for i in range(3):
                             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
                         det = determinant(F, at)
                         store(J, 8 * (group - first), det)
                         least, bad = smaller(det, least), flag_unless_positive(det, bad)
-                        _project(flat_modes, group, 8 * (group - first), count, flat_volume, J, c)
+                        _project(modes, moments[group], group, 8 * (group - first), count, flat_volume, J, c)
                     for group in range(first, last):
                         at = 72 * (group - first)
                         det = load(J, 8 * (group - first))
-                        change = det - 1.0 if count == 0 else _projected(flat_modes, group, count, c)
+                        change = det - 1.0 if count == 0 else _projected(modes, moments[group], count, c)
                         neo_hookean(F, at, det, cell_shear[cell], change * cell_bulk[cell], P)
                         V = load(flat_volume, 8 * group)
                         for i in range(9):
                             store(P, 8 * i, load(P, 8 * i) * V)
-                        scatter(force, node, along_x, along_y, splines, SPLINES * group, P, f, work)
+                        scatter(force, node, along_x, along_y, splines, pattern[group], P, f, work)
                 low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
         broken = False
         for slab in range(slabs):
