@@ -18,7 +18,7 @@ from magmpm.simd import (
     total,
 )
 from magmpm.transfer.lanes import determinant, neo_hookean
-from magmpm.transfer.total import SPLINES, _project, _projected, gather, scatter
+from magmpm.transfer.total import _project, _projected, gather, scatter
 
 
 @kernel

@@ -263,9 +263,9 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
 
 
 def test_too_little_memory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", str(scene(tmp_path, "duration: 1 ms, max_memory: 100 kB")), "--out", str(tmp_path / "out")]) == 2
+    assert main(["run", str(scene(tmp_path, "duration: 1 ms, max_memory: 80 kB")), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert f'{tmp_path / "scene.yaml"}:12: solver.dynamic.max_memory: received "100 kB"' in said
+    assert f'{tmp_path / "scene.yaml"}:12: solver.dynamic.max_memory: received "80 kB"' in said
     assert "\n  remedy: raise it, or use fewer cells_across" in said
 
 
