@@ -54,6 +54,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
             kept.put_back()
             raise
         saved = kept.save_failed(error.state)
+        _warn(error.state)
         _tell_failure(error, saved, options)
         words = f"; the results in {folder} are as they were" if saved != folder else ""
         raise SolveError(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
@@ -64,6 +65,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
             print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
         raise
     kept.save(result)
+    _warn(result)
     summary = {**result.summary(), "folder": str(folder), "replaced": replaced}
     if options.render:
         summary["files"] = draw_run(folder, folder, style=options.style)
@@ -86,6 +88,12 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
                 progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
 
         return run(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
+
+
+def _warn(result: Result) -> None:
+    """What a user should know of a result, beside the report or the JSON object."""
+    for warning in result.warnings:
+        print(f"magmpm: warning: {warning}", file=sys.stderr)
 
 
 def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -> None:
@@ -113,11 +121,10 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
     lines = [
         f"{result.name}: {_done(result)}",
         f"  tip             {lengths(result.tip)}",
-        f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}",
+        f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
         f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
-        *(f"  warning         {warning}" for warning in result.warnings),
         *([f"  replaced        {replaced}"] if replaced else []),
         f"  saved in        {folder}",
     ]

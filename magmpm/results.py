@@ -19,7 +19,9 @@ from magmpm.wording import report
 
 ARRAYS = "state.npz"
 NUMBERS = "result.json"
-_LATER: dict[str, Any] = {"load_share": 1.0, "failure": ""}  # what results saved by earlier versions lack
+_LATER: dict[str, Any] = {  # what results saved by earlier versions lack
+    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None,
+}  # fmt: skip
 
 
 def readable(folder: Path) -> bool:
@@ -99,6 +101,8 @@ class Result:
     kinetic_energy: float = 0.0  # J
     load_share: float = 1.0  # part of the load (field, weight) that an equilibrium carries: less where the solve failed on the way up
     failure: str = ""  # why the run did not get to its end; then this is no answer, but its last good state
+    largest_stretch: float = 1.0  # of any particle; of a motion in any frame
+    tightest_radius: float | None = None  # m, to which the axis is bent, of a motion in any frame; None: straight, or there is none
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm run --json` prints: everything but the particle and grid arrays."""

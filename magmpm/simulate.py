@@ -22,6 +22,7 @@ from magmpm.motion_files import CHECKPOINT
 from magmpm.results import Result
 from magmpm.scene import Scene
 from magmpm.statics.equilibrium import Equilibrium, solve_static
+from magmpm.strain import Strain, strain_of
 from magmpm.warmup import prepare_kernels
 
 if TYPE_CHECKING:
@@ -124,12 +125,13 @@ def _moved_result(moved: Moved, seconds: dict[str, float], failure: str = "") ->
         max_det_F=float(J.max()),
         energy=sum(moved.energies.values()) - moved.energies["kinetic"],
         seconds=seconds,
-        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings(),
+        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings() + moved.strain.warnings(model),
         time=moved.time,
         time_step=moved.dt,
         stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
         formulation=moved.motion.formulation,
         kinetic_energy=moved.energies["kinetic"],
+        **_strained(moved.strain),
         failure=failure,
     )
 
@@ -181,9 +183,14 @@ def _particles(model: Model, position: Array, F: Array, time: float | None) -> d
     }
 
 
+def _strained(strain: Strain) -> dict[str, Any]:
+    """What every result says of its strain."""
+    return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
+
+
 def _result(model: Model, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
     scene, point = model.scene, found.point
-    position = point.position
+    position, strain = point.position, strain_of(model, point.position, point.F)
     return Result(
         **_particles(model, position, point.F, None),
         grid_correction=found.correction,
@@ -196,7 +203,8 @@ def _result(model: Model, found: Equilibrium, seconds: dict[str, float], failure
         max_det_F=point.max_det_F,
         energy=point.energy,
         seconds=seconds,
-        warnings=_warnings(scene) + found.warnings,
+        warnings=_warnings(scene) + found.warnings + strain.warnings(model),
+        **_strained(strain),
         load_share=found.load_share,
         failure=failure,
     )

@@ -26,6 +26,7 @@ from magmpm.model import Model
 from magmpm.motion import MotionWriter
 from magmpm.scene import Scene
 from magmpm.solvers import DynamicOptions
+from magmpm.strain import Strain, strain_of
 from magmpm.transfer.watch import BROKEN, WHY
 from magmpm.wording import report
 
@@ -57,6 +58,7 @@ class Moved:
     energies: dict[str, float] = field(default_factory=dict)
     contacts: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    strain: Strain = field(default_factory=Strain)  # the largest of all frames
 
 
 def formulation(scene: Scene) -> str:
@@ -183,6 +185,7 @@ def follow(
             if balance is not None and (trouble := balance.look(moved.energies)) is not None:
                 raise _stopped(moved, trouble)
             _write(moved, writer)
+            moved.strain = moved.strain.worst(strain_of(model, moved.x, moved.F, moved.time))
             moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
             last = _checkpoint(moved)
             if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
@@ -203,7 +206,7 @@ def _checkpoint(moved: Moved) -> Checkpoint:
     motion = moved.motion
     return Checkpoint(
         scene_hash=motion_hash(motion.model.scene), every=moved.every, time=moved.time, formulation=motion.formulation,
-        frame=moved.frame, steps=moved.steps, control=moved.control.state(), state=motion.state(),
+        frame=moved.frame, steps=moved.steps, control={**moved.control.state(), **moved.strain.state()}, state=motion.state(),
     )  # fmt: skip
 
 
@@ -211,6 +214,7 @@ def _go_on_from(moved: Moved, saved: Checkpoint) -> None:
     """Put a motion back to a checkpoint."""
     moved.motion.restore(saved.state)
     moved.control.restore(saved.control)
+    moved.strain = Strain.restored(saved.control)
     moved.frame, moved.steps, moved.time = saved.frame, saved.steps, saved.time
 
 
