@@ -35,8 +35,11 @@ def _cache_folder() -> Path:
         (folder / ".writable").touch()
     except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
         folder = Path(tempfile.gettempdir()) / f"magmpm-{os.getuid()}" / name
-        folder.mkdir(parents=True, exist_ok=True)
-        print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
+        except OSError as other:  # magmpm.kernel_cache does without
+            print(f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own", file=sys.stderr)
         return folder
     old = sorted((path for path in root.glob("numba-*") if path != folder), key=lambda p: p.stat().st_mtime, reverse=True)
     for stale in old[KEPT_CACHES - 1 :]:

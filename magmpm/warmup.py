@@ -150,6 +150,8 @@ def _compiled_elsewhere(small: Scene) -> bool:
             thread.join()
         for worker in workers[1:]:
             worker.close()
+        if any(worker.failed for worker in workers):  # a full disk, say: the rest would not be kept either
+            return False
         return workers[0].do("whole")  # what the parts have left out, and proof that they are all there
     finally:
         for worker in workers:
@@ -166,6 +168,7 @@ class _Worker:
             env={**os.environ, "PYTHONPATH": path},
         )  # fmt: skip
         self._small = json.dumps(small.to_si())
+        self.failed = False
 
     def take_from(self, todo: deque[str]) -> None:
         """Compile parts until none is left."""
@@ -175,6 +178,7 @@ class _Worker:
             except IndexError:
                 return
             if not self.do(part):
+                self.failed = True
                 return
 
     def do(self, part: str) -> bool:

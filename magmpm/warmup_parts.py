@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from magmpm.errors import SolveError
+from magmpm.kernel_cache import kept_all
 from magmpm.model import build
 from magmpm.rod import solve_rod
 from magmpm.scene import Scene
@@ -50,14 +51,14 @@ def solve_small(small: Scene) -> None:
 
 
 def serve() -> None:
-    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each."""
+    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`."""
     for line in sys.stdin:
         part, small = json.loads(line)
         scene = Scene.from_si(json.loads(small))
         work = {"whole": solve_small, **_STATIC, **_TOTAL, **_UPDATED}[part]
         with contextlib.suppress(SolveError):
             work(scene)
-        print("done", flush=True)
+        print("done" if kept_all() else "not kept", flush=True)
 
 
 def _tangent(small: Scene) -> None:

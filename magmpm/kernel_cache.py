@@ -1,0 +1,116 @@
+"""Compiled functions on disk, as Numba keeps them, but safe against what happens to files.
+
+Every file begins with a checksum of the rest: one that is damaged (cut off by a full disk, changed) is told and compiled anew, where
+Numba would end with whatever error its content leads to, or run code that is not what was compiled. A disk that takes no more files ends
+nothing: what could not be kept is compiled again in the next process.
+Numba's part: numba.core.caching, whose names with an underscore are used here, of versions 0.61 to 0.68.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+_DIGEST = 32  # bytes
+_told: set[str] = set()
+
+
+def jit(**options: Any) -> Callable[..., Any]:
+    """numba.njit with this cache, as a decorator; options: of njit."""
+    compiles = numba.njit(**options)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = compiles(function)
+        try:
+            dispatcher._cache = KernelCache(function)
+        except RuntimeError:  # Numba's, where no folder can be written
+            _tell("no folder can be written", "is not kept")
+        return dispatcher
+
+    return decorate
+
+
+def kept_all() -> bool:
+    """Whether all that this process has compiled could be kept."""
+    return not any("not kept" in line for line in _told)
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """The cache of one function."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        plain = self._cache_file
+        self._cache_file = _SealedFiles(self._cache_path, f"{self._impl.filename_base}.sealed", plain._source_stamp)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, if the disk takes it."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _tell(f"{self._cache_path}: {error.strerror or error}", "is not kept")
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was kept, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except OSError as error:
+            _tell(f"{self._cache_path}: {error.strerror or error}", "can't be read")
+            return None
+
+
+class _SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
+    """A function's index and its data files, each behind a checksum."""
+
+    def _load_index(self) -> dict[Any, str]:
+        content = _unsealed(Path(self._index_path))
+        if content is None:
+            return {}
+        version, stamp, overloads = content
+        return dict(overloads) if version == self._version and stamp == self._source_stamp else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_data(self, name: str) -> Any:
+        return _unsealed(Path(self._data_path(name)))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, content: Any) -> None:
+        data = self._dump(content)
+        with self._open_for_write(path) as stream:
+            stream.write(hashlib.sha256(data).digest() + data)
+
+
+def _unsealed(path: Path) -> Any:
+    """Content of a file, None where there is none, or none that is whole."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    data = content[_DIGEST:]
+    if hashlib.sha256(data).digest() != content[:_DIGEST]:
+        _tell(f"{path}: damaged", "is compiled anew")
+        return None
+    return pickle.loads(data)
+
+
+def _tell(what: str, then: str) -> None:
+    """Say once what is wrong with the cache, and what becomes of a compiled function."""
+    line = f"magmpm: compiled kernels on disk: {what}; what belongs there {then}"
+    if then == "is not kept":
+        line += ", so that every run waits up to a minute for it; free room, or set NUMBA_CACHE_DIR to another folder"
+        if not kept_all():
+            return
+    if line not in _told:
+        _told.add(line)
+        print(line, file=sys.stderr, flush=True)

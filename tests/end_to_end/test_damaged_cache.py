@@ -1,0 +1,84 @@
+"""Compiled kernels on disk that are damaged, or can't be kept: a run goes on, says so, and gives the same answer."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_commands import SCENE
+
+from magmpm.cli import main
+from magmpm.kernel_cache import _DIGEST
+
+ROOT = Path(__file__).parents[2]
+
+
+def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    code = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments], env={**os.environ, "PYTHONPATH": paths, **environment},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def truncated(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+def garbage(content: bytes) -> bytes:
+    return np.random.default_rng(1).bytes(len(content))
+
+
+def one_bit(content: bytes) -> bytes:
+    """Within the machine code of a data file: it still unpickles."""
+    changed = bytearray(content)
+    changed[_DIGEST + len(content) // 2] ^= 1
+    return bytes(changed)
+
+
+DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of statics that compile in a second or two
+    ("rod_kernels.frames_of", ".nbi", truncated),
+    ("panels._solve", ".nbi", garbage),
+    ("panels._factor", ".nbc", truncated),
+    ("g2p.gather", ".nbc", one_bit),
+]
+
+
+def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Index (.nbi) and data (.nbc) of several kernels, damaged in several ways, in a copy of the cache."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    assert main(["run", str(scene), "--json", "--out", str(tmp_path / "good")]) == 0
+    good = json.loads(capsys.readouterr().out)
+    cache = tmp_path / "cache"
+    shutil.copytree(os.environ["NUMBA_CACHE_DIR"], cache)
+    damaged = []
+    for part, ending, damage in DAMAGED:
+        path = max(cache.rglob(f"{part}-*.sealed*{ending}"), key=lambda path: path.stat().st_mtime)  # the last, after a change of sources
+        path.write_bytes(damage(path.read_bytes()))
+        damaged.append(path)
+    done = command("run", str(scene), "--json", "--out", str(tmp_path / "bad"), NUMBA_CACHE_DIR=str(cache))
+    assert done.returncode == 0, done.stderr
+    for path in damaged:
+        assert f"{path}: damaged; what belongs there is compiled anew\n" in done.stderr
+    assert json.loads(done.stdout)["tip"] == good["tip"]
+    again = command("run", str(scene), "--json", "--out", str(tmp_path / "bad"), NUMBA_CACHE_DIR=str(cache))
+    assert (again.returncode, again.stderr) == (0, ""), "what was damaged has been replaced"
+
+
+def test_without_the_compiler_it_is_said_at_once(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    done = command("run", str(scene), "--out", str(tmp_path / "out"), NUMBA_DISABLE_JIT="1")
+    assert done.returncode == 2
+    assert done.stderr.startswith("magmpm: NUMBA_DISABLE_JIT: received 1\n  rule: ")
+    assert "\n  remedy: unset it" in done.stderr
+    assert done.stdout == ""
