@@ -127,10 +127,11 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": {"static": data["solver"]["static"]}, "reference": None})
 
 
-def costs(scene: Scene, on_progress: Progress | None = None) -> dict[str, float]:
+def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None = None) -> dict[str, float]:
     """Per cent that each effect by itself adds to a step of the scene's body, at the settings the scene or else its key's example has.
 
-    In the formulation the scene would take; kernels are compiled or loaded first. An effect with no part in a step has none.
+    In the formulation the scene would take; kernels are compiled or loaded first. An effect with no part in a step has none. only: of
+    this effect alone.
     """
     data = at_rest(scene).to_si()
     dynamic = getattr(scene.solver, "dynamic", None)
@@ -143,6 +144,8 @@ def costs(scene: Scene, on_progress: Progress | None = None) -> dict[str, float]
     model = build(bare)
     parts: dict[str, tuple[Array, ...]] = {}
     for key, module in effects.every().items():
+        if only not in (None, key):
+            continue
         named = getattr(scene.effects, key)
         try:
             if named is None:

@@ -91,8 +91,9 @@ def describe(trial: FrozenTrial) -> dict[str, Any]:
 
 
 def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
-    """Median of the trials' whole seconds."""
-    seconds = [t.user_attrs["seconds"]["total"] for t in trials if "seconds" in t.user_attrs]
+    """Median of the trials' whole seconds, by the storage's own clock: from when a trial was asked for to when its value was kept."""
+    spans = [(t.datetime_start, t.datetime_complete) for t in trials]
+    seconds = [(end - begin).total_seconds() for begin, end in spans if begin is not None and end is not None]
     return statistics.median(seconds) if seconds else None
 
 

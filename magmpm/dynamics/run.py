@@ -22,6 +22,7 @@ from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError
+from magmpm.memory import GROWTH
 from magmpm.model import Model
 from magmpm.motion import MotionWriter
 from magmpm.scene import Scene
@@ -130,12 +131,15 @@ def lean(model: Model, formulation: str) -> Model:
 
 
 def memory(motion: TotalMotion | UpdatedMotion) -> int:
-    """Bytes of a motion's particles and grid, its model's included."""
+    """Bytes that a process grows by for a motion's particles and grid, its model's and what building them took included.
+
+    By the arrays that are there, and the ratio of the two that is measured (magmpm.memory.GROWTH).
+    """
     parts_of = (getattr(motion, "packed", None), getattr(motion, "anchor", None))
     owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
     parts = [part for owner in owners for part in vars(owner).values()]
     arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
-    return sum(arrays.values())
+    return int(GROWTH * sum(arrays.values()))
 
 
 def move(model: Model, **options: Any) -> Moved:

@@ -3,7 +3,9 @@
     python tests/benchmarks/bench.py [NAME ...]
 
 Medians on warm kernels unless the name says otherwise; compile time apart. Writes runs/bench/bench.json: a map from name to
-{value, unit, bound, aim}. Nothing here asserts: the machine may be busy with other things.
+{value, unit, bound, aim, commit, load}, and `machine`: host, processor, threads, commit, load, and the rates of a product of matrices
+and of a copy on the same cores. Rates of motion come with `per_gflop`: particle-steps for a thousand million floating-point operations of
+that product, which two machines have more nearly alike than seconds. Nothing here asserts: the machine may be busy with other things.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import machine
 import motion_rates
 import numpy as np
 
@@ -141,7 +144,7 @@ def study(trials: int) -> tuple[dict[str, object], float]:
 
 
 def trial() -> float:
-    """A trial of the S-shape study, with its storage and render: median over 35."""
+    """A trial of the S-shape study, from asking for a design to its value on disk, with its picture: median over 35."""
     summary, _ = study(35)
     return float(summary["seconds_per_trial"])  # type: ignore[arg-type]
 
@@ -164,7 +167,7 @@ FIGURES = {
     "rates_by_threads": Figure(motion_rates.rates_by_threads, "1/s", None),
     "parallel_efficiency_2": Figure(motion_rates.efficiency, "", 0.85, least=True),
     "million_particles_rate": Figure(motion_rates.million, "", 0.8, least=True),
-    "bytes_per_particle": Figure(motion_rates.bytes_per_particle, "B", 500.0),
+    "bytes_per_particle": Figure(motion_rates.bytes_per_particle, "B", 1100.0),
     "bytes_by_formulation": Figure(motion_rates.bytes_by_formulation, "B", None),
     "no_effect_cost_percent": Figure(motion_rates.mechanism_percent, "%", 2.0),
     "effect_cost_percent": Figure(motion_rates.effect_costs, "%", None),
@@ -185,14 +188,22 @@ def main(names: list[str]) -> int:
     OUT.mkdir(parents=True, exist_ok=True)
     path = OUT / "bench.json"
     found = json.loads(path.read_text()) if names and path.exists() else {}
+    found["machine"] = host = machine.described()
+    print(f"{host['cpu']}, {host['cores']} cores, {host['threads']} threads, commit {host['commit']}, load {host['load']:g}")
+    print(f"dgemm {host['dgemm_flop_per_s'] / 1e9:.4g} Gflop/s, copy {host['copy_bytes_per_s'] / 1e9:.4g} GB/s")
     print(f"{'figure':<48} {'value':>9} {'bound':>9} {'aim':>9}")
     for name, figure in FIGURES.items():
         if names and name not in names:
             continue
         value = figure.measure()
         found[name] = {"value": value, "unit": figure.unit, "bound": figure.bound, "aim": figure.aim}
+        found[name] |= {"commit": host["commit"], "load": machine.load()}
+        if figure.unit == "1/s" and not isinstance(value, dict):
+            found[name]["per_gflop"] = 1e9 * value / host["dgemm_flop_per_s"]
         for label, number in value.items() if isinstance(value, dict) else [("", value)]:
             print(_line(f"{name} {label}".strip(), number, figure), flush=True)
+        if "per_gflop" in found[name]:
+            print(f"{'  particle-steps per Gflop of dgemm':<48} {found[name]['per_gflop']:9.4g}")
         path.write_text(json.dumps(found, indent=1) + "\n")
     print(f"saved {path.relative_to(ROOT)}")
     return 0

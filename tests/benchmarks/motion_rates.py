@@ -14,15 +14,18 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import resident
 
-from magmpm.dynamics.run import begin, memory
+from magmpm.dynamics.run import begin
 from magmpm.dynamics.total import TotalMotion
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
+from magmpm.transfer.watch import unlimited
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
 SECONDS, REPEATS = 0.25, 9  # of one measurement; of them
+SETTLING = 2000  # steps after which the body is bent and moves
 
 
 def scene(formulation: str, cells: int = 8, length: float | None = None) -> Scene:
@@ -104,18 +107,19 @@ def efficiency() -> float:
     return min(value for name, value in rates_by_threads().items() if name.endswith("twice one"))
 
 
+@functools.cache
 def bytes_by_formulation() -> dict[str, float]:
-    """Bytes a particle: particles and grid, the model's arrays included."""
+    """Bytes a particle that a process grows by to move a body: at its peak, in motion, and what the motion's arrays add up to."""
     found = {}
     for formulation in ("total", "updated"):
-        model, motion, _ = started(formulation)
-        found[formulation] = memory(motion) / len(model.density)
+        measured = resident.grown(formulation)
+        found |= {f"{formulation}, {key}": measured[key] for key in ("peak", "now", "counted")}
     return found
 
 
 def bytes_per_particle() -> float:
-    """Of the formulation that takes more."""
-    return max(bytes_by_formulation().values())
+    """At its peak, of the formulation that takes more."""
+    return max(value for name, value in bytes_by_formulation().items() if name.endswith("peak"))
 
 
 def million() -> dict[str, float]:
@@ -135,19 +139,26 @@ def mechanism_percent() -> float:
 
     model, motion, dt = started("total")
     assert isinstance(motion, TotalMotion)
-    motion.model = model = replace(model, effects=())
-    p = motion.packed
+    advance(motion, SETTLING, dt, model.effects)  # bent and swinging: at rest every number is zero
+    u, v = motion.u.copy(), motion.v.copy()
+    motion.model = replace(model, effects=())
     steps = int(SECONDS * 50e6 / len(model.density))
 
+    def again() -> None:
+        """Both begin from the same state."""
+        motion.u[:], motion.v[:] = u, v
+        motion.watch[:] = unlimited()
+
     def plain() -> float:
+        again()
         begun = time.perf_counter()
-        plain_total.advance(
-            steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines,
-            p.volume, p.moments, p.modes, p.mode_count, p.active, p.inverse_mass, motion.u, motion.v, motion.force, motion.low_det,
-        )  # fmt: skip
-        return time.perf_counter() - begun
+        taken = plain_total.steps_of(motion, steps, dt, motion.u, motion.v)
+        seconds = time.perf_counter() - begun
+        assert taken == steps
+        return seconds
 
     def ours() -> float:
+        again()
         begun = time.perf_counter()
         motion.advance(steps, dt, ())
         return time.perf_counter() - begun
@@ -162,7 +173,35 @@ def mechanism_percent() -> float:
 
 
 def effect_costs() -> dict[str, float]:
-    """Per cent that each effect by itself adds to a step (total formulation), as `magmpm effects` prints it."""
+    """Per cent that each effect by itself adds to a step (total formulation), as `magmpm effects` prints it.
+
+    Contact also of a body that touches: with the ground through it, so that a quarter of its particles press on it, and in a tube
+    that is narrower than it is, so that all of its skin does.
+    """
     from studies.effects_table import costs
 
-    return costs(scene("total"))
+    lying = scene("total")
+    found = costs(lying)
+    radius = lying.thickness / 2
+    touching = {
+        "ground": {"point": [0.0, 0.0, -0.4 * radius]},
+        "walls": {"tube": {"radius": 0.9 * radius, "path": [[-lying.length, 0.0, 0.0], [2 * lying.length, 0.0, 0.0]]}},
+    }
+    for effect, settings in touching.items():
+        touches = lying.with_effects(**{effect: settings})
+        share = touching_share(touches, effect)
+        if not share > 0.0:
+            raise RuntimeError(f"the benchmark's body does not touch its {effect}")
+        found[f"{effect}, {100 * share:.0f} % touching"] = costs(touches, only=effect)[effect]
+    return found
+
+
+def touching_share(touches: Scene, effect: str) -> float:
+    """Share of the undeformed body's particles that contact pushes."""
+    from magmpm import effects
+
+    module = effects.every()[effect]
+    model = build(touches.with_effects(**{effect: None}))
+    record, data = module.of_scene(touches, 1.0, None)[:2]
+    x, mass = model.particles.position, model.density * model.particles.volume
+    return float(module.report(record, data, x, 0 * x, mass, 1e-6)["count"]) / len(x)

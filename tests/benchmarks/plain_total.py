@@ -1,6 +1,7 @@
 """The total formulation's step written without the mechanism of effects: what a scene without effects is measured against.
 
-The loop of transfer.total.advance, with everything about effects struck out.
+The loop of transfer.total.advance line by line, with everything about effects struck out and nothing else: the watch on stiffness and
+det F is part of every step. tests/unit/test_benchmarks.py compares the two line by line, and their results.
 """
 
 from __future__ import annotations
@@ -10,26 +11,29 @@ import numpy as np
 from magmpm.jit import kernel, prange
 from magmpm.simd import (
     flag_unless_positive,
+    highest,
+    larger,
     load,
     lowest,
+    magnitude,
     smaller,
     splat,
     store,
     total,
 )
-from magmpm.transfer.lanes import determinant, neo_hookean
+from magmpm.transfer.lanes import determinant, neo_hookean, stiffest
 from magmpm.transfer.total import _project, _projected, gather, scatter
+from magmpm.transfer.watch import stops
 
 
 @kernel
 def advance(
     steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
-    active,
-    inverse_mass, u, v, force, low,
+    density, active, inverse_mass, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
 ):  # fmt: skip
     """`steps` steps of dt (s); arguments as of transfer.total.advance."""
     slabs = len(slab_first) - 1
-    flat_volume = volume.reshape(-1)
+    flat_volume, flat_density = volume.reshape(-1), density.reshape(-1)
     most = 1
     for cell in range(len(cell_node)):
         most = max(most, cell_group[cell + 1] - cell_group[cell])
@@ -38,9 +42,10 @@ def advance(
             for half in prange((slabs + 1 - colour) // 2):
                 slab = 2 * half + colour
                 F, J, c = np.empty(72 * most), np.empty(8 * most), np.empty(4)
-                P, f, work, value = np.empty(72), np.empty(24), np.empty(72), np.empty(24 * most)
+                P, f, work = np.empty(72), np.empty(24), np.empty(72)
+                value = np.empty(24 * most)
                 f[:] = 0.0
-                least, bad = splat(np.inf), splat(0.0)
+                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for cell in range(slab_first[slab], slab_first[slab + 1]):
                     first, last, node = cell_group[cell], cell_group[cell + 1], cell_node[cell]
                     c[:] = 0.0
@@ -56,17 +61,20 @@ def advance(
                     for group in range(first, last):
                         at = 72 * (group - first)
                         det = load(J, 8 * (group - first))
-                        change = det - 1.0 if count == 0 else _projected(modes, moments[group], count, c)
-                        neo_hookean(F, at, det, cell_shear[cell], change * cell_bulk[cell], P)
+                        swollen = det - 1.0 if count == 0 else _projected(modes, moments[group], count, c)
+                        pressure = swollen * cell_bulk[cell]
+                        scale, I1, I2 = neo_hookean(F, at, det, cell_shear[cell], pressure, P)
+                        stiff = stiffest(det, scale, I1, I2, pressure, cell_bulk[cell]) / load(flat_density, 8 * group)
+                        high = larger(stiff, high)
+                        change = larger(magnitude(stiff - load(stiffness, 8 * group)), change)
+                        store(stiffness, 8 * group, stiff)
                         V = load(flat_volume, 8 * group)
                         for i in range(9):
                             store(P, 8 * i, load(P, 8 * i) * V)
                         scatter(force, node, along_x, along_y, splines, pattern[group], P, f, work)
-                low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
-        broken = False
-        for slab in range(slabs):
-            broken = broken or not low[slab] > 0.0
-        if broken:
+                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
+                slab_high[slab], slab_change[slab] = highest(high), highest(change)
+        if stops(watch, slab_low, slab_high, slab_change):
             force[:] = 0.0
             return step
         for k in prange(len(active)):
@@ -77,3 +85,12 @@ def advance(
             for i in range(3):
                 u[n + i] += dt * v[n + i]
     return steps
+
+
+def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
+    """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
+    p = motion.packed
+    return advance(
+        steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines, p.volume, p.moments, p.modes,
+        p.mode_count, p.density, p.active, p.inverse_mass, u, v, motion.force, motion.stiffness, motion.watch, *motion.slab,
+    )  # fmt: skip

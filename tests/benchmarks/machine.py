@@ -1,0 +1,89 @@
+"""What a measurement was made on, and how fast that is: so that figures of two machines, or of two hours, can be compared.
+
+The two rates bound what any code here can do: products of matrices, which static solves live by, and copies of memory.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+SIDE = 1536  # of the matrices: 7 Gflop a product
+COPIED = 200_000_000  # bytes, far more than any cache holds
+REPEATS = 7
+
+
+def described() -> dict[str, Any]:
+    """Host, processor, threads, versions, commit, load, and the two rates."""
+    import numba
+
+    return {
+        "host": platform.node(),
+        "cpu": _cpu(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "threads": numba.get_num_threads(),
+        "versions": {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__},
+        "commit": _commit(),
+        "load": load(),
+        "dgemm_flop_per_s": dgemm(),
+        "copy_bytes_per_s": copy(),
+    }
+
+
+def load() -> float:
+    """Processes that wanted a core during the last minute."""
+    return round(os.getloadavg()[0], 2)
+
+
+def dgemm() -> float:
+    """Floating-point operations a second of a product of two matrices, all threads, double precision; median."""
+    rng = np.random.default_rng(0)
+    a, b = rng.standard_normal((SIDE, SIDE)), rng.standard_normal((SIDE, SIDE))
+    out = np.empty((SIDE, SIDE))
+    return 2.0 * SIDE**3 / _median(lambda: np.matmul(a, b, out=out))
+
+
+def copy() -> float:
+    """Bytes a second that one thread copies, each counted once; median."""
+    source = np.ones(COPIED // 8)
+    target = np.empty_like(source)
+    return COPIED / _median(lambda: np.copyto(target, source))
+
+
+def _median(work: Callable[[], object]) -> float:
+    work()
+    times = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return statistics.median(times)
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+
+
+def _commit() -> str:
+    """The commit that is checked out, with + where files differ from it."""
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
