@@ -280,7 +280,7 @@ def test_far_too_little_memory_is_refused_before_anything_is_built(
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert f'{path}:12: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least' in said
-    assert "at least 860 MB for 2.87e+06 particles" in said  # 224 cells of 16^2, 1600 along, 2^3 particles in each
+    assert "at least 2.29 GB for 2.87e+06 particles" in said  # 224 cells of 16^2, 1600 along, 2^3 particles in each
 
 
 @pytest.mark.parametrize("has", [math.inf, 5e4])
@@ -299,7 +299,7 @@ def test_a_body_that_memory_can_t_hold_is_refused(
         path.write_text(text)
         assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
         said = capsys.readouterr().err
-        assert f"{path}:13: resolution.cells_across: received 2; particles and grid take at least 0.0768 MB for 256 particles" in said
+        assert f"{path}:13: resolution.cells_across: received 2; particles and grid take at least 0.205 MB for 256 particles" in said
         assert ("could not be had" if has > 1e6 else "this machine has") in said
         assert "\n  rule: " in said
         assert "\n  remedy: use fewer cells_across" in said
