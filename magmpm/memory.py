@@ -14,11 +14,11 @@ from magmpm.mesh_bodies import grid_of_parts
 from magmpm.meshes import volume_of
 from magmpm.scene import Scene
 
-# Bytes that a process grows by for a particle, its share of the grid included, at least: a motion measures 950 (total) and 1020
-# (updated), `make bench` (bytes_per_particle). More than half of it is needed while the scene is built, and may not be given back.
-BYTES = 800
-# What a process grows by for a motion, over what the arrays of the motion add up to: 2.15 (updated) to 2.25 (total), by the same.
-GROWTH = 2.2
+# Bytes that a process grows by for a particle of a motion, its share of the grid included: 950 (total) to 1020 (updated), by `make bench`
+# (bytes_per_particle). Most of it is needed while the scene is built; a part of that may not be given back.
+GROWTH = 1000
+BYTES = 800  # the same at least, where only the number of particles is known, and that from below
+
 
 
 def fewest_particles(scene: Scene) -> float:

@@ -133,13 +133,13 @@ def lean(model: Model, formulation: str) -> Model:
 def memory(motion: TotalMotion | UpdatedMotion) -> int:
     """Bytes that a process grows by for a motion's particles and grid, its model's and what building them took included.
 
-    By the arrays that are there, and the ratio of the two that is measured (magmpm.memory.GROWTH).
+    What is measured of a particle (magmpm.memory.GROWTH), or what the arrays that are there add up to, where that is more.
     """
     parts_of = (getattr(motion, "packed", None), getattr(motion, "anchor", None))
     owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
     parts = [part for owner in owners for part in vars(owner).values()]
     arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
-    return int(GROWTH * sum(arrays.values()))
+    return max(sum(arrays.values()), GROWTH * len(motion.model.density))
 
 
 def move(model: Model, **options: Any) -> Moved:

@@ -91,6 +91,6 @@ def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
     p = motion.packed
     return advance(
-        steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines, p.volume, p.moments, p.modes,
-        p.mode_count, p.density, p.active, p.inverse_mass, u, v, motion.force, motion.stiffness, motion.watch, *motion.slab,
+        steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines, p.volume, p.moments,
+        p.modes, p.mode_count, p.density, p.active, p.inverse_mass, u, v, motion.force, motion.stiffness, motion.watch, *motion.slab,
     )  # fmt: skip

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-CELLS = 16  # across the five-segment catheter: 130 000 particles, so that a megabyte more or less is 8 bytes a particle
+CELLS = 16  # across the five-segment catheter: 290 000 particles, so that a megabyte more or less is 4 bytes a particle
 
 
 def grown(formulation: str) -> dict[str, float]:
