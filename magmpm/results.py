@@ -39,7 +39,9 @@ def _checked(name: str, kind: str, value: Any) -> Any:
     kinds: dict[str, type | tuple[type, ...]] = {
         "str": str, "bool": bool, "int": int, "float": (int, float), "Array": np.ndarray, "NDArray": np.ndarray, "dict": dict, "list": list,
     }  # fmt: skip
-    if not isinstance(value, kinds[kind.split("[")[0]]):
+    if value is None and kind.endswith(" | None"):
+        return value
+    if not isinstance(value, kinds[kind.removesuffix(" | None").split("[")[0]]):
         raise ValueError(f"`{name}` is {json.dumps(value, default=repr)[:40]}, which is no {kind}")
     return value
 
