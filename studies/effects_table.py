@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import thread_time
+from types import ModuleType
 from typing import Any
 
 import numba
 import numpy as np
 
 from magmpm import effects
+from magmpm.advice import MEASURE, no_rest
 from magmpm.basis import Array
 from magmpm.dynamics.run import formulation
 from magmpm.dynamics.total import TotalMotion
@@ -30,6 +32,7 @@ from studies.field_moment import stopped
 Progress = Callable[[int, int, str], None]
 STILL = 1e-12  # s, a step in which nothing moves
 RUN, REPEATS = 0.004, 40  # s
+CONTACTS = ("ground", "walls", "self_contact")
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
 
 
@@ -37,7 +40,8 @@ COARSE = 2  # cells across, of the run that stands in for a rod where the body i
 class Row:
     """One effect. shift: m, farthest that a point of the body comes to rest from where it would without it; None: not known.
 
-    cost_percent: of a step without any effect; None for what has no part in a step, or where it was not measured.
+    cost_percent: of a step without any effect; None for what has no part in a step, or where it was not measured. ignores: what of the
+    scene the estimate leaves out: motion, schedule (the field before its end), feed, and contact by its effects' keys.
     """
 
     effect: str
@@ -45,6 +49,7 @@ class Row:
     shift: float | None
     cost_percent: float | None
     says: str
+    ignores: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,14 +72,20 @@ class Table:
             shift = "-" if row.shift is None else significant(1e3 * row.shift)
             cost = "-" if row.cost_percent is None else fixed(row.cost_percent, 0)
             mark = "*" if row.named else " "
-            lines.append(f"{mark} {row.effect:21} {shift:>8} {cost:>8}  {row.says}")
+            without = ", ".join(_IN_WORDS.get(name, name) for name in row.ignores if name != "motion")
+            lines.append(f"{mark} {row.effect:21} {shift:>8} {cost:>8}  {row.says}{f' [without {without}]' if without else ''}")
         return "\n".join(
             [
                 *lines,
                 "* named in the scene; shift: of the body's rest, with the effect against without it",
+                *([_ON_THE_WAY] if any("motion" in row.ignores for row in self.rows) else []),
                 *([] if self.moment is None else [f"  {self.moment}"]),
             ]
         )
+
+
+_IN_WORDS = {"schedule": "the field before its end"}
+_ON_THE_WAY = "  estimates are of rest: swings, impacts and friction on the way are not in them; [without ...]: nor is this"
 
 
 class Estimates:
@@ -95,6 +106,15 @@ class Estimates:
             else:
                 self._found[key] = run(still.with_cells(COARSE)).particle_position
         return self._found[key]
+
+    @cached_property
+    def begin(self) -> Array:
+        """The same points (m, 3) m of the undeformed body."""
+        still = at_rest(self.scene)
+        if self.line is None:
+            return build(still.with_cells(COARSE)).particles.position
+        s = np.concatenate([[0.0], np.cumsum(rod_model(still).length)])
+        return np.array(self.line.base) + s[:, None] * [1.0, 0.0, 0.0]
 
     @cached_property
     def frequency(self) -> float | None:
@@ -124,7 +144,8 @@ def at_rest(scene: Scene) -> Scene:
     """The scene's equilibrium: without what only motion has, and in a field that ends."""
     data = stopped(scene)[0].to_si()
     data["effects"] = {key: value for key, value in data["effects"].items() if key not in IN_MOTION}
-    return Scene.from_si({**data, "solver": {"static": data["solver"]["static"]}, "reference": None})
+    solver = {key: data["solver"][key] for key in ("anti_locking", "static")}
+    return Scene.from_si({**data, "solver": solver, "reference": None})
 
 
 def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None = None) -> dict[str, float]:
@@ -135,7 +156,8 @@ def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None
     """
     data = at_rest(scene).to_si()
     dynamic = getattr(scene.solver, "dynamic", None)
-    data["solver"]["dynamic"] = {"duration": 1.0} if dynamic is None else dynamic.model_dump(mode="json")
+    motion = {"duration": 1.0} if dynamic is None else dynamic.model_dump(mode="json")
+    data["solver"] = {"anti_locking": scene.solver.anti_locking, "dynamic": motion}
     for material in data[
         "materials"
     ].values():  # motion asks for densities; steps of no length do not care which
@@ -195,21 +217,41 @@ def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None =
     body, rows = Estimates(scene), []
     spent = costs(scene, on_progress) if measure else {}
     for key, module in effects.every().items():
-        shift, says = None, "no estimate for this effect"
-        if hasattr(module, "advice"):
-            try:
-                advice = module.advice(scene, body)
-                shift, says = advice.shift, advice.says
-            except SolveError as error:
-                says = f"not known: {error.reason}"
-            except MagmpmError as error:
-                says = f"not known: {_reason(error)}"
-        rows.append(Row(key, getattr(scene.effects, key) is not None, shift, spent.get(key), says))
+        shift, says = _judged(scene, body, key, module)
+        named = getattr(scene.effects, key) is not None
+        ignores = _ignored(scene, key) if shift or (named and shift is not None) else ()
+        rows.append(Row(key, named, shift, spent.get(key), says, ignores))
     try:
         moment = stopped(scene)[1]
     except MagmpmError:  # the rows say why
         moment = None
     return Table(scene.name, scene.length, rows, moment)
+
+
+def _judged(scene: Scene, body: Estimates, key: str, module: ModuleType) -> tuple[float | None, str]:
+    """An effect's shift, m, or None, and what to say of it."""
+    if not hasattr(module, "advice"):
+        return None, "no estimate for this effect"
+    why = no_rest(scene) if key not in IN_MOTION else None
+    guess = f"not estimated: {why}; {MEASURE}"
+    try:
+        advice = module.advice(scene, body)
+    except SolveError as error:
+        return None, guess if why else f"not known: {error.reason}"
+    except MagmpmError as error:
+        return None, f"not known: {_reason(error)}"
+    return (None, guess) if why and advice.shift else (advice.shift, advice.says)
+
+
+def _ignored(scene: Scene, key: str) -> tuple[str, ...]:
+    """What of a scene in motion the estimate of an effect leaves out."""
+    if scene.solver.dynamic is None or key == "feed":
+        return ()
+    over, named = scene.field.over_time, scene.effects
+    found = [] if key in ("damping", "viscosity") else ["motion"]
+    if found and over is not None and over.endless is None:
+        found.append("schedule")
+    return (*found, *(name for name in (*CONTACTS, "feed") if name != key and getattr(named, name) is not None))
 
 
 def _reason(error: MagmpmError) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from magmpm import contact as law
-from magmpm.advice import Advice, Body
+from magmpm.advice import Advice, Body, obstacle
 from magmpm.body_reach import body_reach, unreached
 from magmpm.contact import Contact, push
 from magmpm.effects.hooks import NO_DATA, register
@@ -67,11 +67,8 @@ def advice(scene: Scene, body: Body) -> Advice:
     named = scene.effects.ground
     if named is None:
         return Advice(None, "no plane is given")
-    height = (body.rest(scene) - np.array(named.point)) @ np.array(named.normal) - body.half
-    low = float(height.min())
-    if low >= 0:
-        return Advice(0.0, f"the body comes to rest {1e3 * low:.3g} mm above it")
-    return Advice(-low, f"without it the body would come to rest {-1e3 * low:.3g} mm below it")
+    point, normal = np.array(named.point), np.array(named.normal)
+    return obstacle(scene, body, lambda points: (points - point) @ normal, "above it")
 
 
 def warnings(scene: Scene) -> list[str]:

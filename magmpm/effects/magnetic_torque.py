@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm import fields
-from magmpm.advice import Advice, Body, shift
+from magmpm.advice import MEASURE, STILL, Advice, Body, shift
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.fields.evaluate import PLACE
 from magmpm.fields.evaluate import field as field_at
@@ -54,6 +54,8 @@ def advice(scene: Scene, body: Body) -> Advice:
     if not scene.field.acts or not scene.magnetised_segments():
         return Advice(0.0, "nothing to turn, or no field to turn it")
     moved = shift(scene, body, "magnetic_torque")
+    if scene.field.over_time is not None and moved < STILL * scene.length:
+        return Advice(None, f"moves nothing once the field's schedule has ended; what it does on the way is not estimated: {MEASURE}")
     return Advice(moved, f"the field moves it by {100 * moved / scene.length:.2g} % of its length")
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.advice import Advice, Body
+from magmpm.advice import MEASURE, Advice, Body, no_rest
 from magmpm.connected import connected_pieces
 from magmpm.contact import Contact, cell_size, reach
 from magmpm.distance import to_triangles
@@ -32,14 +32,18 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 
 def advice(scene: Scene, body: Body) -> Advice:
     """Whether the body's rest, could it pass through itself, would."""
+    if (why := no_rest(scene)) is not None:
+        return Advice(None, f"not estimated: {why}; {MEASURE}; needs the updated formulation")
     points = body.rest(scene)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     along = np.column_stack([s, 0 * s, 0 * s])
     apart = 4 * math.pi * body.half  # a loop whose sides touch is longer
     room = gap(points, along, size=2 * body.half, apart=apart, within=max(apart, 4 * body.half))
     if room > 0:
-        clear = "nowhere near" if math.isinf(room) else f"{1e3 * room:.3g} mm from"
-        return Advice(0.0, f"at rest the body is {clear} itself; needs the updated formulation")
+        clear = f"at rest the body is {'nowhere near' if math.isinf(room) else f'{1e3 * room:.3g} mm from'} itself"
+        if scene.solver.dynamic is None:
+            return Advice(0.0, f"{clear}; needs the updated formulation")
+        return Advice(None, f"{clear}, how near on its way is not estimated: {MEASURE}; needs the updated formulation")
     return Advice(
         -room, f"at rest the body would be {-1e3 * room:.3g} mm through itself; needs the updated formulation"
     )

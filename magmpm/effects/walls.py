@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from magmpm import contact as law
 from magmpm import distance
-from magmpm.advice import Advice, Body
+from magmpm.advice import Advice, Body, obstacle
 from magmpm.body_reach import body_reach, unreached
 from magmpm.contact import Contact, push
 from magmpm.curves import curve
@@ -109,10 +109,7 @@ def advice(scene: Scene, body: Body) -> Advice:
     named = scene.effects.walls
     if named is None:
         return Advice(None, "no lumen is given")
-    room = float(_room(scene, body.rest(scene)).min()) - body.half
-    if room >= 0:
-        return Advice(0.0, f"the body comes to rest {1e3 * room:.3g} mm from it")
-    return Advice(-room, f"without it the body would come to rest {-1e3 * room:.3g} mm beyond it")
+    return obstacle(scene, body, lambda points: _room(scene, points), "from it")
 
 
 def warnings(scene: Scene) -> list[str]:
