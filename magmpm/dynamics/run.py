@@ -290,15 +290,13 @@ def _measure(moved: Moved, now: Look) -> None:
     """Stress, energies and contacts of a motion as it is now."""
     model, motion = moved.motion.model, moved.motion
     moved.x, moved.v, moved.F = now.x, now.v, now.F
-    elastic, moved.P = energies.elastic(model, now.F, motion.formulation == "total")
     named = effects.collect(model.scene, times=np.array([moved.time]))
-    effects.refresh(named, model, now.x, now.F)
-    energies.add_effects_stress(model, now.x, now.F, named, moved.P)
-    moved.energies = {
-        "kinetic": now.kinetic,
-        "elastic": elastic,
-        **energies.effect_energies(model, now.x, now.F, moved.time),
-    }
+    with motion.threads.alone():
+        elastic, moved.P = energies.elastic(model, now.F, motion.formulation == "total")
+        effects.refresh(named, model, now.x, now.F)
+        energies.add_effects_stress(model, now.x, now.F, named, moved.P)
+        potentials = energies.effect_energies(model, now.x, now.F, moved.time)
+    moved.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
     moved.contacts = {}
     for key, module in effects.every().items():
         if getattr(model.scene.effects, key) is None:

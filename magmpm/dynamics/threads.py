@@ -8,7 +8,8 @@ the same bits at any number, so it is measured as the steps go on, and measured 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 import numba
@@ -46,6 +47,16 @@ class Threads:
             starting = self.calls <= 2 * TRIES
             self.seconds[count] = min(a_step, self.seconds.get(count, a_step)) if starting else a_step
         return taken
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Around what is done once in a while, not at every step: one thread for a small body, so that none waits for another."""
+        most = numba.get_num_threads()
+        numba.set_num_threads(1 if self.few else most)
+        try:
+            yield
+        finally:
+            numba.set_num_threads(most)
 
     def _choice(self, most: int) -> int:
         if self.calls < 2 * TRIES:

@@ -70,8 +70,8 @@ class TotalMotion:
 
     def look(self) -> Look:
         """The motion as it is now, which the watch looks at as well."""
-        v = self._caught_up(self.stiffness, self.watch)
-        return self._look(v)
+        with self.threads.alone():
+            return self._look(self._caught_up(self.stiffness, self.watch))
 
     def _look(self, v: Array) -> Look:
         p, n = self.packed, len(self.model.density)

@@ -234,8 +234,9 @@ class UpdatedMotion:
         """
         if self.drift > kernels.DRIFT:
             self.sort()
-        dv, dC = self._kick(self.lag, self._last)
-        return self._look(self.v + dv, self.C + dC)
+        with self.threads.alone():
+            dv, dC = self._kick(self.lag, self._last)
+            return self._look(self.v + dv, self.C + dC)
 
     def _look(self, v: Array, C: Array) -> Look:
         F = self._in_order(self.F, 9).reshape(-1, 3, 3)

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import frames
 import machine
 import motion_rates
 import numpy as np
@@ -167,6 +168,9 @@ FIGURES = {
     "rates_by_threads": Figure(motion_rates.rates_by_threads, "1/s", None),
     "parallel_efficiency_2": Figure(motion_rates.efficiency, "", 0.85, least=True),
     "million_particles_rate": Figure(motion_rates.million, "", 0.8, least=True),
+    "motion_run_over_steps": Figure(frames.run_over_steps, "", 1.3),
+    "motion_1_ms_100_frames_s": Figure(frames.short_run, "s", 0.5),
+    "frame_ms": Figure(frames.frame_ms, "ms", 5.0),
     "bytes_per_particle": Figure(motion_rates.bytes_per_particle, "B", 1100.0),
     "bytes_by_formulation": Figure(motion_rates.bytes_by_formulation, "B", None),
     "no_effect_cost_percent": Figure(motion_rates.mechanism_percent, "%", 2.0),
