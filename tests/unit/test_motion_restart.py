@@ -10,6 +10,7 @@ import pytest
 from reference.moving import FORMULATIONS, moving_scene
 
 from magmpm.dynamics.anchor import INTERVAL
+from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.dynamics.run import begin, follow
 from magmpm.dynamics.updated import UpdatedMotion
 from magmpm.model import build
@@ -25,7 +26,7 @@ EFFECTS: dict[str, Any] = {
     "walls": {"tube": {"radius": 3e-3, "path": [[-5e-3, 0, 0], [20e-3, 0, 0]]}},
     "feed": {"speed": 20e-3, "exit": 6e-3},
 }
-FRAMES, STEPS = 8, 200  # so many frames, of at least so many steps each
+FRAMES, STEPS = 8, 230  # so many frames, of at least so many steps each
 
 
 class Interrupted(Exception):
@@ -54,6 +55,9 @@ def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Pat
     with pytest.raises(Interrupted):
         follow(ended, folder=tmp_path, on_progress=interrupt)
     assert whole.steps > 3 * INTERVAL > ended.steps > 2 * INTERVAL
+    saved = Checkpoint.load(tmp_path, given)
+    assert saved is not None
+    assert saved.steps > 2 * INTERVAL
     again = follow(begin(build(given)), folder=tmp_path, resume=True)
     assert again.steps == whole.steps
     assert again.energies == whole.energies
@@ -63,6 +67,7 @@ def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Pat
         assert found[name].tobytes() == values.tobytes(), name
     if isinstance(whole.motion, UpdatedMotion):
         assert {"L", "fit", "since"} <= kept.keys()
+        assert saved.state["since"] > 0, "it was ended between two fits"
         assert np.abs(kept["fit"]).max() > 1e-6, "m: there was something to fit"
         assert np.abs(kept["L"] - kept["C"]).max() > 1e-3 * np.abs(kept["C"]).max(), "1/s: C would not do in place of L"
     assert np.abs(whole.x - whole.motion.model.particles.position).max() > 1e-6

@@ -1,0 +1,74 @@
+"""What damping and viscosity take out of a swing is what theory says, in number: nothing else in the tests knows how strong they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.acting import acting, hook
+from reference.in_motion import cantilever_mode, moving, timoshenko, tip_height
+from reference.moving import filled, follow
+from reference.scenes import G, rod_scene
+from scipy.optimize import curve_fit
+
+from magmpm.dynamics.run import begin
+from magmpm.dynamics.total import TotalMotion
+from magmpm.materials import poisson_ratio, young_modulus
+from magmpm.model import build
+
+LENGTH, DENSITY = 16e-3, 1882.0  # m, kg/m^3
+E, NU = young_modulus(G, 20 * G), poisson_ratio(G, 20 * G)  # Pa
+
+
+def test_viscous_stress_is_its_formula(rng: np.random.Generator) -> None:
+    """P = 2 eta J D F^-T, D the symmetric part of dF F^-1: the Cauchy stress 2 eta D, seen from the undeformed area."""
+    one = acting("viscosity")
+    eta = 50.0  # Pa s, of its scene
+    for _ in range(5):
+        F, dF, P = np.eye(3) + 0.3 * rng.standard_normal((3, 3)), rng.standard_normal((3, 3)), np.zeros((3, 3))
+        hook(one.own, "rate_stress")(1000.0, F, dF, P)
+        L = dF @ np.linalg.inv(F)
+        wanted = eta * np.linalg.det(F) * (L + L.T) @ np.linalg.inv(F).T
+        np.testing.assert_allclose(P, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def test_damping_is_its_formula() -> None:
+    """v falls by exp(-rate dt), for any step: 60 1/s in its example."""
+    v = np.array([1.0, -2.0, 0.5])
+    slower = v.copy()
+    hook(acting("damping").own, "node")(np.zeros(3), np.zeros(3), slower, 5e-3)
+    np.testing.assert_allclose(slower, np.exp(-0.3) * v, rtol=1e-14)
+
+
+def decay(effects: dict[str, Any]) -> tuple[float, float]:
+    """Rate (1/s) at which a cantilever's swing by 1 % of its length dies away, and its angular frequency (1/s): of the curve
+    e^(-a t) (A cos w t + B sin w t) that is nearest to its tip's height over two periods.
+    """
+    model = filled(build(moving(rod_scene(length=LENGTH), effects)))
+    motion = begin(model).motion
+    assert isinstance(motion, TotalMotion)
+    height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)
+    peak = 0.01 * LENGTH * frequency
+    motion.v[2::3] = np.where(motion.packed.inverse_mass[2::3] > 0, peak / 2 * cantilever_mode(motion.packed.node_place[:, 0], LENGTH), 0)
+    times = np.linspace(0, 2 * 2 * np.pi / frequency, 81)[1:]
+    heights = np.array([height(moment.x) for moment in follow(model, times, motion)])
+
+    def curve(t: np.ndarray, a: float, w: float, A: float, B: float) -> np.ndarray:
+        return np.exp(-a * t) * (A * np.cos(w * t) + B * np.sin(w * t))
+
+    (a, w, _, _), _ = curve_fit(curve, times, heights, p0=(0.0, frequency, 0.0, peak / frequency))
+    return float(a), float(w)
+
+
+def test_a_swing_dies_away_as_theory_has_it() -> None:
+    """By rate / 2 under damping. Under viscosity a fibre of strain e, and -nu e across, resists with 2 eta (1 + 2 nu^2) de/dt beside E e,
+    so a = w^2 2 eta (1 + 2 nu^2) / (2 E), but for the share that shear has in the bending of a rod so short.
+    """
+    none, w = decay({})
+    assert abs(none) < 1e-3 * w
+    rate, eta = 0.1 * w, 0.1 * E / (3 * w)  # a twentieth of critical, each
+    damped, _ = decay({"damping": {"rate": rate}})
+    assert damped == pytest.approx(rate / 2, rel=0.01)
+    viscous, slower = decay({"viscosity": {"viscosity": eta}})
+    assert viscous == pytest.approx(slower**2 * eta * (1 + 2 * NU**2) / E, rel=0.04)
