@@ -16,6 +16,7 @@ from magmpm.cli_parts import STYLES, of_file, print_summary, results_folder
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
+from magmpm.whole_file import REFUSED, explained
 
 HELP = """\
 Simulate magnetic soft catheters, and find the magnetisation that makes a wanted shape.
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:  # a disk that is full, a folder that went away
-        return _say(f"magmpm: {error.filename or 'the system'}: {error.strerror or error}", 1)
+        return _say(f"magmpm: {explained(error)}", 2 if error.errno in REFUSED else 1)
 
 
 def _say(message: str, status: int) -> int:
@@ -265,7 +266,7 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _dashboard(options: argparse.Namespace) -> int:
-    from magmpm.cli_design import dashboard
+    from magmpm.cli_dashboard import dashboard
 
     return dashboard(Path(options.folder), options.port)
 

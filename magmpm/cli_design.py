@@ -1,4 +1,4 @@
-"""`magmpm design`, `render` of a study, and `dashboard`: where studies meet the solver and the pictures."""
+"""`magmpm design`, and `render` of a study: where studies meet the solver and the pictures."""
 
 from __future__ import annotations
 
@@ -134,12 +134,12 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list
     """
     from viz.worker import Renderer
 
-    report = _saved_report(folder)
+    report = saved_report(folder)
     with Renderer() as renderer:
         return _draw_study(folder, report, _saved_target(folder), renderer, out, smooth=smooth), renderer.note
 
 
-def _saved_report(folder: Path) -> dict[str, Any]:
+def saved_report(folder: Path) -> dict[str, Any]:
     """What a study's folder says of it. Raises InputError."""
     from studies.report import REPORT
 
@@ -221,31 +221,3 @@ def _draw_study(
             ).path
         )
     return [Path(path) for path in files]
-
-
-def dashboard(folder: Path, port: int) -> int:
-    """optuna-dashboard on a study's database and pictures, until it is stopped. Raises InputError."""
-    from importlib.util import find_spec
-
-    from studies.records import ARTIFACTS
-    from studies.report import REPORT
-
-    if not is_study(folder):
-        raise InputError(
-            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
-        )
-    if not 0 < port < 65536:
-        raise InputError(f"--port: received {port}; must be between 1 and 65535")
-    if find_spec("optuna_dashboard") is None:
-        raise InputError(
-            "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
-        )
-    from optuna.artifacts import FileSystemArtifactStore
-    from optuna_dashboard import run_server
-
-    storage = _saved_report(folder)["storage"]
-    print(f"http://127.0.0.1:{port} shows {folder}; Ctrl-C ends it", file=sys.stderr)
-    run_server(
-        storage, host="127.0.0.1", port=port, artifact_store=FileSystemArtifactStore(str(folder / ARTIFACTS))
-    )
-    return 0

@@ -28,6 +28,10 @@ def run_scene(options: argparse.Namespace) -> int:
     from magmpm.scene import load_scene
 
     scene = load_scene(options.scene)
+    if options.render:
+        from viz.worker import forced_backend
+
+        forced_backend()  # before the run, whose pictures it would fail to draw
     if options.style == PARTICLES and scene.solver.dynamic is not None:
         raise InputError(
             f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface; leave --style out, and look at the "

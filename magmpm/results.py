@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from magmpm.basis import Array
 from magmpm.errors import InputError
+from magmpm.whole_file import whole_file
 from magmpm.wording import report
 
 ARRAYS = "state.npz"
@@ -132,14 +133,11 @@ class Result:
             for f in fields(self)
             if isinstance(getattr(self, f.name), np.ndarray)
         }
-        part = folder / f".{ARRAYS}"
-        with part.open("wb") as stream:
+        with whole_file(folder / ARRAYS) as part, part.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
-        part.replace(folder / ARRAYS)
         numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in arrays}
-        part = folder / f".{NUMBERS}"
-        part.write_text(json.dumps({**numbers, **self.summary()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        part.replace(folder / NUMBERS)
+        with whole_file(folder / NUMBERS) as part:
+            part.write_text(json.dumps({**numbers, **self.summary()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         return folder
 
     @classmethod

@@ -17,6 +17,7 @@ from magmpm.folder_lock import LOCK
 from magmpm.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
 from magmpm.results import ARRAYS, NUMBERS, Result
 from magmpm.scene import Scene
+from magmpm.whole_file import whole_file
 from magmpm.wording import report
 
 PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
@@ -201,6 +202,5 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _write(folder: Path, name: str, about: dict[str, Any]) -> None:
-    part = folder / f".{name}"
-    part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
-    part.replace(folder / name)
+    with whole_file(folder / name) as part:
+        part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")

@@ -10,12 +10,14 @@ import dataclasses
 import shutil
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from magmpm.errors import SolveError
+from magmpm.errors import InputError, SolveError
 from magmpm.folder_lock import folder_lock
+from magmpm.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
@@ -24,6 +26,7 @@ from studies.samplers import check_available, make_sampler, settings
 from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
+    StorageError,
     claim_folder,
     must_exist,
     must_hold,
@@ -75,7 +78,7 @@ def run_study(
     check_available(study.sampler)
     folder = Path(out)
     url = storage_url(folder, storage)
-    with folder_lock(folder):
+    with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
         run = _Run(study, folder, url, storage_timeout)
         ended = run.to_the_end(solve, picture, on_trial, study.stop_rms if trials is None else None)
@@ -84,6 +87,17 @@ def run_study(
         summary = run.report(ended)
         summary.save()
     return summary
+
+
+@contextmanager
+def _trials_kept(url: str) -> Iterator[None]:
+    """A file that can't be written ends a study, with its trials kept. Raises StorageError, or InputError where the place is wrong."""
+    try:
+        yield
+    except OSError as error:
+        kind = InputError if error.errno in REFUSED else StorageError
+        kept = f", then run this command again: the finished trials are kept in {shown_url(url)}, and it resumes"
+        raise kind(explained(error, kept)) from None
 
 
 class _Run:

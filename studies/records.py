@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.results import readable
+from magmpm.whole_file import whole_file
 
 if TYPE_CHECKING:
     import optuna
@@ -68,7 +69,8 @@ def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / DESIGN).unlink(missing_ok=True)
     result.save(folder)
-    (folder / DESIGN).write_text(json.dumps(design, indent=1) + "\n", encoding="utf-8")
+    with whole_file(folder / DESIGN) as part:
+        part.write_text(json.dumps(design, indent=1) + "\n", encoding="utf-8")
 
 
 def holds(folder: Path, trial: FrozenTrial) -> bool:

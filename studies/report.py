@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from magmpm.whole_file import whole_file
+
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
@@ -63,9 +65,8 @@ class StudyReport:
     def save(self) -> Path:
         """Writes the summary to OUT/study.json, whole or not at all. Returns the path."""
         path = self.out / REPORT
-        part = path.with_suffix(".part")
-        part.write_text(json.dumps(self.summary(), indent=1) + "\n", encoding="utf-8")
-        part.replace(path)
+        with whole_file(path) as part:
+            part.write_text(json.dumps(self.summary(), indent=1) + "\n", encoding="utf-8")
         return path
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 DATABASE = "study.db"
 OWNER = "study-name.txt"
 TIMEOUT = 60.0  # s to wait for a locked database
+_CORRUPT = ("malformed", "corrupt", "disk image")
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind
 
 
@@ -66,7 +67,12 @@ def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
         while cause.__cause__ is not None and not isinstance(cause, sqlite3.Error):
             cause = cause.__cause__
         reason = str(getattr(cause, "orig", cause)).strip().splitlines()[0]
-        if "locked" in reason or "busy" in reason:
+        if any(word in reason for word in _CORRUPT):
+            raise _corrupt(url, reason) from None
+        if "full" in reason:
+            rule = f"the database needs room on its disk ({reason})"
+            remedy = "free room, then run this command again: the finished trials are kept, and it resumes"
+        elif "locked" in reason or "busy" in reason:
             rule = f"another process has kept it locked for {timeout:g} s"
             remedy = "end that process, then run this command again: it resumes"
         else:
@@ -75,6 +81,21 @@ def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
                 "see that the database can be reached and written to, then run this command again: it resumes"
             )
         raise StorageError(report(shown_url(url), rule=rule, remedy=remedy)) from None
+
+
+def _corrupt(url: str, reason: str) -> InputError:
+    """What to say of an SQLite file whose content is damaged."""
+    from sqlalchemy.engine import make_url
+
+    path = Path(str(make_url(url).database))
+    saved = f"save what can be read of its trials: sqlite3 {path} .recover | sqlite3 {path}.saved, and name that with --storage sqlite:///{path}.saved"
+    return InputError(
+        report(
+            f"{path}: the database of trials is damaged ({reason})",
+            rule="must be an SQLite database that is whole; running again will not mend it",
+            remedy=f"put back a copy; or {saved}; or move the file away and begin anew with another --out",
+        )
+    )
 
 
 def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
@@ -97,8 +118,11 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
             report("--storage", received=url, rule=f"must be a usable URL: {reason}", remedy=remedy)
         ) from None
     sqlite = parts.get_backend_name() == "sqlite"
+    if sqlite and parts.database in (None, "", ":memory:"):
+        rule = "a database in memory is gone with its process, and with it all trials"
+        raise InputError(report("--storage", received=url, rule=rule, remedy="name a file, say, --storage sqlite:///study.db"))
     options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
-    if sqlite and parts.database not in (None, "", ":memory:"):
+    if sqlite:
         _prepare_sqlite(Path(str(parts.database)), timeout, url)
     with storage_faults(url, timeout):
         try:
@@ -112,12 +136,18 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
 
 def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
     """Sees that the file is a database that can be written, and puts it into WAL mode."""
+    if path.exists() and not path.is_file():
+        rule, remedy = "must be a file: an SQLite database, or one that is to become one", "name a file in it, with --storage or --out"
+        raise InputError(report(f"{path}: {'a folder' if path.is_dir() else 'no regular file'}", rule=rule, remedy=remedy))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with storage_faults(url, timeout):
             connection = sqlite3.connect(path, timeout=timeout)
             try:
                 connection.execute("PRAGMA journal_mode=WAL")
+                (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+                if found != "ok":
+                    raise _corrupt(url, " ".join(str(found).split()))
             finally:
                 connection.close()
     except OSError as error:

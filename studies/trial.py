@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from magmpm.errors import SolveError
 from magmpm.measures import rms_distance, tip_error
 from magmpm.scene import Scene
+from magmpm.whole_file import naming
 
 if TYPE_CHECKING:
     from magmpm.results import Result
@@ -80,7 +81,7 @@ def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path)
     except SolveError as error:
         return failed(error.reason)
     except Exception as error:  # a study runs for hours: no design may end it
-        with log.open("a", encoding="utf-8") as stream:
+        with naming(log), log.open("a", encoding="utf-8") as stream:
             stream.write(f"scene {scene.hash()}\n{traceback.format_exc()}\n")
         return failed(f"{type(error).__name__}: {error}")
     if not (np.isfinite(rms) and np.isfinite(tip)):

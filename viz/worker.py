@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.errors import InputError
+from magmpm.wording import report
 from viz import style
 from viz.camera import Frame
 from viz.picture import Picture
@@ -51,6 +53,19 @@ GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draw
 MOST_FAILURES = 3
 
 
+class UnknownBackend(InputError, RenderError):
+    """A backend that was asked for and is none."""
+
+
+def forced_backend() -> str | None:
+    """The backend that the environment asks for, or None. Raises UnknownBackend."""
+    forced = os.environ.get(BACKEND_VARIABLE) or None
+    if forced is not None and forced not in BACKENDS:
+        remedy = f"write, say, {BACKEND_VARIABLE}=matplotlib, or unset it"
+        raise UnknownBackend(report(BACKEND_VARIABLE, received=forced, rule=f"must be one of {', '.join(BACKENDS)}", remedy=remedy))
+    return forced
+
+
 class Renderer:
     """Draws pictures in a worker process; a context manager.
 
@@ -63,9 +78,9 @@ class Renderer:
         self, backend: str | None = None, *, start_timeout: float = 60.0, frame_timeout: float = 30.0
     ) -> None:
         """backend: forces one; else the variable MAGMPM_RENDER does. Timeouts in s."""
-        forced = backend or os.environ.get(BACKEND_VARIABLE) or None
+        forced = backend or forced_backend()
         if forced is not None and forced not in BACKENDS:
-            raise RenderError(f"backend {forced!r} is not known; it must be one of {', '.join(BACKENDS)}")
+            raise UnknownBackend(f"backend {forced!r} is not known; it must be one of {', '.join(BACKENDS)}")
         self.backend = forced or "pyvista"
         self.note = ""
         self._start_timeout, self._frame_timeout = start_timeout, frame_timeout

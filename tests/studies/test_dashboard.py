@@ -16,6 +16,7 @@ import pytest
 from interruptible import draw
 from rod_solve import solve, write_study
 
+from magmpm.cli import main
 from studies.definition import load_study
 from studies.engine import run_study
 
@@ -39,8 +40,11 @@ def address(out: Path) -> Iterator[str]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-c", SERVE, "dashboard", str(out), "--port", str(port)]
-    child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
+        assert child.stderr is not None
+        assert child.stderr.readline() == f"http://127.0.0.1:{port} shows {out}; Ctrl-C ends it\n"
+        urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60).close()  # at once: it is said when it is so
         until = time.monotonic() + 60
         while True:
             assert child.poll() is None, "the server ended"
@@ -88,3 +92,29 @@ def test_numbers_are_shown(address: str) -> None:
     names = {attribute["key"] for attribute in detail["trials"][0]["user_attrs"]}
     assert {"rms_m", "tip_error_m", "min_det_F", "max_det_F", "newton_steps", "feasible", "seconds"} <= names
     assert len(detail["trials"][0]["params"]) == 10
+
+
+def test_a_port_in_use_is_refused(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And nothing is said to be shown there."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert main(["dashboard", str(out), "--port", str(port)]) == 2
+    said = capsys.readouterr().err
+    assert f"--port: received {port}\n  rule: the port must be free" in said
+    assert "\n  remedy: " in said
+    assert "shows" not in said
+
+
+def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It would be shown empty, and an empty database left behind."""
+    report = json.loads((out / "study.json").read_text())
+    report["storage"] = f"sqlite:///{tmp_path}/gone.db"
+    (tmp_path / "study.json").write_text(json.dumps(report))
+    assert main(["dashboard", str(tmp_path)]) == 2
+    assert "gone.db is missing" in capsys.readouterr().err
+    assert not (tmp_path / "gone.db").exists()
+    (tmp_path / "study.json").write_text("null")
+    assert main(["dashboard", str(tmp_path)]) == 2
+    assert f"{tmp_path}/study.json: can't be read" in capsys.readouterr().err

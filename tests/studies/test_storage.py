@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -121,6 +123,9 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
         ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
         ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
         ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
+        ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
+        ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
+        ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
     ],
 )
 def test_unusable_storage_is_said_before_any_trial(
@@ -132,10 +137,10 @@ def test_unusable_storage_is_said_before_any_trial(
 
 
 def test_a_database_server_that_does_not_answer_is_said(tmp_path: Path) -> None:
-    """A driver that fails to connect, as a server's would: SQLite on a file that may not be made."""
-    (tmp_path / "folder.db").mkdir()
+    """A driver that fails to connect, as a server's would: SQLite on a link that leads nowhere."""
+    (tmp_path / "link.db").symlink_to(tmp_path / "nowhere" / "study.db")
     with pytest.raises(StorageError, match="unable to open database file") as caught:
-        run(tmp_path, storage=f"sqlite:///{tmp_path}/folder.db")
+        run(tmp_path, storage=f"sqlite:///{tmp_path}/link.db")
     assert "can be reached" in str(caught.value)
 
 
@@ -145,6 +150,73 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
     with pytest.raises(InputError, match="must be an SQLite database"):
         run(tmp_path)
     assert (tmp_path / "out/study.db").read_text().startswith("minutes")
+
+
+def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
+    """With what may save it; that it resumes would not be true."""
+    run(tmp_path, trials=3)
+    path = tmp_path / "out/study.db"
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    connection.close()
+    for beside in path.parent.glob("study.db-*"):
+        beside.unlink()
+    content = path.read_bytes()
+    middle = bytearray(content)
+    middle[len(content) // 2 : len(content) // 2 + 8192] = b"\x5a" * 8192
+    for damaged in (content[: len(content) // 2], bytes(middle)):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError) as caught:
+            run(tmp_path)
+        said = str(caught.value)
+        for part in (f"{path}: the database of trials is damaged (", "rule: ", f"sqlite3 {path} .recover", "another --out"):
+            assert part in said
+        assert "it resumes" not in said
+        assert path.read_bytes() == damaged, "left as it is"
+    path.write_bytes(content)
+    assert run(tmp_path).trials == 8
+
+
+@pytest.mark.parametrize("file", ["design.json", "study.json"])
+def test_a_full_disk_keeps_the_trials(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """File, remedy, and that trials are kept; with room again the study goes on, as if nothing had been."""
+    run(tmp_path, trials=3)
+    shutil.rmtree(tmp_path / "out/best")
+    shutil.rmtree(tmp_path / "out/improvements")
+    write_text = Path.write_text
+
+    def no_room(self: Path, *arguments: Any, **options: Any) -> int:
+        if self.name.endswith(file):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # the system names no file
+        return write_text(self, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_text", no_room)
+        with pytest.raises(StorageError) as caught:
+            run(tmp_path)
+    said = str(caught.value)
+    for part in (f"{file}: No space left on device\n  rule: ", "remedy: free room", f"the finished trials are kept in sqlite:///{tmp_path}"):
+        assert part in said
+    assert said.startswith(str(tmp_path / "out"))
+    assert run(tmp_path).trials == 8
+    run(tmp_path, out=tmp_path / "whole")
+    assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(tmp_path / "whole")]
+
+
+def test_a_database_without_room_keeps_the_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(tmp_path, trials=3)
+
+    def full(*_: Any, **__: Any) -> Any:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(optuna.Study, "tell", full)
+        with pytest.raises(StorageError) as caught:
+            run(tmp_path)
+    said = str(caught.value)
+    for part in ("study.db", "database or disk is full", "free room", "the finished trials are kept", "it resumes"):
+        assert part in said
+    assert run(tmp_path).trials == 8
 
 
 def test_passwords_are_not_shown() -> None:

@@ -193,7 +193,7 @@ def test_the_backend_can_be_forced(monkeypatch: pytest.MonkeyPatch) -> None:
         renderer.wait_ready()
         assert (renderer.backend, renderer.note) == ("matplotlib", "")
     monkeypatch.setenv("MAGMPM_RENDER", "crayons")
-    with pytest.raises(RenderError, match=r"crayons.*pyvista, matplotlib"):
+    with pytest.raises(RenderError, match=r"crayons\n.*pyvista, matplotlib"):
         Renderer()
 
 
