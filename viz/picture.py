@@ -42,7 +42,7 @@ class Picture:
     field                (3,) T, uniform field, zero if there is none
     gravity              (3,) m/s^2, or None
     title, trial, rms    caption; rms in m
-    mark                 what stands in the caption's place, in red, where this is no answer; or ""
+    mark                 what stands in the caption's place, in red, where this is no answer, or none to trust; or ""
     surface              what is drawn in place of the particles' cloud, or None
     props                the field's magnets and coils
     """
@@ -149,6 +149,8 @@ class Picture:
         length, diameter = _size(result.scene["body"], np.asarray(result.particle_reference))
         effects = result.scene.get("effects") or {}
         mark, share = failure(result)
+        if not mark and trial is None:  # a trial's caption is its number
+            mark = beyond(result)
         return cls(
             particles=position[keep].astype(np.float32),
             particle_segment=np.asarray(result.particle_segment)[keep].astype(np.int32),
@@ -180,6 +182,12 @@ def failure(result: Any) -> tuple[str, float]:
     if share < 1.0:
         return f"NOT THE ANSWER: at {min(100 * share, 99.9):.3g} % of the load", share
     return "NOT THE ANSWER: the solve failed", share
+
+
+def beyond(result: Any) -> str:
+    """What to write on the picture of an answer whose strain its material law does not carry (magmpm.strain); else ""."""
+    strained = any(str(warning).startswith("strain: ") for warning in getattr(result, "warnings", ()))
+    return f"BEYOND THE MATERIAL LAW: stretch {result.largest_stretch:.2g}" if strained else ""
 
 
 def _clamp(shape: dict[str, Any]) -> np.ndarray | None:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from viz import scenery, style
 from viz.camera import best_direction
-from viz.picture import failure
+from viz.picture import beyond, failure
 from viz.process import RenderError
 from viz.shapes import Surface, bar, refined, tube
 from viz.stage import History, Shot, Stage
@@ -339,7 +339,7 @@ class Still(Play):
 
     def __init__(self, result: Any) -> None:
         super().__init__(_OneFrame(result))
-        self._mark, _ = failure(result)
+        self._mark = failure(result)[0] or beyond(result)
 
     def picture(self) -> Stage:
         """The stage, without a time."""

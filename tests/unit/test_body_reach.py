@@ -99,3 +99,10 @@ def test_distance_from_a_tube() -> None:
 @pytest.mark.parametrize("path", sorted((ROOT / "data/scenes").rglob("*.yaml")), ids=lambda path: path.stem)
 def test_the_scenes_that_come_along_reach_what_they_name(path: Path) -> None:
     assert effects.warnings(load_scene(path)) == []
+
+
+def test_a_lumen_in_another_unit_is_refused() -> None:
+    """A vessel in millimetres read as metres reaches to kilometres."""
+    solid = box((-5e3, -5e3, -5e3), (5e3, 5e3, 5e3))
+    with pytest.raises(InputError, match=r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the unit \(m\)"):
+        scene({"walls": {"surface": {"mesh": pack_mesh(solid), "unit": "m"}}})

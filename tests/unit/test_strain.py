@@ -17,6 +17,8 @@ from magmpm.results import Result
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from magmpm.strain import STRETCH, VOLUME, Strain, strain_of, tightest_radius
+from viz.picture import Picture
+from viz.play import Still
 
 ROOT = Path(__file__).parents[2]
 L, D = 40e-3, 4e-3
@@ -101,6 +103,9 @@ def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.Capt
     for text, about in zip(said, ("is stretched to more than", "has a det F below", "the axis is bent"), strict=True):
         assert about in text
         assert f"magmpm: warning: {text}\n" in printed.err
+    mark = f"BEYOND THE MATERIAL LAW: stretch {saved.largest_stretch:.2g}"
+    assert Picture.from_result(saved).caption() == Still(saved).picture().caption() == mark
+    assert Picture.from_result(saved, trial=3).caption() == "trial 3"
 
 
 @pytest.mark.parametrize("name", ["five_segments", "hollow", "zhao_plane_strain", "three_segments_3d"])
@@ -110,6 +115,7 @@ def test_usual_scenes_are_not(name: str) -> None:
     assert [text for text in result.warnings if text.startswith("strain")] == []
     assert 1.02 < result.largest_stretch < 1.2
     assert result.tightest_radius is not None
+    assert Picture.from_result(result).caption() == ""
 
 
 def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
