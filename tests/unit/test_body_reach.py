@@ -104,5 +104,6 @@ def test_the_scenes_that_come_along_reach_what_they_name(path: Path) -> None:
 def test_a_lumen_in_another_unit_is_refused() -> None:
     """A vessel in millimetres read as metres reaches to kilometres."""
     solid = box((-5e3, -5e3, -5e3), (5e3, 5e3, 5e3))
-    with pytest.raises(InputError, match=r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the unit \(m\)"):
+    says = r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the unit \(m\)"
+    with pytest.raises(InputError, match=says):
         scene({"walls": {"surface": {"mesh": pack_mesh(solid), "unit": "m"}}})
