@@ -45,7 +45,8 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+            number = errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES
+            raise OSError(number, os.strerror(number), str(folder))
         stream = (folder / LOCK).open("a+", encoding="utf-8")
     except OSError as error:
         raise unwritable(folder, error) from None

@@ -14,6 +14,7 @@ import fcntl
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -34,6 +35,7 @@ from magmpm.scene import Scene
 from magmpm.warmup_parts import formulation_of, parts_of, solve_small
 
 LOCK = "compiling.lock"
+ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
 Tell = Callable[[str], None]
 _ready: set[str] = set()
 
@@ -68,12 +70,23 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr) -> bool:
         if marker.exists():  # whoever we waited for has made them
             return False
         begun = time.perf_counter()
+        if not _has_room():
+            tell(f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a minute; free {ROOM / 1e6:.0f} MB there")
+            return True
         tell(f"compiling kernels for {describe(scene)}; once on this machine, 5 to 20 s on two idle cores")
         if _compiled_elsewhere(_small(scene)):
             with suppress(OSError):  # a cache that can't be marked is only filled again
                 marker.touch()
         tell(f"kernels compiled in {time.perf_counter() - begun:.0f} s")
     return True
+
+
+def _has_room() -> bool:
+    """Whether the cache's disk takes the kernels of a scene."""
+    try:
+        return shutil.disk_usage(_cache()).free > ROOM
+    except OSError:
+        return True  # whoever writes there will see
 
 
 def describe(scene: Scene) -> str:

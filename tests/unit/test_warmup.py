@@ -81,6 +81,17 @@ def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, 
     assert warmup.fill_cache(rod_scene(), lambda _: None), "it is tried again"
 
 
+def test_without_room_on_the_disk_nothing_is_compiled_ahead(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It could not be kept: whoever runs compiles its own, once in place of twice."""
+    lines: list[str] = []
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small: pytest.fail("compiled"))
+    monkeypatch.setattr("magmpm.warmup.ROOM", 1e30)
+    assert warmup.fill_cache(rod_scene(), lines.append)
+    (line,) = lines
+    assert str(empty_cache) in line
+    assert "no room" in line
+
+
 RUN = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
