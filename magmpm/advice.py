@@ -58,6 +58,12 @@ def shift(scene: Scene, body: Body, key: str, settings: Any = None) -> float:
     return float(np.linalg.norm(apart, axis=1).max())
 
 
+def in_lengths(way: float, scene: Scene) -> str:
+    """A way (m) as the part of the body's length that it is: "42 % of its length"."""
+    percent = 100 * way / scene.length
+    return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
+
+
 def no_rest(scene: Scene) -> str | None:
     """Why a scene's body has no rest that could be estimated, in words; None where it has one."""
     if scene.effects.feed is not None:

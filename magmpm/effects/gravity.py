@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.advice import Advice, Body, shift
+from magmpm.advice import Advice, Body, in_lengths, shift
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.jit import compiled
 from magmpm.scene import Scene
@@ -35,7 +35,7 @@ def advice(scene: Scene, body: Body) -> Advice:
     if any(scene.materials[piece.material_name].density is None for piece in scene.pieces()):
         return Advice(None, "not known: a material has no density")
     moved = shift(scene, body, "gravity")
-    return Advice(moved, f"weight moves it by {100 * moved / scene.length:.2g} % of its length")
+    return Advice(moved, f"weight moves it by {in_lengths(moved, scene)}")
 
 
 @compiled

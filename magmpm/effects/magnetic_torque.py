@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm import fields
-from magmpm.advice import MEASURE, STILL, Advice, Body, shift
+from magmpm.advice import MEASURE, STILL, Advice, Body, in_lengths, shift
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.fields.evaluate import PLACE
 from magmpm.fields.evaluate import field as field_at
@@ -56,7 +56,7 @@ def advice(scene: Scene, body: Body) -> Advice:
     moved = shift(scene, body, "magnetic_torque")
     if scene.field.over_time is not None and moved < STILL * scene.length:
         return Advice(None, f"moves nothing once the field's schedule has ended; what it does on the way is not estimated: {MEASURE}")
-    return Advice(moved, f"the field moves it by {100 * moved / scene.length:.2g} % of its length")
+    return Advice(moved, f"the field moves it by {in_lengths(moved, scene)}")
 
 
 @compiled
