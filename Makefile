@@ -6,12 +6,13 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long lint bench bench-sampler validate stability schema gallery clean
+.PHONY: help setup design test test-long lint bench claims bench-sampler validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
+	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
 	@echo "make stability  the hard cases, each with its measure and bound"
@@ -52,6 +53,9 @@ bench-sampler: $(VENV)/.ready-test
 
 bench: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/bench.py
+
+claims: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/claims.py $(if $(QUICK),--quick) $(if $(WRITE),--write)
 
 validate: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/validate.py

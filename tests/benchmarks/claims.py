@@ -1,0 +1,325 @@
+"""What `make claims` does: every measured figure of the README and the docs made again, and what differs.
+
+    python tests/benchmarks/claims.py [--quick] [--write] [GROUP ...]
+
+docs/claims.yaml lists the figures in groups: the page, its text with the figure's name in braces where the figure stands, and how far the
+two may be apart. Each group names the command that makes its figures, and is measured by the function of its name here. `--quick`
+leaves out the groups that take minutes; `--write` puts new figures into the pages, in the digits that are there, and draws docs/images/accuracy.png
+anew. Exit status 1 where a figure differs. Figures of time and rate are compared loosely: they are the machine's as well.
+
+tests/unit/test_claims.py holds every figure of the list to the text of its page, and the tests it names to their existence.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import importlib
+import json
+import math
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = "docs/claims.yaml"
+FIGURE = r"[-+]?\d[\d ]*(?:\.\d+)?(?:e[-+]?\d+)?"  # 23 328, 0.009, 5e-7
+ACCURACY_SCENE, ACCURACY_IMAGE = "data/scenes/five_segments.yaml", "docs/images/accuracy.png"
+
+Figures = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A figure on a page. name: what the group's function calls it; tolerance: share by which the measured one may differ."""
+
+    group: str
+    page: str
+    name: str
+    text: str  # as it stands on the page
+    tolerance: float
+
+    @property
+    def value(self) -> float:
+        return float(self.text.replace(" ", ""))
+
+    @property
+    def rounding(self) -> float:
+        """Half of the last digit that is written."""
+        digits, _, power = self.text.replace(" ", "").partition("e")
+        places = len(digits.partition(".")[2])
+        return 0.5 * 10.0 ** (int(power or 0) - places)
+
+    def agrees(self, measured: float) -> bool:
+        """Whether the page says what was measured, to its digits and the tolerance."""
+        return abs(measured - self.value) <= self.tolerance * max(abs(measured), abs(self.value)) + 1.001 * self.rounding
+
+    def written(self, measured: float) -> str:
+        """What was measured, in the digits of the page; one more where they would leave no digit."""
+        if "e" in self.text:
+            digits = len(self.text.split("e")[0].replace(".", "").lstrip("-"))
+            number, power = f"{measured:.{digits - 1}e}".split("e")
+            return f"{number}e{int(power)}"
+        places = len(self.text.partition(".")[2])
+        while measured and places < 9 and abs(measured) < 0.5 * 10.0**-places:
+            places += 1
+        return f"{measured:,.{places}f}".replace(",", " ")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A text of a page with figures in it: the pattern, the names of its figures in order."""
+
+    group: str
+    page: str
+    text: str
+    tolerance: float
+
+    @property
+    def names(self) -> list[str]:
+        return re.findall(r"\{([^}]*)\}", self.text)
+
+    @property
+    def pattern(self) -> re.Pattern[str]:
+        parts = re.split(r"\{[^}]*\}", self.text)
+        return re.compile(f"({FIGURE})".join(re.escape(part) for part in parts))
+
+    def found(self, root: Path = ROOT) -> re.Match[str]:
+        """Where it stands on its page. Raises ValueError where it does not, or not once."""
+        page = (root / self.page).read_text(encoding="utf-8")
+        matches = list(self.pattern.finditer(page))
+        if len(matches) != 1:
+            raise ValueError(f"{self.page}: the text {self.text!r} of {TABLE} is there {len(matches)} times; it must be there once")
+        return matches[0]
+
+    def claims(self, root: Path = ROOT) -> list[Claim]:
+        """Its figures as they stand on the page."""
+        match = self.found(root)
+        return [Claim(self.group, self.page, name, text, self.tolerance) for name, text in zip(self.names, match.groups(), strict=True)]
+
+
+def groups(root: Path = ROOT) -> dict[str, dict[str, Any]]:
+    """The table: by group its `command`, `slow` and `figures`, or `held_by` a test."""
+    found: dict[str, dict[str, Any]] = yaml.safe_load((root / TABLE).read_text(encoding="utf-8"))
+    return found
+
+
+def places(name: str, group: Mapping[str, Any]) -> Iterator[Place]:
+    """The texts of a group."""
+    for page, texts in group["figures"].items():
+        for entry in texts:
+            text, tolerance = (entry, group.get("tolerance", 0.1)) if isinstance(entry, str) else (entry["text"], entry["tolerance"])
+            yield Place(name, page, text, float(tolerance))
+
+
+# What makes the figures of a group: functions of that name, without arguments, of figures in the units of the pages.
+
+
+def accuracy() -> Figures:
+    """The README's ladder of cell sizes; errors in % of L."""
+    found: Figures = {}
+    for rung in _ladder()["rungs"]:
+        n = rung["cells_across"]
+        found |= {f"unknowns {n}": rung["dof"], f"seconds {n}": rung["seconds"], f"error {n}": 100 * (rung["error_finest"] or 0.0)}
+    return found
+
+
+def seconds() -> Figures:
+    """The times of the same ladder, s."""
+    return accuracy()
+
+
+@functools.cache
+def _ladder() -> dict[str, Any]:
+    from magmpm.scene import load_scene
+    from magmpm.simulate import run
+    from studies.accuracy import climb
+
+    return climb(load_scene(ROOT / ACCURACY_SCENE), run).summary()
+
+
+def references() -> Figures:
+    """Statics against the finite-element references: least and largest error in % of L, order from 4 to 8 cells, Newton steps."""
+    from magmpm.measures import largest_distance
+    from magmpm.problems import finite_element_problems
+    from magmpm.simulate import run
+
+    errors: dict[int, list[float]] = {4: [], 6: [], 8: []}
+    orders, steps = [], 0
+    for problem in finite_element_problems(ROOT / "data/references/fem.json").values():
+        for n, row in errors.items():
+            result = run(problem.scene(n))
+            row.append(100 * largest_distance(result, problem.centreline) / problem.length)
+            steps = max(steps, result.iterations)
+        orders.append(-np.polyfit(np.log(list(errors)), np.log([row[-1] for row in errors.values()]), 1)[0])
+    found: Figures = {"least order": min(orders), "largest order": max(orders), "steps": steps}
+    for n, row in errors.items():
+        found |= {f"least {n}": min(row), f"largest {n}": max(row)}
+    return found
+
+
+def locking() -> Figures:
+    """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J at most 10 G, 5 G; errors in % of L."""
+    from magmpm import model
+    from magmpm.measures import largest_distance
+    from magmpm.problems import finite_element_problems
+    from magmpm.simulate import run
+
+    problem = finite_element_problems(ROOT / "data/references/fem.json")["axial_transverse_5mT"]
+    usual, found = model.LINEAR_STIFFNESS, {}
+    try:
+        for name, kind, stiffness in (("none", "none", usual), ("10 G", "f-bar", 10.0), ("5 G", "f-bar", 5.0)):
+            model.LINEAR_STIFFNESS = stiffness  # type: ignore[misc]
+            for n in (3, 4, 6, 8):
+                result = run(problem.scene(n, anti_locking=kind))
+                found[f"{name} {n}"] = 100 * largest_distance(result, problem.centreline) / problem.length
+    finally:
+        model.LINEAR_STIFFNESS = usual  # type: ignore[misc]
+    return found
+
+
+def sampler() -> Figures:
+    """Trial (from 1) that first comes within 2 mm, by target and seed, and hits of seeds 1 to 10; 36 where none of 35 does."""
+    import tempfile
+    from dataclasses import replace
+
+    from magmpm.simulate import run
+    from studies.definition import load_study
+    from studies.engine import run_study
+
+    found: Figures = {}
+    for name, letter in (("c_shape", "C"), ("s_shape", "S")):
+        study = load_study(ROOT / f"data/studies/{name}.yaml")
+        for seed in range(1, 11):
+            with tempfile.TemporaryDirectory() as folder:
+                first = run_study(replace(study, seed=seed), solve=run, out=folder).first_trial_below_stop
+            found[f"{letter} {seed}"] = 36 if first is None else first + 1
+        found[f"{letter} hits"] = sum(found[f"{letter} {seed}"] <= 35 for seed in range(1, 11))
+    return found
+
+
+def stability() -> Figures:
+    """Hard cases: each measure by the case's name, and in per cent; what takes long included."""
+    return _cases(slow=True)
+
+
+def stability_quick() -> Figures:
+    """The hard cases that do not take long."""
+    return _cases(slow=False)
+
+
+def _cases(slow: bool) -> Figures:
+    from studies.hard_cases import CASES
+
+    found: Figures = {}
+    for case in CASES:
+        if case.slow == slow:
+            measure = case.run().measure
+            found |= {case.name: measure, f"{case.name} in %": 100 * measure, f"{case.name} apart": -measure}
+    return found
+
+
+def settles() -> Figures:
+    """A catheter of L/D 10 whose tip rises by half of L, after 0.3 s with damping: distance of axis and tip from statics, % of L."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from reference.in_motion import moving
+    from reference.scenes import field_for_load, rod_scene
+
+    from magmpm.measures import largest_distance
+    from magmpm.simulate import run
+
+    scene = rod_scene(field=field_for_load(2.0, np.pi / 2, length=40e-3, diameter=4e-3))
+    still = run(scene)
+    moved = run(moving(scene, {"damping": {"rate": 60.0}}, duration=0.3))
+    tip = float(np.linalg.norm(moved.tip - still.tip))
+    return {"axis": 100 * largest_distance(moved, still.centreline) / scene.length, "tip": 100 * tip / scene.length}
+
+
+def memory() -> Figures:
+    """Bytes a particle that a process grows by to move a body."""
+    resident = importlib.import_module("resident")
+    return {name: resident.grown(name)["peak"] for name in ("total", "updated")}
+
+
+def rates() -> Figures:
+    """Million particle-steps a second, and for a Gflop of dgemm, thousand."""
+    machine, motion_rates = importlib.import_module("machine"), importlib.import_module("motion_rates")
+    flops, found = machine.dgemm(), {}
+    for name, measure in (("total", motion_rates.total_rate), ("updated", motion_rates.updated_rate)):
+        value = measure()
+        found |= {name: value / 1e6, f"{name} per Gflop": value / flops * 1e6}
+    return found
+
+
+def drawn() -> Path:
+    """docs/images/accuracy.png from the ladder measured now, with its numbers in the file for tests to read."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    from viz.plots import accuracy as plot
+
+    path, rungs = ROOT / ACCURACY_IMAGE, _ladder()["rungs"]
+    plot(rungs, path, title="five-segment catheter")
+    text = PngInfo()
+    text.add_text("errors", json.dumps({rung["cells_across"]: rung["error_finest"] for rung in rungs}))
+    with Image.open(path) as image:
+        image.load()
+        image.save(path, pnginfo=text, optimize=True)
+    return path
+
+
+def replaced(place: Place, measured: Figures, root: Path = ROOT) -> None:
+    """Puts what was measured into the page, where it differs."""
+    match, claims = place.found(root), place.claims(root)
+    text = match.group(0)
+    for i in range(len(claims), 0, -1):
+        claim = claims[i - 1]
+        if not claim.agrees(measured[claim.name]):
+            begin, end = match.start(i) - match.start(), match.end(i) - match.start()
+            text = text[:begin] + claim.written(measured[claim.name]) + text[end:]
+    path = root / place.page
+    page = path.read_text(encoding="utf-8")
+    path.write_text(page[: match.start()] + text + page[match.end() :], encoding="utf-8")
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, and say what differs."""
+    parser = argparse.ArgumentParser(description="Make the measured figures of README and docs again, and say what differs.")
+    parser.add_argument("groups", metavar="GROUP", nargs="*", help="only these groups of docs/claims.yaml")
+    parser.add_argument("--quick", action="store_true", help="leave out what takes minutes")
+    parser.add_argument("--write", action="store_true", help="put new figures into the pages")
+    options = parser.parse_args(arguments)
+    table = {name: group for name, group in groups().items() if "held_by" not in group}
+    if unknown := [name for name in options.groups if name not in table]:
+        print(f"unknown groups: {', '.join(unknown)}; known are {', '.join(table)}", file=sys.stderr)
+        return 2
+    chosen = [name for name in table if (name in options.groups or not options.groups) and not (options.quick and table[name].get("slow"))]
+    differing = 0
+    for name in chosen:
+        begun = time.perf_counter()
+        measure: Callable[[], Figures] = globals()[name]
+        measured = measure()
+        print(f"{name} ({table[name]['command']}), {time.perf_counter() - begun:.0f} s", flush=True)
+        for place in places(name, table[name]):
+            for claim in place.claims():
+                value = measured[claim.name]
+                same = math.isfinite(value) and claim.agrees(value)
+                differing += not same
+                print(f"  {'' if same else 'DIFFERS':<8}{claim.page:<20} {claim.name:<44} says {claim.text:>8}   now {value:.4g}")
+            if options.write:
+                replaced(place, measured)
+        if name == "accuracy" and options.write:
+            print(f"  drawn {drawn().relative_to(ROOT)}")
+    print(f"{differing} figures differ" + (", and have been written anew" if options.write and differing else ""))
+    return int(differing > 0 and not options.write)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
