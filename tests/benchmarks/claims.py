@@ -5,7 +5,8 @@
 docs/claims.yaml lists the figures in groups: the page, its text with the figure's name in braces where the figure stands, and how far the
 two may be apart. Each group names the command that makes its figures, and is measured by the function of its name here. `--quick`
 leaves out the groups that take minutes; `--write` puts new figures into the pages, in the digits that are there, and draws
-docs/images/accuracy.png anew. Exit status 1 where a figure differs. Figures of time and rate are compared loosely: they are the machine's as well.
+docs/images/accuracy.png anew. Exit status 1 where a figure differs. Times and rates are compared
+loosely: they are the machine's as well.
 
 tests/unit/test_claims.py holds every figure of the list to the text of its page, and the tests it names to their existence.
 """
