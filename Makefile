@@ -6,11 +6,12 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long lint bench claims bench-sampler validate stability schema gallery clean
+.PHONY: help setup design test test-long test-gp lint bench claims bench-sampler validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
+	@echo "make test-gp    the tests of studies by GP, in an environment of their own with torch (some 200 MB)"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
@@ -48,6 +49,20 @@ test: lint
 test-long: lint
 	$(BIN)/python -m pytest $(WORKERS)
 
+# Studies by GP need torch, which no other test does: a second environment, with PyTorch's own wheels for CPUs (those of PyPI bring CUDA,
+# several GB), or PyPI's where that index can't be reached.
+GP_VENV ?= .venv-gp
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+$(GP_VENV)/.ready: setup.cfg pyproject.toml constraints.txt
+	@test -x $(GP_VENV)/bin/python || $(PYTHON) -m venv $(GP_VENV) 2>/dev/null || $(PYTHON) -m virtualenv -q $(GP_VENV)
+	-$(GP_VENV)/bin/python -m pip install -q --no-deps --retries 1 --timeout 30 torch --index-url $(TORCH_INDEX)
+	$(GP_VENV)/bin/python -m pip install -q -c constraints.txt -e '.[gp,test]'
+	@touch $@
+
+test-gp: $(GP_VENV)/.ready
+	$(GP_VENV)/bin/python -c "import torch; print('torch', torch.__version__)"
+	$(GP_VENV)/bin/python -m pytest tests/studies -k gp -rs
+
 bench-sampler: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/sampler.py
 
@@ -70,4 +85,4 @@ gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) $(GP_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info

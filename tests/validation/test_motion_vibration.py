@@ -51,11 +51,12 @@ def measured(motion: Motion, dt: float, expected: float, periods: float, looks: 
 
 @pytest.mark.parametrize(
     ("formulation", "slenderness", "cells", "bound"),
-    [("total", 10, 2, 0.02), ("total", 20, 2, 0.01), ("updated", 10, 2, 0.02)],
+    [("total", 10, 2, 0.01), ("total", 20, 2, 0.004), ("updated", 10, 2, 0.02)],
 )
 def test_first_bending_frequency(formulation: str, slenderness: int, cells: int, bound: float) -> None:
-    """Within 2 % of Timoshenko's beam, 1 % where the clamp matters less: it restrains the section, which no beam knows.
+    """Within 1 % of Timoshenko's beam, 0.4 % where the clamp matters less: it restrains the section, which no beam knows.
 
+    Bounds are twice what is measured, a third more for updated.
     updated: 1.5 % at 2 cells, 1.3 at 3, 1.2 at 4, where total has 0.6 at 2 and 1.0 at 4.
     """
     motion, dt, expected = swing(formulation, slenderness * 4e-3, cells)
@@ -65,12 +66,14 @@ def test_first_bending_frequency(formulation: str, slenderness: int, cells: int,
 
 
 def test_free_vibration_keeps_its_energy() -> None:
-    """10 periods, nearly 60 000 steps: kinetic and elastic energy together stay within 0.5 % at all times, and do not drift."""
+    """10 periods, nearly 60 000 steps: kinetic and elastic energy together swing by some 7e-5, as the symplectic scheme's do by (w dt)^2 of
+    each mode, and do not drift: 2e-7 from the first period to the last. The bounds are three and five times that.
+    """
     motion, dt, expected = swing("total", 40e-3, 2)
     begun = motion.kinetic_energy()
     _, _, total = measured(motion, dt, expected, 10, 23)
-    assert np.abs(total / begun - 1).max() < 5e-3
-    assert abs(total[-23:].mean() / total[:23].mean() - 1) < 5e-4
+    assert np.abs(total / begun - 1).max() < 2e-4
+    assert abs(total[-23:].mean() / total[:23].mean() - 1) < 1e-6
 
 
 def test_order_of_convergence_in_the_time_step() -> None:
@@ -102,13 +105,15 @@ def test_order_of_convergence_under_a_sudden_load() -> None:
 
 
 def test_losses_of_the_updated_formulation_fall_with_the_cell() -> None:
-    """A quarter of a swing of a short rod: APIC filters what a cell can't carry. Energy only falls,
-    nearly with the square of the cell: from 16 % at 2 cells across to 4 % at 4."""
+    """A quarter of a swing of a short rod: APIC filters what a cell can't carry. Energy only falls, by 15.6 % of itself at 2 cells across
+    and by 4.4 % at 4, nearly as the square of the cell. A fifth more, or less, would be another method.
+    """
     lost = []
     for cells in (2, 4):
         motion, dt, expected = swing("updated", 16e-3, cells)
         begun = motion.kinetic_energy()
         _, _, total = measured(motion, dt, expected, 0.25, 32)
         lost.append(1 - total[-1] / begun)
-        assert np.diff(total).max() < 1e-3 * begun
-    assert 0 < lost[1] < lost[0] / 3
+        assert np.diff(np.append(begun, total)).max() < 0
+    assert lost[0] == pytest.approx(0.156, rel=0.2)
+    assert lost[1] == pytest.approx(0.0435, rel=0.2)
