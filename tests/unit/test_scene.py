@@ -354,7 +354,7 @@ def test_centreline_tables(tmp_path: Path) -> None:
         read_centreline(tmp_path / "c.csv")
     with pytest.raises(InputError, match="no such file"):
         read_centreline(tmp_path / "d.csv")
-    with pytest.raises(InputError, match="readable text file"):
+    with pytest.raises(InputError, match=r"this is a folder\n  rule: the table must be a regular file"):
         read_centreline(tmp_path)
 
 
