@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import re
 import sys
@@ -16,6 +17,7 @@ from reference.dynamics import Total, Updated
 from reference.scenes import rod_scene
 
 from magmpm import effects, parts
+from magmpm.dynamics.total import TotalMotion
 from magmpm.effects import hooks
 from magmpm.errors import InputError
 from magmpm.inputs import validate
@@ -28,9 +30,20 @@ RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that nothing but the drag acts on a body
 @pytest.fixture
 def drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The example's file as a module among the effects, and its line among their keys, for one test."""
+    file, line = example()
+    return joined(file, line, tmp_path, monkeypatch)
+
+
+def example() -> tuple[str, str]:
+    """The file and the line, as CONTRIBUTING.md has them."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     file, line = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert file.startswith("# magmpm/effects/drag.py")
+    return file, line
+
+
+def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """A file as the module of the effect `drag`, named by a line of parts.Effects."""
     (tmp_path / "drag.py").write_text(file)
     monkeypatch.setattr(hooks, "_registry", {hook: dict(table) for hook, table in hooks._registry.items()})
     spec = importlib.util.spec_from_file_location("magmpm.effects.drag", tmp_path / "drag.py")
@@ -43,6 +56,7 @@ def drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     space: dict[str, Any] = {**vars(parts), "Base": parts.Effects, "__name__": parts.__name__}
     exec(f"class Effects(Base):\n{body}", space)
     monkeypatch.setattr(effects, "Effects", space["Effects"])
+    effects._modules.cache_clear()
     return module
 
 
@@ -86,3 +100,30 @@ def test_the_file_brakes(drag: ModuleType) -> None:
     P = total.force(c, v, DT)  # at rest in shape: no stress, and the clamp, which brakes nothing, left out
     mass = total.model.density * total.model.particles.volume
     np.testing.assert_allclose(P, -RATE * total.N.T @ (mass[:, None] * (total.N @ v)), rtol=0, atol=1e-18)
+
+
+def test_the_file_brakes_in_a_compiled_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three steps of the solver's own kernel, which was compiled with the example in it, are those of the plain reference.
+
+    Compiled kernels are kept on disk by the names of their effects' fields: with a name that changes with the text, none is a stale one.
+    """
+    file, line = example()
+    stamp = hashlib.sha256(file.encode()).hexdigest()[:8]
+    joined(file.replace("drag_rate", f"drag_rate_{stamp}"), line, tmp_path, monkeypatch)
+    settings = validate(effects.Effects, {"drag": "500 1/s"}, "example.yaml")
+    model = build(rod_scene(length=6e-3).model_copy(update={"effects": settings}))
+    found = {}
+    for loads in (model.effects, ()):
+        total, motion = Total.of(replace(model, effects=loads)), TotalMotion(model)
+        c, v = np.zeros((2, *total.X.shape))
+        on = motion.packed.inverse_mass.reshape(-1, 3).all(axis=1)
+        v[on] = np.random.default_rng(5).standard_normal((on.sum(), 3))
+        motion.restore({"u": c.ravel(), "v": v.ravel()})
+        for _ in range(3):
+            c, v = total.step(c, v, 1e-6)
+        assert motion.advance(3, 1e-6, loads) == (3, False)
+        np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=1e-12 * np.abs(v).max())  # sums over some hundred particles
+        found[bool(loads)] = v
+    assert np.abs(found[True] - found[False]).max() > 1e-4 * np.abs(v).max(), "the drag is felt"
