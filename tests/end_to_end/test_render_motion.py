@@ -13,6 +13,7 @@ from PIL import Image
 from reference import motions
 
 from magmpm.cli import main
+from magmpm.folder_lock import LOCK
 from magmpm.motion import MotionWriter
 
 SCENE = {
@@ -57,7 +58,7 @@ def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(
 
 def test_pictures_go_where_out_says(folder: Path) -> None:
     assert main(["render", "runs/bending", "--out", "elsewhere"]) == 0
-    assert sorted(path.name for path in Path("elsewhere").iterdir()) == [
+    assert sorted(path.name for path in Path("elsewhere").iterdir() if path.name != LOCK) == [
         "energies.png",
         "moments.png",
         "movie.mp4",
@@ -108,7 +109,7 @@ def test_an_equilibrium_saved_later_takes_the_motions_place(
     )
     before = (folder / "motion.json").stat().st_mtime
     os.utime(folder / "motion.json", (before - 10, before - 10))
-    assert main(["run", str(folder / "scene.yaml"), "--out", str(folder)]) == 0
+    assert main(["run", str(folder / "scene.yaml"), "--out", str(folder), "--overwrite"]) == 0
     capsys.readouterr()
     assert main(["render", str(folder), "--json"]) == 0
     assert [Path(file).name for file in json.loads(capsys.readouterr().out)["files"]] == ["picture.png"]
