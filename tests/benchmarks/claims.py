@@ -318,7 +318,7 @@ def main(arguments: list[str]) -> int:
                 replaced(place, measured)
         if name == "accuracy" and options.write:
             print(f"  drawn {drawn().relative_to(ROOT)}")
-    print(f"{differing} figures differ" + (", and have been written anew" if options.write and differing else ""))
+    print(f"{differing} figure{'s differ' if differing != 1 else ' differs'}" + (": written anew" if options.write and differing else ""))
     return int(differing > 0 and not options.write)
 
 

@@ -249,3 +249,20 @@ def test_a_process_of_its_own(folder: Path) -> None:
     )
     for word in ("run", "design", "accuracy", "render", "data/scenes/five_segments.yaml"):
         assert word in done.stdout
+
+
+def test_style_chooses_how_a_body_at_rest_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A surface unless particles are asked for; a motion has no choice, and says so before it runs."""
+    from PIL import Image
+
+    assert main(["run", "scene.yaml", "--render"]) == 0
+    with Image.open("runs/small/picture.png") as picture:
+        surface = picture.size
+    assert main(["render", "runs/small", "--style", "particles"]) == 0
+    with Image.open("runs/small/picture.png") as picture:
+        assert picture.size != surface, "the page of particles has views from the top and the side"
+    (folder / "moving.yaml").write_text(SCENE.replace("small", "moving") + "solver: {dynamic: {duration: 1 ms}}\n")
+    capsys.readouterr()
+    assert main(["run", "moving.yaml", "--render", "--style", "particles"]) == 2
+    assert "--style: received particles" in capsys.readouterr().err
+    assert not (folder / "runs/moving").exists()

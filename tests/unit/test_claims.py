@@ -110,7 +110,7 @@ def test_a_figure_that_differs_is_told_and_written(
     assert claims.main([]) == 1
     said = capsys.readouterr().out
     assert re.search(r"DIFFERS page.md +total +says +500 +now 949.8", said)
-    assert "1 figures differ" in said
+    assert "1 figure differs" in said
     assert claims.main(["--write"]) == 0
     assert page.read_text() == "A body takes 950 or 1 020 bytes, more or less.\n"
     assert claims.main(["memory"]) == 0
