@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from magmpm.errors import InputError
 from magmpm.folder_lock import folder_lock
 from magmpm.motion_files import ABOUT, MOTION
 from magmpm.results import NUMBERS
-from magmpm.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE
+from magmpm.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE, read_mapping
 
 if TYPE_CHECKING:
     from magmpm.motion import Motion
@@ -99,18 +98,15 @@ def draw_result(result: Result, path: Path, renderer: Renderer, style: str | Non
 
 
 def motion_of(folder: Path) -> Motion | None:
-    """The motion in a folder, unless an equilibrium was saved there later."""
+    """The motion in a folder, unless an equilibrium was saved there later; a result that can't be read says nothing of it."""
     from magmpm.motion import Motion
 
     if not (folder / MOTION).exists():
         return None
     motion, saved = Motion.load(folder), folder / NUMBERS
     if saved.exists() and saved.stat().st_mtime > (folder / ABOUT).stat().st_mtime:
-        try:
-            scene = json.loads(saved.read_text(encoding="utf-8")).get("scene")
-        except ValueError:
-            scene = None
-        if scene != motion.scene:
+        scene = read_mapping(saved).get("scene")
+        if isinstance(scene, dict) and scene != motion.scene:
             return None
     return motion
 
@@ -129,6 +125,8 @@ def _render_motion(
         )
     wanted = _numbers(frames, len(motion))
     play = Play(motion)
+    if read_mapping(motion.folder / NUMBERS).get("failure"):
+        play.title += " (stopped before its end)"
     files = motion_movie.pictures(play, out / FRAMES, renderer, wanted)
     last = len(motion) - 1
     files.append(renderer.render_stage(play.stage(last), play.shot, out / PICTURE))

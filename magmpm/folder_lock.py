@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -47,16 +47,22 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
         if not os.access(folder, os.W_OK | os.X_OK):
             number = errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES
             raise OSError(number, os.strerror(number), str(folder))
-        stream = (folder / LOCK).open("a+", encoding="utf-8")
+        while True:
+            stream = (folder / LOCK).open("a+", encoding="utf-8")
+            _take(stream, folder)
+            if _still_there(stream, folder / LOCK):
+                break
+            stream.close()  # whoever held it has ended, and taken the file away: the lock is on a name that is gone
     except OSError as error:
         raise unwritable(folder, error) from None
     with stream:
-        _take(stream, folder)
         _held[key] = 1
         try:
             yield
         finally:
             del _held[key]
+            with suppress(OSError):
+                (folder / LOCK).unlink()
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:
@@ -84,6 +90,13 @@ def _take(stream: IO[str], folder: Path) -> None:
         stream.flush()
     except OSError as error:
         raise unwritable(folder, error) from None
+
+
+def _still_there(stream: IO[str], path: Path) -> bool:
+    try:
+        return os.fstat(stream.fileno()).st_ino == path.stat().st_ino
+    except FileNotFoundError:
+        return False
 
 
 def _described(text: str) -> str:

@@ -24,6 +24,7 @@ from magmpm.errors import BudgetError, InputError
 from magmpm.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.motion_files import ABOUT, CONTACTS, ENERGIES, MOTION
 from magmpm.motion_tables import GrowingTable, contact_row, energy_row, read_contacts, read_energies
+from magmpm.wording import report
 
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
 _OVERHEAD = (
@@ -205,6 +206,19 @@ class Frame:
     quantities: dict[str, Numbers]
 
 
+def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
+    """Name and scene of a motion. Raises InputError."""
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        name, scene = about["name"], about["scene"]
+        if not isinstance(name, str) or not isinstance(scene, dict | None):
+            raise ValueError("it holds no name and scene")
+        return name, scene
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        rule, remedy = "must be as the motion's run wrote it", "run the scene again with --resume, which writes it anew, or without"
+        raise InputError(report(f"{path}: can't be read ({error})", rule=rule, remedy=remedy)) from None
+
+
 @dataclass(frozen=True)
 class Motion:
     """A motion that was written; `motion[k]` reads a frame, `motion.position(k)` its positions alone.
@@ -241,8 +255,7 @@ class Motion:
                 times, fields = vtkhdf.read_moments(file)
                 vtkhdf.check(path, file, range(len(times)))
                 static = vtkhdf.read_static(file)
-            about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-            name, scene = about["name"], about["scene"]
+            name, scene = _read_about(folder / ABOUT)
             energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
         except (OSError, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from magmpm.basis import Array
+from magmpm.errors import InputError
+from magmpm.whole_file import whole_file
+from magmpm.wording import report
 
 
 class GrowingTable:
@@ -37,14 +40,17 @@ class GrowingTable:
         self._header = None
         if not self.path.exists():
             return
-        header, *rows = self.path.read_text(encoding="utf-8").splitlines(keepends=True)
-        kept = [row for row in rows if row.endswith("\n") and float(row.split(",", 1)[0]) <= last]
+        try:
+            header, *rows = self.path.read_text(encoding="utf-8").splitlines(keepends=True) or [""]
+            kept = [row for row in rows if row.endswith("\n") and float(row.split(",", 1)[0]) <= last]
+        except ValueError as error:
+            rule, remedy = "the table of a motion that goes on must be as it was written", "put it back, or run without --resume"
+            raise InputError(report(f"{self.path}: can't be read ({error})", rule=rule, remedy=remedy)) from None
         if not kept:
             self.path.unlink()
             return
-        unfinished = self.path.with_name(f".{self.path.name}")
-        unfinished.write_text("".join([header, *kept]), encoding="utf-8")
-        unfinished.replace(self.path)
+        with whole_file(self.path) as unfinished:
+            unfinished.write_text("".join([header, *kept]), encoding="utf-8")
 
 
 def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:

@@ -88,7 +88,7 @@ class RunFolder:
         """A result, in place of all that was there."""
         result.save(self.path)
         kept = {*_STATICS, *(() if result.formulation == "static" else _MOTION)}
-        if _read(self.path / OWNER).get("accuracy_hash", self.scene.hash()) != self.scene.hash():
+        if read_mapping(self.path / OWNER).get("accuracy_hash", self.scene.hash()) != self.scene.hash():
             _remove(self.path, _ACCURACY)
         _remove(self.path, (*_STATICS, *_MOTION), kept=kept)
         for folder in (EARLIER, FAILED):
@@ -128,19 +128,19 @@ class RunFolder:
 
     def _sign(self, folder: Path | None = None, **more: str) -> None:
         folder = folder or self.path
-        known = {key: value for key, value in _read(folder / OWNER).items() if key == "accuracy_hash"}
+        known = {key: value for key, value in read_mapping(folder / OWNER).items() if key == "accuracy_hash"}
         about = {"name": self.scene.name, "scene_file": str(self.scene_file), "scene_hash": self.scene.hash()}
         _write(folder, OWNER, {**about, **known, **more})
 
     def _holder(self) -> str:
         """Name and file of the scene whose results are there; "" if it is this one, or can't be told."""
-        owner = _read(self.path / OWNER)
+        owner = read_mapping(self.path / OWNER)
         if owner.get("scene_file"):
             if owner.get("scene_hash") == self.scene.hash() or Path(str(owner["scene_file"])) == self.scene_file:
                 return ""
             return f"{owner.get('name')} ({owner['scene_file']})"
         for name in (NUMBERS, ABOUT):  # saved by Python code, which knows no file
-            known = _read(self.path / name)
+            known = read_mapping(self.path / name)
             if known.get("scene") and known["scene"] != json.loads(json.dumps(self.scene.to_si())):
                 return str(known.get("name") or "one without a name")
         return ""
@@ -154,7 +154,7 @@ def _described(folder: Path) -> str:
     when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at.stat().st_mtime))
     if at.name == MOTION:
         return f"the unfinished motion of {when}"
-    known = _read(at)
+    known = read_mapping(at)
     if not known:
         return f"a result of {when} that can't be read"
     what = "equilibrium" if known.get("formulation") == "static" else f"motion over {known.get('time', 0.0):g} s"
@@ -164,7 +164,7 @@ def _described(folder: Path) -> str:
 def _worth_keeping(folder: Path) -> bool:
     """Whether a run that fails must leave this as it is: a result, or a motion that can be resumed; not an older failure."""
     if (folder / NUMBERS).exists():
-        return _read(folder / NUMBERS).get("converged") is True
+        return read_mapping(folder / NUMBERS).get("converged") is True
     return (folder / CHECKPOINT).exists()
 
 
@@ -192,7 +192,7 @@ def _remove(
             empty.rmdir()
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path) -> dict[str, Any]:
     """A JSON file's mapping; empty where it can't be read."""
     try:
         known = json.loads(path.read_text(encoding="utf-8"))

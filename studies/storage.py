@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import InputError, MagmpmError
 from magmpm.run_folder import holds_run
+from magmpm.whole_file import naming
 from magmpm.wording import report
 from studies.definition import Study, definition_hash, differences
 from studies.report import REPORT
@@ -304,8 +305,9 @@ def claim_folder(out: Path, name: str) -> None:
         rule = "a study has a folder of its own: its designs would mix with the run's result"
         raise InputError(report(f"{out}: holds the results of a run", rule=rule, remedy=f"use another --out, say, {out}-study"))
     path = out / OWNER
-    holder = path.read_text(encoding="utf-8").strip() if path.exists() else name
-    if holder != name:
-        rule = f"the folder holds the results of another study, {holder}; a study has a folder of its own"
+    holder = path.read_text(encoding="utf-8", errors="replace").strip() if path.exists() else name
+    if holder and holder != name:
+        rule = f"the folder holds the results of another study, {holder} ({OWNER}); a study has a folder of its own"
         raise InputError(report(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"))
-    path.write_text(name + "\n", encoding="utf-8")
+    with naming(path):
+        path.write_text(name + "\n", encoding="utf-8")

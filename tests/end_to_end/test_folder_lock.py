@@ -117,3 +117,25 @@ def test_a_lock_of_someone_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         monkeypatch.setattr(lock, "_try_lock", lambda stream: False)
         with pytest.raises(FolderInUse, match="in use by another process"), folder_lock(tmp_path):
             pass
+
+
+def test_the_lock_leaves_no_file_and_one_that_waits_for_it_locks_the_next(tmp_path: Path) -> None:
+    """Five threads, one at a time, though each takes the file away."""
+    inside, most = [0], [0]
+
+    def work() -> None:
+        for _ in range(20):
+            with folder_lock(tmp_path):
+                inside[0] += 1
+                most[0] = max(most[0], inside[0])
+                time.sleep(0.0005)
+                inside[0] -= 1
+
+    lock.PATIENCE = 60.0
+    threads = [threading.Thread(target=work) for _ in range(5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1]
+    assert list(tmp_path.iterdir()) == []

@@ -16,12 +16,13 @@ import numpy as np
 import pytest
 
 from magmpm.cli import main
+from magmpm.cli_render import motion_of
 from magmpm.dynamics.run import begin, follow
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.motion import Motion
 from magmpm.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
-from magmpm.results import Result
+from magmpm.results import NUMBERS, Result
 from magmpm.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -370,3 +371,26 @@ def test_resuming_from_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFix
     path.write_text(path.read_text(encoding="utf-8").replace("dynamic: {duration: 0.4 ms, output_every: 0.4 ms}", "static: {}"))
     assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
     assert "a static scene has no checkpoints" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["null", "{", "", '{"name": null, "scene": 3}'])
+def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """motion.json is refused by its name, and written anew by --resume; a damaged result leaves the motion as it is."""
+    path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
+    assert main(["run", str(path), "--out", str(out)]) == 0
+    (out / NUMBERS).write_text(content)
+    motion = motion_of(out)
+    assert motion is not None
+    assert len(motion) == 3
+    (out / ABOUT).write_text(content)
+    capsys.readouterr()
+    assert main(["render", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert f"{out / ABOUT}: can't be read (" in said
+    assert "\n  remedy: " in said
+    (out / ENERGIES).write_text("")
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
+    assert len(Motion.load(out)) == 3
+    (out / ENERGIES).write_text("t,kinetic\nnever,0\n")
+    assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
+    assert f"{out / ENERGIES}: can't be read (" in capsys.readouterr().err

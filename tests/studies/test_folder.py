@@ -28,6 +28,19 @@ def test_another_study_is_refused_in_the_same_folder(tmp_path: Path) -> None:
     assert "--out" in str(caught.value)
 
 
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00"])
+def test_a_damaged_name_of_the_study(content: bytes, tmp_path: Path) -> None:
+    """An empty file says nothing, and is written anew; one of other bytes is no study's name."""
+    study = load_study(write_study(tmp_path))
+    run_study(study, solve=solve, out=tmp_path / "out", trials=1)
+    (tmp_path / "out/study-name.txt").write_bytes(content)
+    if content:
+        with pytest.raises(InputError, match=r"study-name\.txt"):
+            run_study(study, solve=solve, out=tmp_path / "out", trials=2)
+    else:
+        assert run_study(study, solve=solve, out=tmp_path / "out", trials=2).trials == 2
+
+
 def test_a_damaged_best_result_is_made_again(tmp_path: Path) -> None:
     """A study that is done repairs what it holds of its best trial."""
     study = load_study(write_study(tmp_path))
