@@ -21,10 +21,12 @@ def connected_pieces(parts: Parts | None, cell: NDArray[np.integer], part: NDArr
     from scipy.sparse.csgraph import connected_components  # only for such bodies
     from scipy.spatial import cKDTree
 
-    full = np.unique(np.column_stack([cell, part]), axis=0)
-    of = full[:, 3]
+    first = cell.min(axis=0)
+    box = (*(np.ptp(cell, axis=0) + 1).tolist(), len(parts.meshes))
+    full = np.unique(np.ravel_multi_index((*(cell - first).T, part), box))
+    *places, of = np.unravel_index(full, box)
     near = np.zeros((len(parts.meshes), len(parts.meshes)), bool)
-    pairs = of[cKDTree(full[:, :3]).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbours by a face
+    pairs = of[cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbours by a face
     near[pairs[:, 0], pairs[:, 1]] = True
     number = connected_components(near & parts.touching(), directed=False)[1]
     found: NDArray[np.int64] = np.asarray(number, np.int64)[part]

@@ -128,7 +128,7 @@ def _small(scene: Scene) -> Scene:
     if data["body"]["parts"] is not None:
         data["body"]["parts"]["spacing"] = None
     if scene.solver.dynamic is not None:
-        short = {"duration": 1e-9, "output_every": None, "time_step": None, "max_memory": None}
+        short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
     return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}})
 

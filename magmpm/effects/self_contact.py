@@ -83,23 +83,82 @@ def observe(model: Any, x: NDArray[np.float64]) -> Contact:
     """
     scene, rest = model.scene, model.particles.position
     cell, size = cell_size(scene), 2 * reach(scene)
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(x).query_pairs(WITHIN * cell + max(size, cell), output_type="ndarray")
-    a, b = pairs.T
+    within = WITHIN * cell + max(size, cell)
     piece = connected_pieces(scene.body.parts, model.particles.cell, model.particles.segment)
-    one = np.ones(len(pairs), bool)
-    if scene.body.parts is not None:
-        one = model.particles.segment[a] == model.particles.segment[b]
-    was = np.linalg.norm(rest[a] - rest[b], axis=1)
-    apart = (was > 3 * cell + np.where(one, 2 * scene.thickness, 0.0)) | (piece[a] != piece[b])
-    a, b = a[apart], b[apart]
+    part = piece if scene.body.parts is None else model.particles.segment
+    a, b = _near(x, rest, model.particles.cell, piece, part, within=within, apart=3 * cell, in_part=3 * cell + 2 * scene.thickness)
     now = np.linalg.norm(x[a] - x[b], axis=1)
     if scene.body.parts is not None:
         near, of = np.unique(np.concatenate([a, b]), return_inverse=True)
         size = _depth(model, near)[of].reshape(2, -1).sum(axis=0)
     depth = -float((now - size).min(initial=WITHIN * cell))
     return Contact(force=np.zeros(3), count=int(np.count_nonzero(now < cell)), depth=depth)
+
+
+def _near(
+    x: NDArray[np.float64],
+    rest: NDArray[np.float64],
+    cell: NDArray[np.integer],
+    piece: NDArray[np.int64],
+    part: NDArray[np.integer],
+    *,
+    within: float,
+    apart: float,
+    in_part: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of particles within a distance (m) that are not neighbours: of two pieces, or that were farther than `apart` (m) from each
+    other undeformed, than `in_part` (m) in the same part.
+
+    x, rest (n, 3) m: now and undeformed; cell (n, 3), piece, part (n,): of each. A body has a hundred times as many pairs of neighbours as
+    of others: those whose cells can't hold others are left out before there are pairs of particles.
+    """
+    from scipy.spatial import cKDTree  # only where a body touches itself
+
+    cluster = _numbered(cell, part)
+    order, count = np.argsort(cluster, kind="stable"), np.bincount(cluster)
+    first = np.cumsum(count) - count
+    now, then = _balls(x[order], first, count), _balls(rest[order], first, count)
+    a, b = cKDTree(now[0]).query_pairs(within + 2 * now[1], output_type="ndarray").T
+    one = order[first]  # a particle of each cluster, for its part and piece
+    kept = _apart(then[0][a] - then[0][b], one[a], one[b], piece, part, apart - 2 * then[1], in_part - 2 * then[1])
+    a, b = a[kept], b[kept]
+    # every particle of one with every particle of the other
+    many = count[a] * count[b]
+    which = np.repeat(np.arange(len(a)), many)
+    of_pair = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
+    i = order[first[a][which] + of_pair // count[b][which]]
+    j = order[first[b][which] + of_pair % count[b][which]]
+    near = (x[i, 0] - x[j, 0]) ** 2 + (x[i, 1] - x[j, 1]) ** 2 + (x[i, 2] - x[j, 2]) ** 2 <= within**2
+    i, j = i[near], j[near]
+    kept = _apart(rest[i] - rest[j], i, j, piece, part, apart, in_part)
+    return i[kept], j[kept]
+
+
+def _apart(
+    between: NDArray[np.float64],
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    piece: NDArray[np.int64],
+    part: NDArray[np.integer],
+    apart: float,
+    in_part: float,
+) -> NDArray[np.bool_]:
+    """Which particles a and b (k,), `between` (k, 3) m from each other undeformed, are no neighbours."""
+    far = np.where(part[a] == part[b], in_part, apart)
+    return np.asarray((np.linalg.norm(between, axis=1) > far) | (piece[a] != piece[b]))
+
+
+def _numbered(cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Which cell of which part each particle (n,) is in, numbered from 0."""
+    shape = (*(np.ptp(cell, axis=0) + 1).tolist(), int(part.max()) + 1)
+    key = np.ravel_multi_index((*(cell - cell.min(axis=0)).T, part), shape)
+    return np.asarray(np.unique(key, return_inverse=True)[1].reshape(-1), dtype=np.int64)
+
+
+def _balls(x: NDArray[np.float64], first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.float64], float]:
+    """Centres (k, 3) of clusters, and the radius around them that holds every particle, m; x (n, 3) m in the order of the clusters."""
+    centre = np.add.reduceat(x, first, axis=0) / count[:, None]
+    return centre, float(np.sqrt(((x - np.repeat(centre, count, axis=0)) ** 2).sum(axis=1).max()))
 
 
 def _depth(model: Any, some: NDArray[np.int64]) -> NDArray[np.float64]:
