@@ -13,6 +13,7 @@ from magmpm.errors import InputError
 from magmpm.motion_files import CHECKPOINT
 from magmpm.scene import Scene
 from magmpm.solvers import DynamicOptions
+from magmpm.whole_file import whole_file
 from magmpm.wording import report
 
 _ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "control")
@@ -42,14 +43,13 @@ class Checkpoint:
     state: dict[str, Array]
 
     def save(self, folder: Path | str) -> Path:
-        """Write it into a folder, in place of an earlier one, whole or not at all."""
+        """Write it into a folder, in place of an earlier one, whole or not at all. Raises OSError, with the file's name."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         about = {k: getattr(self, k) for k in _ABOUT}
-        part = folder / f".{CHECKPOINT}"
-        with part.open("wb") as stream:
+        with whole_file(folder / CHECKPOINT) as part, part.open("wb") as stream:
             np.savez(stream, **{"about": np.array(json.dumps(about)), **self.state})  # type: ignore[arg-type]
-        return part.replace(folder / CHECKPOINT)
+        return folder / CHECKPOINT
 
     @classmethod
     def load(cls, folder: Path | str, scene: Scene) -> Checkpoint | None:

@@ -193,7 +193,7 @@ def follow(
             moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
             last = _checkpoint(moved)
             if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
-                last.save(folder)
+                _save(moved, last, folder)
                 saved_last, saved_at = last, clock.monotonic()
     except SolveError as error:
         _go_on_from(moved, last)
@@ -201,8 +201,18 @@ def follow(
         raise type(error)(error.reason, moved) from None
     finally:  # also where the run is interrupted
         if folder is not None and last is not saved_last:
-            last.save(folder)
+            _save(moved, last, folder)
     return moved
+
+
+def _save(moved: Moved, last: Checkpoint, folder: Path | str) -> None:
+    """Save a checkpoint; where the disk does not take it the motion goes on, with a warning."""
+    try:
+        last.save(folder)
+    except OSError as error:
+        what = f"{error.filename}: {error.strerror or error}: --resume can only go on from an earlier moment, or from the start"
+        if what not in moved.warnings:
+            moved.warnings.append(what)
 
 
 def _checkpoint(moved: Moved) -> Checkpoint:
