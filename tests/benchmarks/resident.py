@@ -44,6 +44,11 @@ def _moved(formulation: str, cells: int) -> tuple[object, int, int]:
 
 def main(formulation: str) -> int:
     """Measure, and print one JSON object."""
+    from motion_rates import scene
+
+    from magmpm.warmup import prepare_kernels
+
+    prepare_kernels(scene(formulation, cells=4))  # in other processes: a compiler's memory would be the peak of this one
     kept, few, _ = _moved(formulation, 4)  # kernels, libraries
     del kept
     gc.collect()
