@@ -22,6 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from magmpm.basis import Array
+from magmpm.jit import compiled
+from magmpm.materials import determinant
 from magmpm.model import Model
 
 STRETCH = 1.5
@@ -96,8 +98,8 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
     Stretches are found where they may be beyond the limit; else only that of the particle with the largest tr F^T F.
     """
     volume = model.particles.volume
-    J = np.einsum("ni,ni->n", F[:, 0], np.cross(F[:, 1], F[:, 2]))  # a tenth of the time of numpy.linalg.det
-    squares = np.einsum("nij,nij->n", F, F)
+    J, squares = np.empty(len(F)), np.empty(len(F))
+    _invariants(F, J, squares)
     least = STRETCH**2 + 2.0 * J / STRETCH  # of tr F^T F where the stretch is STRETCH: the other two are alike
     some = np.union1d(np.flatnonzero(squares >= least * (1 - 1e-12)), [int(np.argmax(squares))])
     stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F[some], F[some]))[:, 2])
@@ -111,6 +113,17 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
         radius=np.inf if model.line is None else tightest_radius(_slices(model, position)),
         time=time,
     )
+
+
+@compiled
+def _invariants(F, J, squares):  # type: ignore[no-untyped-def]
+    """det F and tr F^T F (n,) of F (n, 3, 3)."""
+    for p in range(len(F)):
+        J[p] = determinant(F[p])
+        squares[p] = 0.0
+        for i in range(3):
+            for j in range(3):
+                squares[p] += F[p, i, j] ** 2
 
 
 def _slices(model: Model, position: Array) -> Array:

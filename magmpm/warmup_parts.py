@@ -23,6 +23,7 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.panels import factor, new_panels, solve
 from magmpm.statics.start import straight
+from magmpm.strain import strain_of
 
 
 def parts_of(small: Scene) -> list[str]:
@@ -124,6 +125,7 @@ def _measured(small: Scene) -> None:
     energies.add_effects_stress(model, x, F, model.effects, P)
     energies.effect_energies(model, x, F, 0.0)
     watchdog.look(model, x, np.zeros_like(x))
+    strain_of(model, x, F)
     FrameArrays(x, model.magnet[:, :3]).of(x, x, F, P)
 
 

@@ -179,7 +179,8 @@ def follow(
     if saved is None:
         _write(moved, writer)
     times = options.frame_times if saved is None else saved.times(options)
-    last = saved_last = _checkpoint(moved)
+    scene_hash = motion_hash(model.scene)
+    last = saved_last = _checkpoint(moved, scene_hash)
     saved_at = -math.inf
     try:
         while moved.frame < len(times):
@@ -191,7 +192,7 @@ def follow(
             _write(moved, writer)
             moved.strain = moved.strain.worst(strain_of(model, moved.x, moved.F, moved.time))
             moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
-            last = _checkpoint(moved)
+            last = _checkpoint(moved, scene_hash)
             if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
                 _save(moved, last, folder)
                 saved_last, saved_at = last, clock.monotonic()
@@ -215,11 +216,11 @@ def _save(moved: Moved, last: Checkpoint, folder: Path | str) -> None:
             moved.warnings.append(what)
 
 
-def _checkpoint(moved: Moved) -> Checkpoint:
+def _checkpoint(moved: Moved, scene_hash: str) -> Checkpoint:
     """A motion as it is after a frame."""
     motion = moved.motion
     return Checkpoint(
-        scene_hash=motion_hash(motion.model.scene), every=moved.every, time=moved.time, formulation=motion.formulation,
+        scene_hash=scene_hash, every=moved.every, time=moved.time, formulation=motion.formulation,
         frame=moved.frame, steps=moved.steps, control={**moved.control.state(), **moved.strain.state()}, state=motion.state(),
     )  # fmt: skip
 
