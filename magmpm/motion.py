@@ -9,7 +9,7 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,7 +23,14 @@ from magmpm.basis import Array
 from magmpm.errors import BudgetError, InputError
 from magmpm.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.motion_files import ABOUT, CONTACTS, ENERGIES, MOTION
-from magmpm.motion_tables import GrowingTable, contact_row, energy_row, read_contacts, read_energies
+from magmpm.motion_tables import (
+    GrowingTable,
+    contact_row,
+    energy_row,
+    must_have,
+    read_contacts,
+    read_energies,
+)
 from magmpm.wording import report
 
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
@@ -38,7 +45,8 @@ class MotionWriter:
     model: anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment (n,), magnet (n, 3) T, and
     optionally scene, which is stored for the pictures. quantities: names from QUANTITIES [all]. max_disk: bytes that the motion's
     files may take. resume_at: s, time of a checkpoint: frames after it are dropped and the motion goes on, so that its files hold
-    what an unbroken run's do.
+    what an unbroken run's do; resume_frames: how many there must be up to then, each with its energies, and with contacts of the effects
+    resume_contacts.
     """
 
     def __init__(
@@ -49,6 +57,8 @@ class MotionWriter:
         *,
         max_disk: float | None = None,
         resume_at: float | None = None,
+        resume_frames: int | None = None,
+        resume_contacts: Iterable[str] = (),
     ) -> None:
         self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -64,10 +74,12 @@ class MotionWriter:
         self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
         if resume_at is not None:
             self._must_exist()
-            self._tell_about(model)
+            if resume_frames is not None:
+                self._must_hold(resume_frames, resume_at, resume_contacts)
             self._file = vtkhdf.FrameFile.resume(self.path, len(reference), self.quantities, resume_at)
             self._energies.cut(self._file.last)
             self._contacts.cut(self._file.last)
+            self._tell_about(model)
             return
         for name in (MOTION, ENERGIES, CONTACTS):
             (self.folder / name).unlink(missing_ok=True)
@@ -180,6 +192,26 @@ class MotionWriter:
         unfinished.write_text(json.dumps(about) + "\n", encoding="utf-8")
         unfinished.replace(self.folder / ABOUT)
 
+    def _must_hold(self, frames: int, until: float, contacts: Iterable[str]) -> None:
+        """Raises InputError unless the files hold what a motion has written until a time (s)."""
+        vtkhdf.mend(self.path)
+        with vtkhdf.opened(self.path) as file:
+            times = vtkhdf.read_moments(file)[0]
+        times = times[times <= until * (1 + 1e-12)]
+        if len(times) != frames:
+            raise InputError(
+                report(
+                    str(self.path),
+                    received=f"{len(times)} frames up to the checkpoint",
+                    rule=f"a motion goes on from the {frames} frames it had then, all of them",
+                    remedy="put back the file that belongs to the checkpoint, or run again without --resume",
+                )
+            )
+        must_have(self._energies.path, read_energies(self._energies.path), times)
+        found = read_contacts(self._contacts.path)
+        for effect in contacts:
+            must_have(self._contacts.path, found.get(effect, {}), times)
+
     def _must_exist(self) -> None:
         if not self.path.exists():
             raise InputError(
@@ -257,6 +289,9 @@ class Motion:
                 static = vtkhdf.read_static(file)
             name, scene = _read_about(folder / ABOUT)
             energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
+            must_have(folder / ENERGIES, energies, times, lacking=1)
+            for found in contacts.values() if scene is not None else ():
+                must_have(folder / CONTACTS, found, times, lacking=1)
         except (OSError, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise

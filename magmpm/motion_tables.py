@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +41,9 @@ class GrowingTable:
         self._header = None
         if not self.path.exists():
             return
-        try:
+        with _as_written(self.path):
             header, *rows = self.path.read_text(encoding="utf-8").splitlines(keepends=True) or [""]
             kept = [row for row in rows if row.endswith("\n") and float(row.split(",", 1)[0]) <= last]
-        except ValueError as error:
-            rule, remedy = "the table of a motion that goes on must be as it was written", "put it back, or run without --resume"
-            raise InputError(report(f"{self.path}: can't be read ({error})", rule=rule, remedy=remedy)) from None
         if not kept:
             self.path.unlink()
             return
@@ -76,21 +74,49 @@ def contact_row(time: float, effect: str, contact: Any) -> dict[str, Any]:
 
 
 def read_energies(path: Path) -> dict[str, Array]:
-    """Column -> (rows,)."""
-    rows = _whole_rows(path)
-    return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+    """Column -> (rows,). Raises InputError where the file holds something else."""
+    with _as_written(path):
+        rows = _whole_rows(path)
+        return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
 
 
 def read_contacts(path: Path) -> dict[str, dict[str, Array]]:
-    """Effect -> column -> (rows,)."""
-    rows = _whole_rows(path)
+    """Effect -> column -> (rows,). Raises InputError where the file holds something else."""
     found: dict[str, dict[str, Array]] = {}
-    for effect in dict.fromkeys(row["effect"] for row in rows):
-        of = [row for row in rows if row["effect"] == effect]
-        found[effect] = {
-            name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"
-        }
+    with _as_written(path):
+        rows = _whole_rows(path)
+        for effect in dict.fromkeys(row["effect"] for row in rows):
+            of = [row for row in rows if row["effect"] == effect]
+            found[effect] = {
+                name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"
+            }
     return found
+
+
+def must_have(path: Path, found: Mapping[str, Array], times: Array, *, lacking: int = 0) -> None:
+    """Raises InputError unless a table, column -> (rows,), has a row for each of the frames at times (s).
+
+    lacking: rows that may be missing at the end: a frame's row follows the frame.
+    """
+    rows = found.get("t", np.zeros(0))[: len(times)]
+    if len(rows) < len(times) - lacking or not np.array_equal(rows, times[: len(rows)]):
+        raise _damaged(path, f"{len(rows)} rows that belong to the {len(times)} frames beside it, of which each must have its own")
+
+
+def _damaged(path: Path, received: str) -> InputError:
+    rule = "must be the table that the run wrote, whole"
+    return InputError(report(str(path), received=received, rule=rule, remedy="put it back, or run the scene again, without --resume"))
+
+
+@contextmanager
+def _as_written(path: Path) -> Iterator[None]:
+    """What can't be read as a table is said to be so."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise _damaged(path, f"what can't be read as one ({error})") from None
 
 
 def _whole_rows(path: Path) -> list[dict[str, str]]:

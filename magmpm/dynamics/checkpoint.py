@@ -20,9 +20,11 @@ _ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "contr
 
 
 def motion_hash(scene: Scene) -> str:
-    """Scene.hash() of what decides a motion up to any moment: all but how long it is followed, and how often it is looked at."""
+    """Scene.hash() of what decides a motion up to any moment: all but its duration, how often it is looked at, and its budgets."""
     assert scene.solver.dynamic is not None
-    endless = scene.solver.dynamic.model_copy(update={"duration": 1.0, "output_every": None})
+    endless = scene.solver.dynamic.model_copy(
+        update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None}
+    )
     return scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": endless})}).hash()
 
 
@@ -78,7 +80,8 @@ class Checkpoint:
                 report(
                     str(path),
                     received="the checkpoint of another scene (or the file was changed since)",
-                    rule="only the scene that it was written by can be resumed from it; its duration alone may be longer",
+                    rule="only the scene that it was written by can be resumed from it; its duration alone may be longer, and its budgets "
+                    "(max_disk, max_memory) others",
                     remedy="run without --resume, or into another folder with --out",
                 )
             )

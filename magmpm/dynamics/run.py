@@ -167,13 +167,17 @@ def follow(
         saved.must_fit(moved.motion.state(), folder)
         _go_on_from(moved, saved)
         moved.every = saved.every
+    _measure(moved, moved.motion.look())
     writer = None
     if folder is not None and saved is None:
         motion_files.forget(folder)
-    if folder is not None:
-        writer = MotionWriter(folder, model, max_disk=options.max_disk, resume_at=moved.time if saved else None)
+        writer = MotionWriter(folder, model, max_disk=options.max_disk)
+    elif folder is not None and saved is not None:
+        writer = MotionWriter(
+            folder, model, max_disk=options.max_disk, resume_at=moved.time,
+            resume_frames=saved.frame + 1, resume_contacts=moved.contacts,
+        )  # fmt: skip
     balance = watchdog.EnergyBalance() if _conserves(model) else None
-    _measure(moved, moved.motion.look())
     if balance is not None and saved is None:  # a checkpoint's velocities are half a step behind: less kinetic energy than there was
         balance.look(moved.energies)
     if saved is None:

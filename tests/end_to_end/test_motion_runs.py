@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -175,7 +176,7 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path) -> None:
     [
         ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
         ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
-        ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer"),
+        ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
     ],
 )
 def test_what_can_t_be_lengthened_is_refused(
@@ -187,6 +188,53 @@ def test_what_can_t_be_lengthened_is_refused(
     assert main(["run", str(scene(tmp_path, f"duration: {long}")), "--out", str(out), "--resume"]) == 2
     assert rule in capsys.readouterr().err
     assert Result.load(out).time == before.time
+
+
+def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, length = tmp_path / "out", "duration: 4 ms, output_every: 0.1 ms"
+    assert main(["run", str(scene(tmp_path, f"{length}, max_disk: 600 kB")), "--out", str(out)]) == 3
+    assert "raise max_disk" in capsys.readouterr().err
+    assert 2 < len(Motion.load(out)) < 41
+    assert main(["run", str(scene(tmp_path, length)), "--out", str(out), "--resume"]) == 0
+    assert len(Motion.load(out)) == 41
+
+
+def _frames_of_before(out: Path, earlier: Path) -> None:
+    shutil.copy(earlier / MOTION, out / MOTION)
+
+
+def _rows_cut(out: Path, earlier: Path) -> None:
+    (out / ENERGIES).write_bytes((out / ENERGIES).read_bytes()[:150])
+
+
+def _no_rows(out: Path, earlier: Path) -> None:
+    (out / ENERGIES).unlink()
+
+
+def _garbage(out: Path, earlier: Path) -> None:
+    (out / ENERGIES).write_text("null\nnull\n")
+
+
+@pytest.mark.parametrize(
+    ("damage", "name"), [(_frames_of_before, MOTION), (_rows_cut, ENERGIES), (_no_rows, ENERGIES), (_garbage, ENERGIES)]
+)
+def test_a_motion_with_holes_is_not_resumed(
+    damage: Callable[[Path, Path], None], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Frames or rows that the checkpoint had: what follows them would not belong to them. Nor are tables drawn that lack rows."""
+    out, earlier = tmp_path / "out", tmp_path / "earlier"
+    assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out)]) == 0
+    shutil.copytree(out, earlier)
+    assert main(["run", str(scene(tmp_path, "duration: 4 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 0
+    damage(out, earlier)
+    left = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    capsys.readouterr()
+    assert main(["run", str(scene(tmp_path, "duration: 5 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 2
+    assert f"{out / name}: received " in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == left
+    if name == ENERGIES:
+        with pytest.raises(InputError, match=ENERGIES):
+            Motion.load(out)
 
 
 def _cut_short(path: Path) -> None:
@@ -403,9 +451,8 @@ def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, capsys: pyt
     said = capsys.readouterr().err
     assert f"{out / ABOUT}: can't be read (" in said
     assert "\n  remedy: " in said
-    (out / ENERGIES).write_text("")
     assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
     assert len(Motion.load(out)) == 3
     (out / ENERGIES).write_text("t,kinetic\nnever,0\n")
     assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
-    assert f"{out / ENERGIES}: can't be read (" in capsys.readouterr().err
+    assert f"{out / ENERGIES}: received what can't be read as one (" in capsys.readouterr().err
