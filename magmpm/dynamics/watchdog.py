@@ -9,7 +9,6 @@ import numpy as np
 from magmpm import fields
 from magmpm.basis import Array
 from magmpm.body_reach import FAR
-from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.jit import compiled
 from magmpm.model import Model
 
@@ -43,7 +42,7 @@ def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
 def look(model: Model, x: Array, v: Array) -> Trouble | None:
     """Whether velocities and places are possible ones."""
     reference = model.particles.position
-    finite, fastest, ratio, furthest, way = _extremes(x, v, reference, speed_of_sound(model))
+    finite, fastest, ratio, furthest, way, size = _extremes(x, v, reference, model.shear, model.bulk, model.density)
     if not finite:
         return broken(model, x, v, np.tile(np.eye(3), (len(x), 1, 1)))
     if ratio > 1.0:
@@ -51,7 +50,6 @@ def look(model: Model, x: Array, v: Array) -> Trouble | None:
             f"a particle moves at {np.linalg.norm(v[fastest]):.3g} m/s, faster than waves in its material", fastest,
             f"{REMEDY}, or apply the load more slowly",
         )  # fmt: skip
-    size = float(np.linalg.norm(np.ptp(reference, axis=0)))
     if way > FAR * size:
         return Trouble(
             f"a particle left the box: it is {way:.3g} m from where it was, {FAR:g} times the body's size", furthest,
@@ -61,20 +59,24 @@ def look(model: Model, x: Array, v: Array) -> Trouble | None:
 
 
 @compiled
-def _extremes(x, v, reference, sound):  # type: ignore[no-untyped-def]
-    """Whether all are numbers; the fastest particle, its speed over sound's (n,) m/s; the one furthest from its place, how far (m)."""
+def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped-def]
+    """Whether all are numbers; the fastest particle, its speed over that of pressure waves (stable_step.speed_of_sound); the one
+    furthest from its place, how far (m); the undeformed body's size (m), corner to corner."""
     finite, fastest, furthest, most, way = True, 0, 0, 0.0, 0.0
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for p in range(len(x)):
         speed2, way2 = 0.0, 0.0
         for i in range(3):
             speed2 += v[p, i] ** 2
             way2 += (x[p, i] - reference[p, i]) ** 2
+            low[i], high[i] = min(low[i], reference[p, i]), max(high[i], reference[p, i])
         finite = finite and speed2 + way2 < np.inf  # np.isfinite is always true here (magmpm.jit)
-        if speed2 > most * sound[p] ** 2:
-            fastest, most = p, speed2 / sound[p] ** 2
+        ratio2 = speed2 * density[p] / (bulk[p] + 4.0 / 3.0 * shear[p])
+        if ratio2 > most:
+            fastest, most = p, ratio2
         if way2 > way:
             furthest, way = p, way2
-    return finite, fastest, np.sqrt(most), furthest, np.sqrt(way)
+    return finite, fastest, np.sqrt(most), furthest, np.sqrt(way), np.sqrt(((high - low) ** 2).sum())
 
 
 def astray(model: Model, x: Array, time: float) -> Trouble | None:
