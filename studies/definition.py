@@ -30,6 +30,7 @@ from magmpm.yamlfile import Document, read_yaml
 
 SAMPLERS = ("tpe", "gp", "cmaes", "random")
 LATER_SAMPLERS = {"gauss-newton": "search along the sensitivities of the shape"}
+MOST_TRIALS = 1_000_000
 STRETCH = 1.1  # a target may be this much longer than the catheter's piece it belongs to
 SHOWN_DIFFERENCES = 12
 
@@ -103,7 +104,7 @@ class StudyFile(Part):
         default=35,
         strict=True,
         ge=1,
-        le=1_000_000,
+        le=MOST_TRIALS,
         description="Trials in all; 35 unless given.",
         examples=[35],
     )
@@ -146,10 +147,9 @@ class Study:
 
     def changed(self, *, trials: int | None = None, sampler: str | None = None) -> Study:
         """The study with what a command line overrides. Raises InputError (NotThereYet for later samplers)."""
-        if trials is not None and trials < 1:
-            raise InputError(
-                report("--trials", received=str(trials), rule="must be at least 1", remedy="--trials 35")
-            )
+        if trials is not None and not 1 <= trials <= MOST_TRIALS:
+            rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
+            raise InputError(report("--trials", received=str(trials), rule=rule, remedy="--trials 35"))
         if sampler is not None:
             check_sampler_name(sampler, "--sampler")
         return dataclasses.replace(

@@ -76,6 +76,7 @@ def test_a_study_is_named_as_a_folder_can_be(
         (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, random")),
         (["--sampler", "gauss-newton"], ("--sampler", "not there yet")),
         (["--trials", "0"], ("--trials", "received 0", "at least 1")),
+        (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
         (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
         (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
     ],
