@@ -26,6 +26,7 @@ from studies.report import REPORT
 
 if TYPE_CHECKING:
     import optuna
+    from sqlalchemy.engine import URL
 
 DATABASE = "study.db"
 OWNER = "study-name.txt"
@@ -43,9 +44,26 @@ def storage_url(out: Path, url: str | None) -> str:
     if url is None:
         return f"sqlite:///{(out / DATABASE).resolve()}"
     if "://" not in url:
-        rule = "must be the URL of a database"
-        raise InputError(report("--storage", received=url, rule=rule, remedy=f"write, say, sqlite:///{url}"))
+        from sqlalchemy.engine import make_url
+
+        rule, file = "must be the URL of a database", f"sqlite:///{url}"
+        remedy = f"write, say, {f'sqlite:///{DATABASE}' if _in_memory(make_url(file)) else file}"
+        raise InputError(report("--storage", received=url or "nothing", rule=rule, remedy=remedy))
     return url
+
+
+def _in_memory(parts: URL) -> bool:
+    """Whether SQLite keeps this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
+    name = parts.database or ""
+    options = (parts.query.get("mode") == "memory", parts.query.get("vfs") == "memdb")
+    return name in ("", ":memory:", "file:") or name.startswith("file::memory:") or any(options)
+
+
+def _refuse_memory(parts: URL, url: str) -> None:
+    """Raises InputError for a database that would not outlive its process."""
+    if parts.get_backend_name() == "sqlite" and _in_memory(parts):
+        rule = "a database in memory is gone with its process, and with it all trials"
+        raise InputError(report("--storage", received=url, rule=rule, remedy=f"name a file, say, --storage sqlite:///{DATABASE}"))
 
 
 def shown_url(url: str) -> str:
@@ -119,9 +137,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
             report("--storage", received=url, rule=f"must be a usable URL: {reason}", remedy=remedy)
         ) from None
     sqlite = parts.get_backend_name() == "sqlite"
-    if sqlite and parts.database in (None, "", ":memory:"):
-        rule = "a database in memory is gone with its process, and with it all trials"
-        raise InputError(report("--storage", received=url, rule=rule, remedy="name a file, say, --storage sqlite:///study.db"))
+    _refuse_memory(parts, url)
     options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
     if sqlite:
         _prepare_sqlite(Path(str(parts.database)), timeout, url)
@@ -217,7 +233,7 @@ def open_study(
 
 
 def must_exist(url: str, out: Path) -> None:
-    """Raises InputError where the designs of a folder have lost their SQLite file."""
+    """Raises InputError where the designs of a folder have lost their SQLite file, or `url` names none."""
     from sqlalchemy.engine import make_url
     from sqlalchemy.exc import ArgumentError
 
@@ -225,6 +241,7 @@ def must_exist(url: str, out: Path) -> None:
         parts = make_url(url)
     except ArgumentError:
         return  # open_storage says what is wrong with it
+    _refuse_memory(parts, url)
     path = Path(str(parts.database))
     if parts.get_backend_name() == "sqlite" and (not path.exists() or path.stat().st_size == 0):
         raise _without_trials(out, f"{path} is {'empty' if path.exists() else 'missing'}")

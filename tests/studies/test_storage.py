@@ -125,6 +125,11 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
         ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
         ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
         ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
+        ("sqlite:///file:x?mode=memory&uri=true", InputError, ("--storage: received sqlite:///file:x?", "gone with its process")),
+        ("sqlite:///file::memory:?cache=shared&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
+        ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
+        ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
+        (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
         ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
     ],
 )
@@ -134,6 +139,14 @@ def test_unusable_storage_is_said_before_any_trial(
     with pytest.raises(kind) as caught:
         run(tmp_path, storage=url)
     assert all(phrase in str(caught.value) for phrase in says), str(caught.value)
+
+
+@pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"])
+def test_a_database_in_memory_is_refused_in_a_folder_that_has_designs_too(url: str, tmp_path: Path) -> None:
+    """No file of it is missing: it has none."""
+    run(tmp_path, trials=1)
+    with pytest.raises(InputError, match="gone with its process"):
+        run(tmp_path, storage=url)
 
 
 def test_a_database_server_that_does_not_answer_is_said(tmp_path: Path) -> None:
