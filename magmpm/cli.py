@@ -1,6 +1,7 @@
 """The `magmpm` command: the only place that joins physics, studies and pictures.
 
-Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverged, with the last good state saved; 1 anything else.
+Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverged, with the last good state saved, if
+there was one; 1 anything else.
 Heavy imports stay inside the commands, so that `magmpm --help` answers at once.
 """
 

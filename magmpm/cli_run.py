@@ -56,7 +56,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     except SolveError as error:
         if error.state is None:
             kept.put_back()
-            raise
+            raise SolveError(f"{error.reason}; no state to save: none was good before it failed") from None
         saved = kept.save_failed(error.state)
         _warn(error.state)
         _tell_failure(error, saved, options)

@@ -238,6 +238,20 @@ def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
     assert 0 < np.linalg.norm(kept.tip - [0.02, 0, 0]) < 5e-4  # bent, by about a quarter of the load
 
 
+def test_an_unconverged_run_without_a_state_says_so(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ramp whose first step fails: nothing carries any load, and nothing is saved."""
+
+    def fails(*_: Any, **__: Any) -> Any:
+        raise SolveError("no step lowers the energy")
+
+    monkeypatch.setattr(equilibrium, "minimise", fails)
+    assert main(["run", "scene.yaml", "--out", "none"]) == 3
+    assert "of the load: no step lowers the energy; no state to save: " in capsys.readouterr().err
+    assert not (folder / "none" / "result.json").exists()
+
+
 def test_a_process_of_its_own(folder: Path) -> None:
     """The installed command and `python -m magmpm.cli` both answer; a closed pipe is no traceback."""
     done = subprocess.run(
