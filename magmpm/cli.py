@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.cli_parts import STYLES, of_file, print_summary, results_folder
+from magmpm.environment import refuse_unusable
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.folder_lock import folder_lock
 from magmpm.progress import Progress
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = _parser().parse_args(given)
+        refuse_unusable()
         status: int = options.command(options)
         return status
     except SolveError as error:

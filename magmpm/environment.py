@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import sys
 import tempfile
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
+MOST_THREADS = 4096
+LAYERS = ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue")  # names that Numba knows
 KEPT_CACHES = 4  # folders of earlier source versions that stay on disk
 
 
@@ -56,3 +59,17 @@ def prepare() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # spinning threads cost 2-4x beside a render process
     # ... but a thread that sleeps between two loops of a step wakes late: some ten microseconds of spinning, a third of a small step.
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+
+
+def refuse_unusable() -> None:
+    """Raises InputError for settings of Numba's threads that it would end with, at its first import or its first parallel loop."""
+    from magmpm.errors import InputError
+    from magmpm.wording import report
+
+    threads, layer = os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("NUMBA_THREADING_LAYER")
+    if threads is not None and not (re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS):
+        rule, remedy = f"must be a whole number from 1 to {MOST_THREADS}", f"set it to, say, {os.cpu_count() or 1}, or unset it"
+        raise InputError(report("NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy))
+    if layer is not None and layer.lower() not in LAYERS:
+        rule, remedy = f"must be one of {', '.join(LAYERS)}", "unset it"
+        raise InputError(report("NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy))

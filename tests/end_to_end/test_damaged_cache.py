@@ -81,3 +81,24 @@ def test_without_the_compiler_it_is_said_at_once(tmp_path: Path) -> None:
     assert done.stderr.startswith("magmpm: NUMBA_DISABLE_JIT: received 1\n  rule: ")
     assert "\n  remedy: unset it" in done.stderr
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "rule"),
+    [
+        ("NUMBA_NUM_THREADS", "0", "must be a whole number from 1 to "),
+        ("NUMBA_NUM_THREADS", "two", "must be a whole number from 1 to "),
+        ("NUMBA_NUM_THREADS", "1" + 9 * "0", "must be a whole number from 1 to "),
+        ("NUMBA_THREADING_LAYER", "foo", "must be one of default, "),
+    ],
+)
+def test_unusable_threads_are_refused(variable: str, value: str, rule: str, tmp_path: Path) -> None:
+    """Before Numba reads them: it would end with a traceback."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    done = command("run", str(scene), "--out", str(tmp_path / "out"), **{variable: value})
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"magmpm: {variable}: received {value}\n  rule: {rule}")
+    assert "\n  remedy: " in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
