@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
+from magmpm.whole_file import whole_file
 from viz import style
 
 LOOK: Any = {
@@ -236,9 +237,8 @@ def saved(figure: Figure, path: str | Path) -> Path:
     kind = path.suffix[1:].lower() or "png"
     # No date in the file: the same numbers give the same bytes.
     metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
-    unfinished = path.with_name(f"{path.name}.part")
     # The layout makes room for the ticks it finds: those of the axes' last size are there only once it has been through.
     figure.draw_without_rendering()
-    figure.savefig(unfinished, format=kind, metadata=metadata)
-    unfinished.replace(path)
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, format=kind, metadata=metadata)
     return path

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from magmpm.whole_file import whole_file
 from viz import stage_layout, style
 from viz.camera import View
 from viz.layout import LegendItem, ScaleBar
@@ -63,9 +64,8 @@ def save(image: np.ndarray, path: str | Path) -> Path:
     """Write a picture (h, w, 3) uint8 as PNG; its folder is made."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}")
-    Image.fromarray(image).save(unfinished, format="PNG", optimize=True)
-    unfinished.replace(path)
+    with whole_file(path) as unfinished:
+        Image.fromarray(image).save(unfinished, format="PNG", optimize=True)
     return path
 
 

@@ -5,14 +5,16 @@ The first picture is the probe: where OpenGL is missing the process dies on it a
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from magmpm.whole_file import FULL, REFUSED, explained, whole_file
 
 Draw = Callable[..., np.ndarray]
 _backend: Draw | None = None
@@ -30,7 +32,7 @@ def main(argv: list[str]) -> None:
         _backend, _stage_backend = _opened(argv[2])
         _probe(_backend)
     except Exception as error:
-        pipe.send(("error", f"{type(error).__name__}: {error}"))
+        pipe.send(("error", _told(error)))
         return
     pipe.send(("ready", None))
     while True:
@@ -41,11 +43,18 @@ def main(argv: list[str]) -> None:
         try:
             answer: tuple[str, Any] = ("done", function(*args))
         except Exception as error:
-            answer = ("error", f"{type(error).__name__}: {error}")
+            answer = ("error", _told(error))
         try:
             pipe.send(answer)
         except OSError:
             return
+
+
+def _told(error: Exception) -> str:
+    """What to say of an exception: of a file that can't be written, its name and the remedy."""
+    if isinstance(error, OSError) and error.filename is not None and error.errno in (*FULL, *REFUSED):
+        return explained(error)
+    return f"{type(error).__name__}: {error}"
 
 
 def draw(picture: Any, frame: Any, size: tuple[int, int], path: str | None) -> np.ndarray | None:
@@ -75,9 +84,8 @@ def save_png(image: np.ndarray, path: str) -> None:
     """Write an image (h, w, 3) uint8; the file is whole or not there."""
     from PIL import Image
 
-    unfinished = f"{path}.{os.getpid()}.part"
-    Image.fromarray(image).save(unfinished, format="PNG", compress_level=4)
-    os.replace(unfinished, path)
+    with whole_file(Path(path)) as unfinished:
+        Image.fromarray(image).save(unfinished, format="PNG", compress_level=4)
 
 
 def _opened(backend: str) -> tuple[Draw, Draw]:

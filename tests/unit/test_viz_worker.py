@@ -161,6 +161,26 @@ def test_errors_in_the_process_come_back_as_render_errors(tmp_path: Path) -> Non
             renderer.run(lambda: 1)
 
 
+def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path) -> None:
+    """The system's limit for a file stands in for the disk: 1 kB holds no picture and no plot. No half file stays."""
+    import resource
+
+    from viz import plots
+
+    with Renderer("matplotlib") as renderer:
+        renderer.wait_ready()
+        renderer.run(resource.setrlimit, resource.RLIMIT_FSIZE, (1000, 1000))
+        picture, curve = tmp_path / "picture.png", tmp_path / "curve.png"
+        with pytest.raises(RenderError) as caught:
+            renderer.render(BODY, picture)
+        assert str(caught.value).startswith(f"{picture}: File too large\n  rule: ")
+        with pytest.raises(RenderError) as caught:
+            renderer.run(plots.convergence, [1e-3, 5e-4], curve, None, "study", [])
+        assert str(caught.value).startswith(f"{curve}: File too large\n  rule: ")
+        assert "\n  remedy: free room" in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_without_an_opengl_library_matplotlib_draws_and_one_line_names_the_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
