@@ -214,7 +214,11 @@ def _seconds(motion: TotalMotion | UpdatedMotion, steps: int, found: tuple[Array
 
 
 def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None = None) -> Table:
-    """Every effect there is, in this scene. measure: time steps with and without each; else cost_percent is None."""
+    """Every effect there is, in this scene. measure: time steps with and without each; else cost_percent is None.
+
+    Raises InputError where a run of the scene would not begin, since the body starts in the ground, say, or outside its lumen.
+    """
+    _refuse_bad_beginning(scene)
     body, rows = Estimates(scene), []
     spent = costs(scene, on_progress) if measure else {}
     for key, module in effects.every().items():
@@ -227,6 +231,14 @@ def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None =
     except MagmpmError:  # the rows say why
         moment = None
     return Table(scene.name, scene.length, rows, moment)
+
+
+def _refuse_bad_beginning(scene: Scene) -> None:
+    """Raises InputError where an effect that the scene names can't begin, as magmpm.model.build does."""
+    named = scene.effects
+    if any(getattr(named, key) is not None and hasattr(module, "check") for key, module in effects.every().items()):
+        bare = build(scene.model_copy(update={"effects": Effects()}))
+        effects.check(replace(bare, scene=scene))
 
 
 def _judged(scene: Scene, body: Estimates, key: str, module: ModuleType) -> tuple[float | None, str]:

@@ -223,3 +223,29 @@ def test_a_field_that_has_ended_is_not_one_that_does_nothing() -> None:
     still = moving({"magnetic_torque": {}, "ground": {"point": [0, 0, -50e-3]}}, field={"uniform": [0, 0, 3e-3]})
     assert still["magnetic_torque"].shift > 1e-3
     assert still["magnetic_torque"].ignores == ("motion", "ground")
+
+
+def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A tube that the body is not in, and can't reach: `run` refuses it, and so does the table, by file and line."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(FAR_TUBE)
+    for command in (["effects", str(path), "--quick"], ["run", str(path), "--out", str(tmp_path / "out")]):
+        assert main(command) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert f"{path}:10: effects.walls: " in printed.err
+        assert "the body begins outside the lumen, before an open end of its tube" in printed.err
+
+
+FAR_TUBE = """\
+name: far tube
+materials: {m: {shear_modulus: 300 kPa, bulk_to_shear: 20, density: 1100 kg/m^3, remanence: 50 mT}}
+body: {catheter: {length: 40 mm, diameter: 4 mm, material: m, segments: [{magnetization: [1, 0, 0]}]}}
+field: {uniform: [0 mT, 0 mT, 3 mT]}
+resolution: {cells_across: 2}
+solver: {dynamic: {duration: 0.1 s}}
+effects:
+  magnetic_torque: {}
+  damping: {rate: 60 1/s}
+  walls: {tube: {radius: 5 mm, path: [[480 mm, 0 mm, 0 mm], [560 mm, 0 mm, 0 mm]]}}
+"""
