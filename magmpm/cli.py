@@ -216,6 +216,7 @@ def _design(options: argparse.Namespace) -> int:
 
 
 def _accuracy(options: argparse.Namespace) -> int:
+    from magmpm.cli_design import refuse_study
     from magmpm.run_folder import RunFolder
     from magmpm.scene import load_scene
     from magmpm.simulate import run
@@ -226,6 +227,7 @@ def _accuracy(options: argparse.Namespace) -> int:
     cells = _cells(options.cells) or LADDER
     folder = options.out or results_folder(scene.name)
     with folder_lock(folder):
+        refuse_study(folder)
         kept = RunFolder(folder, scene, options.scene)
         kept.claim(options.overwrite)
         with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):

@@ -1,0 +1,43 @@
+"""A study's folder is told from a run's by every command, and none writes into a folder that is another's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from test_commands import SCENE
+
+from magmpm.cli import main
+from studies.report import REPORT
+from studies.storage import OWNER
+
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
+
+
+def folder_with(name: str, content: str = "{}", *, folder: str = "runs/small") -> Path:
+    """A folder that holds one file."""
+    path = Path(folder)
+    path.mkdir(parents=True, exist_ok=True)
+    (path / name).write_text(content, encoding="utf-8")
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("kept", [REPORT, OWNER])
+@pytest.mark.parametrize("out", [[], ["--out", "runs/small"]])
+def test_accuracy_refuses_a_studys_folder(kept: str, out: list[str], capsys: Said) -> None:
+    """Before it computes: its signature would make the folder a run's, and the study could not go on."""
+    Path("scene.yaml").write_text(SCENE)
+    folder = folder_with(kept)
+    assert main(["accuracy", "scene.yaml", "--cells", "2,3", *out]) == 2
+    assert "runs/small: holds a study" in capsys.readouterr().err
+    assert names(folder) == [kept]
