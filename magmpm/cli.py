@@ -8,6 +8,7 @@ Heavy imports stay inside the commands, so that `magmpm --help` answers at once.
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -286,7 +287,7 @@ def _import(options: argparse.Namespace) -> int:
     text = [
         f"{scene.name}: {len(pieces)} parts, {held} held",
         *(f"  warning  {warning}" for warning in warnings),
-        f"saved {options.output}; set its field, then: magmpm run {options.output}",
+        f"saved {options.output}; set its field, then: magmpm run {shlex.quote(str(options.output))}",
     ]
     print_summary(options, summary, "\n".join(text))
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,19 +104,20 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         )
     if report.seconds_per_trial is not None:
         lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")
-    lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {report.out}")
+    lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {shlex.quote(str(report.out))}")
     lines += [f"  saved            {path}" for path in files]
     if (scene := report.out / BEST / SCENE).exists():
-        lines.append(f"  best as a scene  magmpm run {scene} --render")
+        lines.append(f"  best as a scene  magmpm run {shlex.quote(str(scene))} --render")
     lines.append(f"  {report.why}")
     return "\n".join(lines)
 
 
 def is_study(folder: Path) -> bool:
-    """Whether a folder holds a study."""
+    """Whether a folder holds a study, or what one left that was ended before its first report."""
     from studies.report import REPORT
+    from studies.storage import DATABASE, OWNER
 
-    return (folder / REPORT).exists()
+    return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
 
 
 def refuse_study(folder: Path) -> None:

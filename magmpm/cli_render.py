@@ -12,7 +12,8 @@ from magmpm.errors import InputError
 from magmpm.folder_lock import folder_lock
 from magmpm.motion_files import ABOUT, MOTION
 from magmpm.results import NUMBERS
-from magmpm.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE, read_mapping
+from magmpm.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE, holds_run, read_mapping
+from magmpm.wording import report
 
 if TYPE_CHECKING:
     from magmpm.motion import Motion
@@ -31,6 +32,15 @@ def render(
     """
     from magmpm.cli_design import is_study, render_study
 
+    if out is not None and out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
+        raise InputError(
+            report(
+                str(out),
+                received="a folder that holds other results",
+                rule="pictures lie beside the results they show, or in a folder without any",
+                remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
+            )
+        )
     if is_study(folder):
         with folder_lock(out or folder):
             return _told(*render_study(folder, out or folder, smooth=style == SURFACE))

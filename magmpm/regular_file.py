@@ -16,6 +16,9 @@ _KINDS = (
 )
 
 
+MOST = 64_000_000  # bytes of a file of ours that says what a result is
+
+
 class UnfitFile(OSError):
     """A name that stands for something else than a regular file of a usable size; strerror says for what."""
 

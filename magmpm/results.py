@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from magmpm.basis import Array
 from magmpm.errors import InputError
+from magmpm.regular_file import MOST, read_regular
 from magmpm.whole_file import whole_file
 from magmpm.wording import report
 
@@ -30,7 +31,7 @@ def readable(folder: Path) -> bool:
     try:
         with np.load(folder / ARRAYS) as stored:
             whole = all(stored[name] is not None for name in stored.files)  # each array has a checksum
-        return whole and isinstance(json.loads((folder / NUMBERS).read_text(encoding="utf-8")), dict)
+        return whole and isinstance(json.loads(read_regular(folder / NUMBERS, MOST)), dict)
     except Exception:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
         return False
 
@@ -51,7 +52,7 @@ def _unreadable(folder: Path, error: Exception) -> str:
     """What to say of a result that can't be read: which of its files is damaged, and what to do."""
     damaged = NUMBERS
     try:
-        if isinstance(numbers := json.loads((folder / NUMBERS).read_text(encoding="utf-8")), dict) and not readable(folder):
+        if isinstance(numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict) and not readable(folder):
             damaged = ARRAYS
         what = str(error) if isinstance(numbers, dict) else f"it holds {json.dumps(numbers)[:40]}"
     except (OSError, ValueError) as trouble:
@@ -145,7 +146,7 @@ class Result:
         """The result a folder holds. Raises InputError if it holds none, or one that can't be read."""
         folder = Path(folder)
         try:
-            numbers = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
+            numbers = json.loads(read_regular(folder / NUMBERS, MOST))
             with np.load(folder / ARRAYS) as stored:
                 arrays = dict(stored)
             found = {**_LATER, **numbers, **arrays}

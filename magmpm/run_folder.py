@@ -15,6 +15,7 @@ from typing import Any
 from magmpm.errors import InputError
 from magmpm.folder_lock import LOCK
 from magmpm.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
+from magmpm.regular_file import MOST, read_regular
 from magmpm.results import ARRAYS, NUMBERS, Result
 from magmpm.scene import Scene
 from magmpm.whole_file import whole_file
@@ -195,7 +196,7 @@ def _remove(
 def read_mapping(path: Path) -> dict[str, Any]:
     """A JSON file's mapping; empty where it can't be read."""
     try:
-        known = json.loads(path.read_text(encoding="utf-8"))
+        known = json.loads(read_regular(path, MOST))
     except (OSError, ValueError):
         return {}
     return known if isinstance(known, dict) else {}

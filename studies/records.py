@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from magmpm.regular_file import MOST, read_regular
 from magmpm.results import readable
 from magmpm.whole_file import whole_file
 
@@ -82,7 +83,7 @@ def holds(folder: Path, trial: FrozenTrial) -> bool:
 def read_design(folder: Path) -> dict[str, Any]:
     """What is said there of a design; empty where nothing readable is."""
     try:
-        design = json.loads((folder / DESIGN).read_text(encoding="utf-8"))
+        design = json.loads(read_regular(folder / DESIGN, MOST))
     except (OSError, ValueError):
         return {}
     return design if isinstance(design, dict) else {}

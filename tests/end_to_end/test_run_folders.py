@@ -257,3 +257,23 @@ def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_w
     monkeypatch.setattr("magmpm.dynamics.run.follow", interrupted)
     assert run(MOVING) == 1
     assert files(OUT) == before
+
+
+def test_pictures_are_not_put_beside_other_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither a run's nor a study's: they would be taken for its own. A pipe in place of a result does not hang."""
+    one, other, study = tmp_path / "one", tmp_path / "other", tmp_path / "study"
+    for folder in (one, other, study):
+        folder.mkdir()
+    for folder in (one, other):
+        (folder / "result.json").write_text("{}")
+        (folder / "scene-file.json").write_text("{}")
+    (study / "study.db").write_text("")
+    for out in (other, study):
+        assert main(["render", str(one), "--out", str(out)]) == 2
+        assert f"{out}: received a folder that holds other results" in capsys.readouterr().err
+    assert main(["render", str(study)]) == 2
+    assert "run `magmpm design` again" in capsys.readouterr().err
+    (one / "result.json").unlink()
+    os.mkfifo(one / "result.json")
+    assert main(["render", str(one)]) == 2
+    assert "result.json" in capsys.readouterr().err
