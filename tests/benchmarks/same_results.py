@@ -93,8 +93,10 @@ def compare(old: Path, new: Path, tolerance: float) -> int:
         worst = max(apart, key=lambda key: apart[key], default="")
         failed = not before or missing or apart.get(worst, np.inf) > tolerance
         bad += bool(failed)
-        print(f"{'DIFFERS' if failed else 'same':<8} {folder.name:<24} {len(apart):5d} arrays, largest difference "
-              f"{apart.get(worst, np.inf):.1e} {worst if apart.get(worst) else ''} {'missing: ' + ', '.join(missing[:5]) if missing else ''}")  # fmt: skip
+        word, size = "DIFFERS" if failed else "same", apart.get(worst, np.inf)
+        print(f"{word:<8} {folder.name:<24} {len(apart):5d} arrays, largest difference {size:.1e} {worst if size else ''}")
+        if missing:
+            print("    missing:", ", ".join(missing[:5]))
     return int(bad > 0)
 
 
