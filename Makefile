@@ -79,7 +79,7 @@ stability: $(VENV)/.ready
 	$(BIN)/magmpm stability
 
 schema: $(VENV)/.ready
-	$(BIN)/python -m magmpm.schema
+	$(BIN)/python -m magmpm.scene.json_schema
 
 gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py

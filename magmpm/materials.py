@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.jit import compiled
+from magmpm.compiled.jit import compiled
 
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm import effects, fields
-from magmpm.basis import (
+from magmpm.bodies.grid import (
     Array,
     Grid,
     clamp_first_node,
@@ -19,7 +18,9 @@ from magmpm.basis import (
     spline_slopes,
     spline_weights,
 )
-from magmpm.bodies import (
+from magmpm.bodies.mesh_quadrature import ClampPlane, grid_of_parts, part_errors, part_particles
+from magmpm.bodies.regions import Line
+from magmpm.bodies.section_quadrature import (
     Particles,
     rod_grid,
     rod_particles,
@@ -28,11 +29,11 @@ from magmpm.bodies import (
     strip_grid,
     strip_particles,
 )
-from magmpm.mesh_bodies import ClampPlane, grid_of_parts, part_errors, part_particles
-from magmpm.pieces import Line
+from magmpm.bodies.slender import Strip
+from magmpm.effects import acting as effects
+from magmpm.fields import outside_field as fields
 from magmpm.scene import Scene
-from magmpm.shapes import Strip
-from magmpm.statics.panels import split_plane
+from magmpm.statics.block_cholesky import split_plane
 
 LINEAR_STIFFNESS = 5.0  # of G: what the linear modes of the volume part carry at most, see volume_modes
 Index = NDArray[np.int64]
@@ -63,7 +64,7 @@ class Layout:
 
     @property
     def split(self) -> int:
-        """Where the two halves of the factorisation meet (statics.panels)."""
+        """Where the two halves of the factorisation meet (statics.block_cholesky)."""
         return split_plane(self.planes)
 
     @property
@@ -94,7 +95,7 @@ class Model:
     plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
     line: Line | None  # the undeformed axis of a straight body
     planes: tuple[ClampPlane, ...] = ()  # the grid's faces on which held parts, or a far end's clamp, hold the rest
-    order: tuple[int, int, int] = (0, 1, 2)  # reference axes that the grid's axes are: see statics.arrange
+    order: tuple[int, int, int] = (0, 1, 2)  # reference axes that the grid's axes are: see statics.axis_order
 
     @property
     def dof(self) -> int:

@@ -13,20 +13,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm import effects, fields, measures, memory
-from magmpm.basis import Array
+from magmpm.bodies.grid import Array
+from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
-from magmpm.folder_lock import folder_lock
+from magmpm.fields import outside_field as fields
 from magmpm.model import Model, build
-from magmpm.motion_files import CHECKPOINT
-from magmpm.results import Result
-from magmpm.scene import Scene
+from magmpm.precompile import prepare_kernels
+from magmpm.results import measures
+from magmpm.results.folder_lock import folder_lock
+from magmpm.results.motion_files import CHECKPOINT
+from magmpm.results.result import Result
+from magmpm.results.strain import Strain, strain_of
+from magmpm.scene import Scene, memory
 from magmpm.statics.equilibrium import Equilibrium, solve_static
-from magmpm.strain import Strain, strain_of
-from magmpm.warmup import prepare_kernels
 
 if TYPE_CHECKING:
-    from magmpm.dynamics.run import Moved
+    from magmpm.dynamics.time_loop import Moved
 
 Progress = Callable[[int, float], None]
 
@@ -83,7 +85,9 @@ def _motion(
     on_progress: Progress | None,
     on_begin: Callable[[], None] | None,
 ) -> Result:
-    from magmpm.dynamics import run as dynamics  # a study of static designs needs neither it nor HDF5: 20 MB
+    from magmpm.dynamics import (
+        time_loop as dynamics,  # a study of static designs needs neither it nor HDF5: 20 MB
+    )
 
     begun = time.perf_counter()
     with memory.within(scene):

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from magmpm import measures
 from magmpm.errors import InputError
-from magmpm.results import Result
+from magmpm.results import measures
+from magmpm.results.result import Result
 from magmpm.scene import Scene
 
 LADDER = (2, 3, 4, 5, 6, 8)

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from magmpm.inputs import read_yaml
-from magmpm.meshes import PREFIX
+from magmpm.bodies.surface_mesh import PREFIX
+from magmpm.inputs.settings import read_yaml
 from studies.search_space import SearchSpace
 
 if TYPE_CHECKING:

@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from magmpm.errors import InputError, NotThereYet
-from magmpm.folder_names import folder_fault
-from magmpm.inputs import Part, Quantity, fault, validate
+from magmpm.errors import InputError, NotThereYet, report
+from magmpm.inputs.csv_tables import read_centreline
+from magmpm.inputs.folder_names import folder_fault
+from magmpm.inputs.settings import Part, Quantity, fault, validate
+from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
-from magmpm.tables import read_centreline
-from magmpm.wording import report
-from magmpm.yamlfile import Document, read_yaml
 
 SAMPLERS = ("tpe", "gp", "cmaes", "random")
 LATER_SAMPLERS = {"gauss-newton": "search along the sensitivities of the shape"}

@@ -12,21 +12,21 @@ from typing import Any
 import numba
 import numpy as np
 
-from magmpm import effects
-from magmpm.advice import MEASURE, no_rest
-from magmpm.basis import Array
-from magmpm.dynamics.run import formulation
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.bodies.grid import Array
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.time_loop import formulation
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting as effects
+from magmpm.effects.estimates import MEASURE, no_rest
 from magmpm.errors import MagmpmError, SceneError, SolveError
-from magmpm.inputs import validate
+from magmpm.inputs.settings import validate
 from magmpm.model import build
-from magmpm.parts import Effects
-from magmpm.readable import fixed, significant
-from magmpm.rod import rod_model, solve_rod
+from magmpm.results.readable import fixed, significant
+from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.scene import Scene
+from magmpm.scene.options import Effects
+from magmpm.scene.surroundings import IN_MOTION
 from magmpm.simulate import run
-from magmpm.surroundings import IN_MOTION
 from studies.field_moment import stopped
 
 Progress = Callable[[int, int, str], None]
@@ -91,7 +91,7 @@ _ON_THE_WAY = "  estimates are of rest: swings, impacts and friction on the way 
 
 
 class Estimates:
-    """A scene's body, by its rod where it is straight, else by a coarse static run (magmpm.advice.Body)."""
+    """A scene's body, by its rod where it is straight, else by a coarse static run (magmpm.effects.estimates.Body)."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

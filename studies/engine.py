@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from magmpm.errors import InputError, SolveError
-from magmpm.folder_lock import folder_lock
-from magmpm.whole_file import REFUSED, explained
+from magmpm.results.folder_lock import folder_lock
+from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     import optuna
     from optuna.trial import FrozenTrial
 
-    from magmpm.results import Result
+    from magmpm.results.result import Result
 
 FAILURES = "failures.log"
 REMEMBERED = 50  # durations of trials by which the time left is guessed

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from magmpm import fields
-from magmpm.field_parts import FieldSource
+from magmpm.fields import outside_field as fields
+from magmpm.fields.sources import FieldSource
 from magmpm.scene import Scene
 
 ANGLES = 24  # of a turn, among which the moment is looked for

@@ -13,15 +13,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.regular_file import MOST, read_regular
-from magmpm.results import readable
-from magmpm.whole_file import whole_file
+from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.result import readable
+from magmpm.results.whole_file import whole_file
 
 if TYPE_CHECKING:
     import optuna
     from optuna.trial import FrozenTrial
 
-    from magmpm.results import Result
+    from magmpm.results.result import Result
 
 BEST = "best"
 IMPROVEMENTS = "improvements"

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from magmpm.whole_file import whole_file
+from magmpm.results.whole_file import whole_file
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from magmpm.inputs import json_schema, write_json_schema
+from magmpm.inputs.settings import json_schema, write_json_schema
 from studies.definition import StudyFile
 
 PATH = Path(__file__).with_name("study.schema.json")

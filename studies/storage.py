@@ -17,10 +17,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.errors import InputError, MagmpmError
-from magmpm.run_folder import holds_run
-from magmpm.whole_file import naming
-from magmpm.wording import report
+from magmpm.errors import InputError, MagmpmError, report
+from magmpm.results.run_folder import holds_run
+from magmpm.results.whole_file import naming
 from studies.definition import Study, definition_hash, differences
 from studies.report import REPORT
 

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.errors import SolveError
-from magmpm.measures import rms_distance, tip_error
+from magmpm.results.measures import rms_distance, tip_error
+from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from magmpm.whole_file import naming
 
 if TYPE_CHECKING:
-    from magmpm.results import Result
+    from magmpm.results.result import Result
 
 Solve = Callable[[Scene], "Result"]
 

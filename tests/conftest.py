@@ -24,9 +24,9 @@ settings.load_profile("repeatable")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Kernels come from the disk cache in every test, as in a user's second run (magmpm.warmup says why it matters)."""
+    """Kernels come from the disk cache in every test, as in a user's second run (magmpm.precompile says why it matters)."""
+    from magmpm.precompile import prepare_kernels
     from magmpm.scene import load_scene
-    from magmpm.warmup import prepare_kernels
 
     prepare_kernels(load_scene(Path(__file__).parents[1] / "data/scenes/hollow.yaml"))
 

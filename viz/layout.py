@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.readable import quantity
+from magmpm.results.readable import quantity
 from viz import style
 from viz.camera import Frame, View
 from viz.picture import Picture

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm import readable
+from magmpm.results import readable
 
 if TYPE_CHECKING:
     from viz.scenery import Prop
@@ -129,7 +129,7 @@ class Picture:
     ) -> Picture:
         """The picture of a simulation's result.
 
-        result: magmpm.results.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or
+        result: magmpm.results.result.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or
         (q, 3) rows [x, y, z], m. Only the skin's particles are kept, at most max_particles, and only finite
         ones that are not slivers. smooth: the body's surface is drawn in place of them.
         """
@@ -185,7 +185,7 @@ def failure(result: Any) -> tuple[str, float]:
 
 
 def beyond(result: Any) -> str:
-    """What to write on the picture of an answer whose strain its material law does not carry (magmpm.strain); else ""."""
+    """What to write on the picture of an answer whose strain its material law does not carry (magmpm.results.strain); else ""."""
     strained = any(str(warning).startswith("strain: ") for warning in getattr(result, "warnings", ()))
     return f"BEYOND THE MATERIAL LAW: stretch {result.largest_stretch:.2g}" if strained else ""
 

@@ -168,8 +168,8 @@ def _known_shape(scene: Mapping[str, Any], step: float, parts: int) -> Surface |
 
 def _meshes(parts: Mapping[str, Any], step: float) -> Surface:
     """The surfaces of STL parts, with triangles of about two particles."""
-    from magmpm.assembly import UNITS
-    from magmpm.meshes import unpack_mesh
+    from magmpm.bodies.assembly import UNITS
+    from magmpm.bodies.surface_mesh import unpack_mesh
 
     scale = UNITS[parts["unit"]]
     surfaces = []
@@ -199,7 +199,7 @@ def surface_of(result: Any) -> Surface:
 
 
 class Play:
-    """A motion (magmpm.motion.Motion) ready to be drawn: `stage(k)` of each frame, all to be seen in one `shot`."""
+    """A motion (magmpm.results.trajectory.Motion) ready to be drawn: `stage(k)` of each frame, all to be seen in one `shot`."""
 
     def __init__(self, motion: Any) -> None:
         """Raises RenderError for a motion without frames."""

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from magmpm.whole_file import whole_file
+from magmpm.results.whole_file import whole_file
 from viz import style
 
 LOOK: Any = {

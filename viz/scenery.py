@@ -118,7 +118,7 @@ def _diameter(scene: Mapping[str, Any], length: float) -> float:
 
 
 def _pose(over_time: Mapping[str, Any], time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotation (3, 3) about a centre (3,) m, and the shift before it (3,) m, of the field's sources (magmpm.fields has the rule)."""
+    """Rotation (3, 3) about a centre (3,) m, and the shift before it (3,) m, of the field's sources (fields.outside_field has the rule)."""
     turn, centre, move = np.eye(3), np.zeros(3), np.zeros(3)
     frames = [
         f for f in over_time.get("keyframes") or over_time.get("table") or () if f.get("move") is not None
@@ -155,7 +155,7 @@ def _frame(axis: Any) -> np.ndarray:
 
 
 def least_turn(axis: np.ndarray) -> np.ndarray:
-    """The least rotation (3, 3) that carries z onto an axis, as magmpm.fields.solids lays blocks; half a turn about x for -z."""
+    """The least rotation (3, 3) that carries z onto an axis, as magmpm.fields.magnets lays blocks; half a turn about x for -z."""
     x, y, z = axis / np.linalg.norm(axis)
     across = np.array([-y, x, 0.0])
     away = float(np.linalg.norm(across))
@@ -339,13 +339,13 @@ def _distance(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def wall_of(walls: Mapping[str, Any]) -> TubeWall | SurfaceWall | None:
     """The lumen of a scene's walls (their JSON), or None."""
     if walls.get("tube"):
-        from magmpm.curves import curve
+        from magmpm.bodies.curves import curve
 
         points, radius = np.asarray(walls["tube"]["path"], dtype=float), float(walls["tube"]["radius"])
         return TubeWall(curve(points, 0.1 * radius), radius)
     if walls.get("surface"):
-        from magmpm.assembly import UNITS
-        from magmpm.meshes import unpack_mesh
+        from magmpm.bodies.assembly import UNITS
+        from magmpm.bodies.surface_mesh import unpack_mesh
         from viz.surface import creased
 
         mesh, scale = unpack_mesh(walls["surface"]["mesh"]), UNITS[walls["surface"]["unit"]]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from magmpm.whole_file import whole_file
+from magmpm.results.whole_file import whole_file
 from viz import stage_layout, style
 from viz.camera import View
 from viz.layout import LegendItem, ScaleBar

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm import readable
+from magmpm.results import readable
 from viz.picture import Picture
 
 RGB = tuple[float, float, float]

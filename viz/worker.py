@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import InputError
-from magmpm.wording import report
+from magmpm.errors import InputError, report
 from viz import style
 from viz.camera import Frame
 from viz.picture import Picture

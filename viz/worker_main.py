@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.whole_file import FULL, REFUSED, explained, whole_file
+from magmpm.results.whole_file import FULL, REFUSED, explained, whole_file
 
 Draw = Callable[..., np.ndarray]
 _backend: Draw | None = None

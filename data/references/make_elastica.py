@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from magmpm.tables import write_centreline
+from magmpm.inputs.csv_tables import write_centreline
 
 LOAD, LENGTH, POINTS = 5.0, 40e-3, 41
 

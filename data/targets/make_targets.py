@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from magmpm.tables import write_centreline
+from magmpm.inputs.csv_tables import write_centreline
 
 HERE = Path(__file__).resolve().parent
 LENGTH = 40e-3  # m

@@ -26,9 +26,9 @@ from typing import Any
 
 from PIL import Image
 
-from magmpm.cli import main as magmpm
+from magmpm.cli.main import main as magmpm
 from magmpm.errors import InputError
-from magmpm.motion import Motion
+from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
 from viz.motion_movie import beside
 from viz.play import Play

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.basis import Array
+from magmpm.bodies.grid import Array
 from magmpm.effects import self_contact
 from magmpm.effects.magnetic_torque import MU0
-from magmpm.motion import Motion
-from magmpm.results import Result
+from magmpm.results.result import Result
+from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
+from magmpm.scene.surroundings import IN_MOTION
 from magmpm.simulate import run
-from magmpm.surroundings import IN_MOTION
 
 ROOT = Path(__file__).resolve().parents[2]
 Rows = list[tuple[str, str]]

@@ -1,1 +1,1 @@
-"""Motion in time: explicit time stepping in two formulations over the same particles, splines and effects."""
+"""Motion in time."""

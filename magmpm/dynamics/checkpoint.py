@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.basis import Array
-from magmpm.errors import InputError
-from magmpm.motion_files import CHECKPOINT
+from magmpm.bodies.grid import Array
+from magmpm.errors import InputError, report
+from magmpm.results.motion_files import CHECKPOINT
+from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.solvers import DynamicOptions
-from magmpm.whole_file import whole_file
-from magmpm.wording import report
+from magmpm.scene.motion_options import DynamicOptions
 
 _ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "control")
 

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from magmpm import effects, materials
-from magmpm.basis import Array
+from magmpm import materials
+from magmpm.bodies.grid import Array
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.effects import acting as effects
 from magmpm.effects.hooks import add_energy, add_stress, has_hook
-from magmpm.jit import compiled, kernel, prange
 from magmpm.model import Model
 
 

@@ -2,7 +2,7 @@
 
 The bound that a motion begins with (stable_step) is that of the undeformed body. Large strain makes silicone stiffer: as a particle is
 crushed (J -> 0) its tangent grows without bound, as J^(-8/3). And a body that is let go from a large strain all at once moves by
-a good part of a cell in a step, of which the bound of small oscillations knows nothing. So kernels look at every step (transfer.watch):
+a good part of a cell in a step, of which the bound of small oscillations knows nothing. So kernels look at every step (kernels.watch):
 
 * at the stiffness of the stiffest particle: where it has outgrown that for which the step was chosen, the bound is found again for the
   present shape, and steps are shortened if they must be;
@@ -18,13 +18,13 @@ import math
 
 import numpy as np
 
+from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import StableStep, present_bound, stiffness
 from magmpm.dynamics.steps import Look, Records, take
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.dynamics.watchdog import Trouble
-from magmpm.solvers import DynamicOptions
-from magmpm.transfer.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
+from magmpm.kernels.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
+from magmpm.scene.motion_options import DynamicOptions
 
 CHANGE = 0.15  # of the largest stiffness, that a particle's may change by in a step
 RESERVE = 0.95  # of the bound, that a step may reach before the bound is found again

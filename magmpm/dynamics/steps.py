@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from magmpm.basis import Array
-from magmpm.transfer.watch import GOING, WHY
+from magmpm.bodies.grid import Array
+from magmpm.kernels.watch import GOING, WHY
 
 if TYPE_CHECKING:
-    from magmpm.dynamics.total import TotalMotion
-    from magmpm.dynamics.updated import UpdatedMotion
+    from magmpm.dynamics.apic import UpdatedMotion
+    from magmpm.dynamics.total_lagrangian import TotalMotion
 
 
 class Look(NamedTuple):

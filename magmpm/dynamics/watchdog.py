@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm import fields
-from magmpm.basis import Array
-from magmpm.body_reach import FAR
-from magmpm.jit import compiled
+from magmpm.bodies.grid import Array
+from magmpm.compiled.jit import compiled
+from magmpm.effects.body_reach import FAR
+from magmpm.fields import outside_field as fields
 from magmpm.model import Model
 
 GAIN = 0.05  # of the largest kinetic energy: what the sum of all energies may grow by where nothing does work
@@ -70,7 +70,7 @@ def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped
             speed2 += v[p, i] ** 2
             way2 += (x[p, i] - reference[p, i]) ** 2
             low[i], high[i] = min(low[i], reference[p, i]), max(high[i], reference[p, i])
-        finite = finite and speed2 + way2 < np.inf  # np.isfinite is always true here (magmpm.jit)
+        finite = finite and speed2 + way2 < np.inf  # np.isfinite is always true here (magmpm.compiled.jit)
         ratio2 = speed2 * density[p] / (bulk[p] + 4.0 / 3.0 * shear[p])
         if ratio2 > most:
             fastest, most = p, ratio2

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.advice import Advice, Body
+from magmpm.compiled.jit import compiled
+from magmpm.effects.estimates import Advice, Body
 from magmpm.effects.hooks import NO_DATA, register
-from magmpm.jit import compiled
 from magmpm.scene import Scene
 
 PHASE = "damping"

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.advice import Advice, Body
-from magmpm.contact import cell_size
+from magmpm.compiled.jit import compiled
+from magmpm.effects.contact_law import cell_size
+from magmpm.effects.estimates import Advice, Body
 from magmpm.effects.hooks import NO_DATA, register
-from magmpm.jit import compiled
 from magmpm.scene import Scene
 
 PHASE = "constraint"

@@ -1,6 +1,6 @@
 """ground: contact with a plane that the body may press on, stick to and slide over, with Coulomb friction.
 
-Force, friction, stiffness and what a body sinks in: see magmpm.contact. The body touches when an outermost particle is as near to the
+Force, friction, stiffness and what a body sinks in: see effects.contact_law. The body touches when an outermost particle is as near to the
 plane as it is to the body's own surface that way at the start (`ground_reach`).
 """
 
@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from magmpm import contact as law
-from magmpm.advice import Advice, Body, obstacle
-from magmpm.body_reach import body_reach, unreached
-from magmpm.contact import Contact, push
+from magmpm.compiled.jit import compiled
+from magmpm.effects import contact_law as law
+from magmpm.effects.body_reach import body_reach, unreached
+from magmpm.effects.contact_law import Contact, push
+from magmpm.effects.estimates import Advice, Body, obstacle
 from magmpm.effects.hooks import NO_DATA, register
-from magmpm.jit import compiled
 from magmpm.scene import Scene
 
 PHASE = "contact"

@@ -33,8 +33,8 @@ from typing import Any
 import numpy as np
 from numba.extending import overload
 
-from magmpm.jit import FASTMATH
-from magmpm.simd import larger, splat
+from magmpm.compiled.jit import FASTMATH
+from magmpm.compiled.simd import larger, splat
 
 HOOKS = ("energy", "stress", "force", "tangent", "softening", "rate_stress", "contact", "near", "node")
 WIDE = ("stress", "force", "rate_stress", "near")
@@ -47,7 +47,7 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
     """Tell the kernels which compiled functions serve the effect whose parameters have this dtype.
 
     wide: those of its hooks stress, force, rate_stress and near that are plain arithmetic (+ - * /, no branch on a particle's values, no
-    array of their own): motion calls them for eight particles at a time (magmpm.lane_views), which costs a fraction.
+    array of their own): motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction.
     They give the same numbers.
     Raises ValueError on an unknown hook, or if another effect has the same field names: they are what tells effects apart.
     """
@@ -201,7 +201,7 @@ def _wide_near(effects, step, x):  # type: ignore[no-untyped-def]
     )
 
 
-# For eight particles at a time (transfer.lanes): first the effects whose hooks are wide, called once, then the others, lane by lane.
+# Eight particles at a time (kernels.particle_group): first the effects whose hooks are wide, called once, then the others, lane by lane.
 
 
 def add_wide_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm import fields
-from magmpm.advice import MEASURE, STILL, Advice, Body, in_lengths, shift
+from magmpm.compiled.jit import compiled
+from magmpm.effects.estimates import MEASURE, STILL, Advice, Body, in_lengths, shift
 from magmpm.effects.hooks import register
-from magmpm.fields.evaluate import PLACE
-from magmpm.fields.evaluate import curvature as curvature_at
-from magmpm.fields.evaluate import gradient as gradient_at
-from magmpm.fields.evaluate import pull as pull_at
-from magmpm.jit import compiled
+from magmpm.fields import outside_field as fields
+from magmpm.fields.kernels import PLACE
+from magmpm.fields.kernels import curvature as curvature_at
+from magmpm.fields.kernels import gradient as gradient_at
+from magmpm.fields.kernels import pull as pull_at
 from magmpm.scene import Scene
 
 PHASE = "force"

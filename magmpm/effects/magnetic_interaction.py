@@ -7,7 +7,7 @@ the field B_a of all other segments' dipoles at x_a, as P = -(1/mu0) B_a (x) Br,
 volume. These are the exact derivatives of E: forces of each pair cancel, and so do their torques with the moments'. What a segment does
 to itself (its demagnetising field) is left out.
 
-B_a and the forces stand in `data`, and are found anew (`refresh`) from the deformed body: in statics at every step (statics.together);
+B_a and the forces stand in `data`, and are found anew (`refresh`) from the deformed body: in statics at every step (statics.interacting);
 in motion before every chunk of steps (a few hundred), so that they lag by at most so many steps, far less than the body takes to bend.
 While they stand they act as a load of fixed direction, which is what `energy` counts; `shared_energy` is E itself.
 Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6; a cube has no quadrupole moment.
@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.advice import Advice, Body
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.effects.estimates import Advice, Body
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.jit import compiled, kernel, prange
 from magmpm.scene import Scene
 
 PHASE = "force"

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm import fields
-from magmpm.advice import MEASURE, STILL, Advice, Body, in_lengths, shift
+from magmpm.compiled.jit import compiled
+from magmpm.effects.estimates import MEASURE, STILL, Advice, Body, in_lengths, shift
 from magmpm.effects.hooks import NO_DATA, register
-from magmpm.fields.evaluate import PLACE
-from magmpm.fields.evaluate import field as field_at
-from magmpm.jit import compiled
+from magmpm.fields import outside_field as fields
+from magmpm.fields.kernels import PLACE
+from magmpm.fields.kernels import field as field_at
 from magmpm.scene import Scene
 
 PHASE = "force"

@@ -1,9 +1,9 @@
 """self_contact: the body's parts and folds touch each other and separate again.
 
 The updated formulation has it of itself. STL parts that do not touch as they are made have a grid each, and act on each other where they
-come nearer than half a cell (transfer.meeting): they stick (no slip) while they are pressed together, and part freely.
-Folds of one piece share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than one
-to two cells, stick, and let go over some hundred steps (dynamics.anchor). Naming self_contact switches to that formulation; it has no
+come nearer than half a cell (kernels.multi_grid_contact): they stick (no slip) while they are pressed together, and part freely.
+Folds of one piece share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than one to two
+cells, stick, and let go over some hundred steps (dynamics.drift_correction). Naming self_contact switches to that formulation; it has no
 hooks and no settings, and costs nothing beyond.
 """
 
@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.advice import MEASURE, Advice, Body, no_rest
-from magmpm.connected import connected_pieces
-from magmpm.contact import Contact, cell_size, reach
-from magmpm.distance import to_triangles
+from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.signed_distance import to_triangles
+from magmpm.effects.contact_law import Contact, cell_size, reach
+from magmpm.effects.estimates import MEASURE, Advice, Body, no_rest
 from magmpm.scene import Scene
 
 PHASE = "contact"

@@ -1,7 +1,7 @@
 """walls: the body lies in a lumen, a tube around a path or the inside of a closed surface, and touches its wall, with friction.
 
-The distance from the wall comes from a table (magmpm.distance), so a particle costs the same whatever the wall's shape; force, friction,
-stiffness and what a body sinks in: see magmpm.contact. What lies beyond the table, as past the open ends of a tube, touches nothing.
+The distance from the wall comes from a table (bodies.signed_distance), so a particle costs the same whatever the wall's shape; force,
+friction, stiffness and what a body sinks in: see effects.contact_law. What lies beyond the table, as past the open ends of a tube, touches nothing.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm import contact as law
-from magmpm import distance
-from magmpm.advice import Advice, Body, obstacle
-from magmpm.body_reach import body_reach, unreached
-from magmpm.contact import Contact, push
-from magmpm.curves import curve
-from magmpm.distance import Table, value
+from magmpm.bodies import signed_distance as distance
+from magmpm.bodies.curves import curve
+from magmpm.bodies.signed_distance import Table, value
+from magmpm.compiled.jit import compiled
+from magmpm.effects import contact_law as law
+from magmpm.effects.body_reach import body_reach, unreached
+from magmpm.effects.contact_law import Contact, push
+from magmpm.effects.estimates import Advice, Body, obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.jit import compiled
 from magmpm.scene import Scene
-from magmpm.surroundings import Surface, Tube, Walls
+from magmpm.scene.surroundings import Surface, Tube, Walls
 
 PHASE = "contact"
 POINTS = 6  # of the table in a tube's radius

@@ -10,7 +10,7 @@ A dipole stands in `data` as position (3) m, moment (3) A m^2, radius m.
 
 from __future__ import annotations
 
-from magmpm.jit import compiled
+from magmpm.compiled.jit import compiled
 
 SIZE = 7
 K = 1e-7  # mu0 / 4 pi, T m/A

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.field_parts import FieldSource, Keyframe, OverTime
-from magmpm.fields.evaluate import PLACE
+from magmpm.fields.kernels import PLACE
+from magmpm.fields.sources import FieldSource, Keyframe, OverTime
 
 Array = NDArray[np.float64]
 DTYPE = np.dtype(PLACE)

@@ -6,7 +6,7 @@ faces of the box. The spline has two continuous derivatives. Source: de Boor, A 
 
 Compiled functions take one 1-D array `data` and the place `at` where a table begins in it:
 lower corner (3) m, nodes per metre (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 4), last index fastest. The fourth
-component is empty: so the 4 x 3 numbers of a row of a cell along z are two vectors of eight (magmpm.simd), and are summed as such.
+component is empty: so the 4 x 3 numbers of a row of a cell along z are two vectors of eight (magmpm.compiled.simd), and are summed as such.
 Beyond the box they go on with the value at the nearest point of its surface: finite, and for `Field.check` to complain about.
 """
 
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
-from magmpm.jit import compiled
-from magmpm.simd import folded, halves, load, splat
+from magmpm.compiled.jit import compiled
+from magmpm.compiled.simd import folded, halves, load, splat
 
 Array = NDArray[np.float64]
 HEADER = 9

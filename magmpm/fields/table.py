@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from magmpm.errors import SceneError
 from magmpm.fields import spline
-from magmpm.fields.evaluate import PLACE, fields_at, gradients_at
-from magmpm.fields.region import Box
+from magmpm.fields.domain import Box
+from magmpm.fields.kernels import PLACE, fields_at, gradients_at
 
 Array = NDArray[np.float64]
 FIRST = 20  # cells along the longest side, to begin with

@@ -1,6 +1,6 @@
 """The potential energy of a model as a function of the grid's coefficients: value, gradient, tangent.
 
-The three MPM steps meet here: G2P gathers what the energy needs (transfer.g2p), P2G scatters its derivatives (transfer.p2g).
+The three MPM steps meet here: G2P gathers what the energy needs (kernels.g2p), P2G scatters its derivatives (kernels.equilibrium).
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.basis import Array
-from magmpm.fortran import addresses
+from magmpm.bodies.grid import Array
+from magmpm.compiled.lapack import addresses
+from magmpm.kernels.equilibrium import cell_energy, scatter_residual, scatter_tangent
+from magmpm.kernels.g2p import gather
 from magmpm.model import Model, kernel_arguments
-from magmpm.statics.panels import fix, new_panels
-from magmpm.transfer.g2p import gather
-from magmpm.transfer.p2g import cell_energy, scatter_residual, scatter_tangent
+from magmpm.statics.block_cholesky import fix, new_panels
 
 
 @dataclass

@@ -12,18 +12,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from magmpm import effects, fields
-from magmpm.basis import Array
-from magmpm.errors import InputError, SolveError
+from magmpm.bodies.grid import Array
+from magmpm.effects import acting as effects
+from magmpm.errors import InputError, SolveError, report
+from magmpm.fields import outside_field as fields
 from magmpm.model import Index, Model
-from magmpm.rod import RodShape, solve_rod
-from magmpm.scene import NO_ENERGY
-from magmpm.statics.arrange import arranged
+from magmpm.rod.cosserat import RodShape, solve_rod
+from magmpm.scene.scene import NO_ENERGY
+from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
+from magmpm.statics.interacting import Together, minimise_together
 from magmpm.statics.newton import Minimum, minimise
-from magmpm.statics.start import from_rod, local_correction, straight, with_correction
-from magmpm.statics.together import Together, minimise_together
-from magmpm.wording import report
+from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 
 FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
 FAR_STRIP = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1; branches are 1 apart
@@ -82,7 +82,7 @@ def solve_static(
 
 
 def _restored(model: Model, found: Equilibrium, of: Index) -> Equilibrium:
-    """An equilibrium with its particles and reference axes as they were before statics.arrange."""
+    """An equilibrium with its particles and reference axes as they were before statics.axis_order."""
     if model.order == (0, 1, 2):
         return found
     point = found.point

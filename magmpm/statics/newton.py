@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.basis import Array
+from magmpm.bodies.grid import Array
 from magmpm.errors import SolveError
+from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
-from magmpm.statics.panels import factor, solve
 
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
 SPURIOUS_PRESSURE = 1.0  # of G: a start that holds more is not factored before it is shifted, it would fail

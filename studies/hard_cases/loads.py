@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from magmpm import fields
-from magmpm.dynamics.run import begin, interval, move
+from magmpm.dynamics.time_loop import begin, interval, move
 from magmpm.effects.magnetic_torque import MU0
+from magmpm.fields import outside_field as fields
 from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -120,7 +120,7 @@ CASES = (
                 "updated",
                 5e-3,
                 "elastic; as far as a settled body may be off elsewhere (64 offsets, a magnet brought close)",
-                "motions below a cell relieve F without bending back, faster than dynamics.anchor mends it: 1.4 % of L, still creeping",
+                "motions below a cell relieve F without bending back, faster than the drift correction mends it: 1.4 % of L, still creeping",
             ),
         )
     ),

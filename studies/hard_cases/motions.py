@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm import effects
 from magmpm.dynamics import energies
-from magmpm.dynamics.run import begin
+from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.steps import take
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.scene import Scene
@@ -69,7 +69,7 @@ def energy(motion: Motion, time: float = 0.0) -> float:
 def spin(motion: Motion) -> Array:
     """Angular momentum (3,) about the origin, N m s, of the particles and of what turns within them.
 
-    Mass sits on nodes: a particle's turns with it at a distance whose square is h^2/4 along each axis (dynamics.inertia).
+    Mass sits on nodes: a particle's turns with it at a distance whose square is h^2/4 along each axis (dynamics.mass).
     """
     now, model = motion.look(), motion.model
     mass = model.density * model.particles.volume

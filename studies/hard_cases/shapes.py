@@ -7,10 +7,10 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from magmpm import effects
-from magmpm.dynamics.run import Moved, begin, follow, interval, move
 from magmpm.dynamics.stable_step import speed_of_sound
-from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.time_loop import Moved, begin, follow, interval, move
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting as effects
 from magmpm.effects.self_contact import gap
 from magmpm.errors import SolveError
 from magmpm.model import build

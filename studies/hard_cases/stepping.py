@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from magmpm.dynamics.run import begin, follow, move
+from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import stable_step
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.dynamics.time_loop import begin, follow, move
+from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.errors import InputError, SolveError
 from magmpm.model import Model, build
 from magmpm.scene import Scene

@@ -8,7 +8,7 @@ leaves out the groups that take minutes; `--write` puts new figures into the pag
 docs/images/accuracy.png anew. Exit status 1 where a figure differs. Times and rates are compared
 loosely: they are the machine's as well.
 
-tests/unit/test_claims.py holds every figure of the list to the text of its page, and the tests it names to their existence.
+tests/unit/project/test_claims.py holds every figure of the list to the text of its page, and the tests it names to their existence.
 """
 
 from __future__ import annotations
@@ -148,8 +148,8 @@ def _ladder() -> dict[str, Any]:
 
 def references() -> Figures:
     """Statics against the finite-element references: least and largest error in % of L, order from 4 to 8 cells, Newton steps."""
-    from magmpm.measures import largest_distance
     from magmpm.problems import finite_element_problems
+    from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
 
     errors: dict[int, list[float]] = {4: [], 6: [], 8: []}
@@ -169,8 +169,8 @@ def references() -> Figures:
 def locking() -> Figures:
     """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J at most 10 G, 5 G; errors in % of L."""
     from magmpm import model
-    from magmpm.measures import largest_distance
     from magmpm.problems import finite_element_problems
+    from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
 
     problem = finite_element_problems(ROOT / "data/references/fem.json")["axial_transverse_5mT"]
@@ -233,7 +233,7 @@ def settles() -> Figures:
     from reference.in_motion import moving
     from reference.scenes import field_for_load, rod_scene
 
-    from magmpm.measures import largest_distance
+    from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
 
     scene = rod_scene(field=field_for_load(2.0, np.pi / 2, length=40e-3, diameter=4e-3))

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.dynamics.run import CHUNK, begin
-from magmpm.effects import collect
+from magmpm.dynamics.time_loop import CHUNK, begin
+from magmpm.effects.acting import collect
 from magmpm.model import build
-from magmpm.motion import MotionWriter
+from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 

@@ -16,12 +16,12 @@ from typing import Any
 import numba
 import resident
 
-from magmpm.dynamics.run import begin
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.kernels.watch import unlimited
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
-from magmpm.transfer.watch import unlimited
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
 SECONDS, REPEATS = 0.25, 9  # of one measurement; of them
@@ -198,7 +198,7 @@ def effect_costs() -> dict[str, float]:
 
 def touching_share(touches: Scene, effect: str) -> float:
     """Share of the undeformed body's particles that contact pushes."""
-    from magmpm import effects
+    from magmpm.effects import acting as effects
 
     module = effects.every()[effect]
     model = build(touches.with_effects(**{effect: None}))

@@ -1,15 +1,15 @@
 """The total formulation's step written without the mechanism of effects: what a scene without effects is measured against.
 
-The loop of transfer.total.advance line by line, with everything about effects struck out and nothing else: the watch on stiffness and
-det F is part of every step. tests/unit/test_benchmarks.py compares the two line by line, and their results.
+The loop of kernels.total_lagrangian_step.advance line by line, with everything about effects struck out and nothing else: the watch on
+stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the two line by line, and their results.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from magmpm.jit import kernel, prange
-from magmpm.simd import (
+from magmpm.compiled.jit import kernel, prange
+from magmpm.compiled.simd import (
     flag_unless_positive,
     highest,
     larger,
@@ -21,9 +21,9 @@ from magmpm.simd import (
     store,
     total,
 )
-from magmpm.transfer.lanes import determinant, neo_hookean, stiffest
-from magmpm.transfer.total import _project, _projected, gather, scatter
-from magmpm.transfer.watch import stops
+from magmpm.kernels.particle_group import determinant, neo_hookean, stiffest
+from magmpm.kernels.total_lagrangian_step import _project, _projected, gather, scatter
+from magmpm.kernels.watch import stops
 
 
 @kernel
@@ -31,7 +31,7 @@ def advance(
     steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
     density, active, inverse_mass, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
 ):  # fmt: skip
-    """`steps` steps of dt (s); arguments as of transfer.total.advance."""
+    """`steps` steps of dt (s); arguments as of kernels.total_lagrangian_step.advance."""
     slabs = len(slab_first) - 1
     flat_volume, flat_density = volume.reshape(-1), density.reshape(-1)
     most = 1

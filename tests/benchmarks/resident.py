@@ -40,7 +40,7 @@ def _moved(formulation: str, cells: int) -> tuple[object, int, int]:
     """A motion after some steps, a look and its measures, as `magmpm run` has it; its particles, and the bytes of its arrays."""
     from motion_rates import advance, scene
 
-    from magmpm.dynamics.run import begin, memory
+    from magmpm.dynamics.time_loop import begin, memory
     from magmpm.model import build
 
     moved = begin(build(scene(formulation, cells=cells)))
@@ -52,7 +52,7 @@ def main(formulation: str) -> int:
     """Measure, and print one JSON object."""
     from motion_rates import scene
 
-    from magmpm.warmup import prepare_kernels
+    from magmpm.precompile import prepare_kernels
 
     prepare_kernels(scene(formulation, cells=4))  # in other processes: a compiler's memory would be the peak of this one
     kept, few, _ = _moved(formulation, 4)  # kernels, libraries

@@ -21,7 +21,7 @@ import numpy as np
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 TRIALS = 3  # of each study
-UNTOLD = ("seconds", "wall", "compile", "rate", "per_second", "version", "path", "folder", "files", "memory", "threads", "hash", "signature")
+UNTOLD = ("seconds", "wall", "compile", "rate", "per_second", "version", "path", "folder", "files", "memory", "threads", "hash")
 
 
 def run_all(folder: Path, only: str) -> None:
@@ -48,9 +48,9 @@ def numbers(folder: Path) -> Iterator[tuple[str, np.ndarray]]:
                 yield from ((f"{name}:{key}", arrays[key]) for key in arrays.files if arrays[key].dtype.kind in "fiub")
         elif path.suffix == ".vtkhdf":
             with h5py.File(path) as file:
-                found: list[tuple[str, np.ndarray]] = []
-                file.visititems(lambda key, item: found.append((key, item[()])) if isinstance(item, h5py.Dataset) else None)
-                yield from ((f"{name}:{key}", array) for key, array in found if np.asarray(array).dtype.kind in "fiub")
+                keys: list[str] = []
+                file.visit(keys.append)
+                yield from ((f"{name}:{key}", file[key][()]) for key in keys if getattr(file[key], "dtype", np.dtype("O")).kind in "fiub")
         elif path.name == "result.json":
             yield from ((f"{name}:{key}", np.array([value])) for key, value in leaves(json.loads(path.read_text()), ""))
         elif path.suffix == ".db":

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.errors import SolveError
-from magmpm.measures import largest_distance
 from magmpm.problems import Problem, finite_element_problems
+from magmpm.results.measures import largest_distance
 from magmpm.simulate import run
 
 ROOT = Path(__file__).resolve().parents[2]

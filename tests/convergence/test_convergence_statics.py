@@ -15,8 +15,8 @@ from reference.elastica import elastica
 from reference.scenes import field_for_load, rod_scene
 from reference.taylor import convergence_order
 
-from magmpm.measures import centreline_at, largest_distance
 from magmpm.problems import Problem, finite_element_problems
+from magmpm.results.measures import centreline_at, largest_distance
 from magmpm.simulate import run
 
 PROBLEMS = finite_element_problems(Path(__file__).resolve().parents[2] / "data" / "references" / "fem.json")

@@ -9,9 +9,9 @@ import pytest
 from bad_scenes import BadScene
 from reference.solids import box
 
-from magmpm.cli import main
+from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.cli.main import main
 from magmpm.errors import InputError
-from magmpm.meshes import Mesh, write_stl
 from magmpm.scene import load_scene
 
 # ruff: noqa: E501  (a case a line reads best)

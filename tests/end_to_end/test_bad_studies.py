@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from bad_studies import CASES, FILES, BadStudy, write
 
-from magmpm.cli import main
+from magmpm.cli.main import main
 from magmpm.errors import InputError, NotThereYet
 from studies.definition import load_study
 

@@ -13,10 +13,10 @@ import bad_scenes
 import numpy as np
 import pytest
 
-from magmpm.cli import main
+from magmpm.cli.main import main
 from magmpm.errors import SolveError
-from magmpm.results import Result
-from magmpm.rod import solve_rod
+from magmpm.results.result import Result
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import load_scene
 from magmpm.statics import equilibrium
 

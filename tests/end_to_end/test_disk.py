@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from test_commands import SCENE
 
-from magmpm.cli import main
+from magmpm.cli.main import main
 
 Said = pytest.CaptureFixture[str]
 
@@ -76,7 +76,7 @@ def test_a_full_disk_names_file_and_remedy(
         stream.write(b"half")
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("magmpm.results.np.savez_compressed", no_room)
+    monkeypatch.setattr("magmpm.results.result.np.savez_compressed", no_room)
     assert main(["run", str(result.parent / "scene.yaml"), "--out", str(folder)]) == 1
     said = capsys.readouterr().err
     for part in (f"{folder}/state.npz: {os.strerror(number)}\n  rule: ", "\n  remedy: free room"):
@@ -105,7 +105,7 @@ def test_a_read_only_folder_is_refused(
     said = capsys.readouterr().err
     assert "out\n  rule: the folder must be writable (Read-only file system)\n  remedy: " in said
     with monkeypatch.context() as patch:
-        patch.setattr("magmpm.folder_lock.os.access", lambda path, mode: False)
+        patch.setattr("magmpm.results.folder_lock.os.access", lambda path, mode: False)
         assert main([*command, "--out", "out"]) == 2
     assert "out\n  rule: the folder must be writable" in capsys.readouterr().err
 

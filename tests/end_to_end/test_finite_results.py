@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from magmpm import measures
-from magmpm.cli import main
+from magmpm.cli.main import main
 from magmpm.errors import SolveError
-from magmpm.results import Result
+from magmpm.results import measures
+from magmpm.results.result import Result
 from magmpm.scene import load_scene
 from magmpm.simulate import run
 

@@ -15,11 +15,11 @@ from reference.folders import holding
 from test_commands import SCENE, STUDY
 from test_motion_runs import environment, scene
 
-from magmpm import folder_lock as lock
-from magmpm.cli import main
-from magmpm.folder_lock import LOCK, FolderInUse, folder_lock
-from magmpm.motion import Motion
-from magmpm.motion_files import CHECKPOINT, ENERGIES
+from magmpm.cli.main import main
+from magmpm.results import folder_lock as lock
+from magmpm.results.folder_lock import LOCK, FolderInUse, folder_lock
+from magmpm.results.motion_files import CHECKPOINT, ENERGIES
+from magmpm.results.trajectory import Motion
 
 
 @pytest.fixture(autouse=True)

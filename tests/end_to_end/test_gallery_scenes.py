@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import pytest
 
-from magmpm.motion import Motion
+from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 

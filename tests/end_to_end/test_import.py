@@ -13,12 +13,12 @@ import pytest
 import yaml
 from reference.solids import box
 
-from magmpm.cli import main
+from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.cli.main import main
 from magmpm.errors import InputError
-from magmpm.meshes import Mesh, write_stl
 from magmpm.model import build
-from magmpm.robots import import_robot
 from magmpm.scene import load_scene
+from magmpm.scene.magnetic_mpm_import import import_robot
 
 REAL = Path(__file__).parents[2].parent / "shared" / "robots"
 MESHES = {

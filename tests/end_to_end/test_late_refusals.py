@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from magmpm.cli import main
-from magmpm.wording import dotted, undotted
+from magmpm.cli.main import main
+from magmpm.errors import dotted, undotted
 
 SCENE = """\
 name: late

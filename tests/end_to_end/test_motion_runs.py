@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from magmpm.cli import main
-from magmpm.cli_render import motion_of
-from magmpm.dynamics.run import begin, follow
+from magmpm.cli.main import main
+from magmpm.cli.render import motion_of
+from magmpm.dynamics.time_loop import begin, follow
 from magmpm.errors import InputError
 from magmpm.model import build
-from magmpm.motion import Motion
-from magmpm.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
-from magmpm.results import NUMBERS, Result
+from magmpm.results.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
+from magmpm.results.result import NUMBERS, Result
+from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -309,7 +309,7 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
         moved.control.step = 1.2 * moved.stable.largest
         return moved
 
-    monkeypatch.setattr("magmpm.dynamics.run.begin", too_fast)
+    monkeypatch.setattr("magmpm.dynamics.time_loop.begin", too_fast)
     path, out = scene(tmp_path, "duration: 50 ms, output_every: 0.2 ms, time_step: 1 us"), tmp_path / "out"
     assert main(["run", str(path), "--json", "--out", str(out)]) == 3
     printed = capsys.readouterr()
@@ -357,7 +357,7 @@ def test_a_body_that_memory_can_t_hold_is_refused(
         np.empty(2**55)  # numpy's own MemoryError
 
     path = scene(tmp_path, "duration: 1 ms")
-    monkeypatch.setattr("magmpm.memory.machine", lambda: has)
+    monkeypatch.setattr("magmpm.scene.memory.machine", lambda: has)
     monkeypatch.setattr("magmpm.simulate.build", fails)
     for text in (path.read_text(), path.read_text().replace("solver: {dynamic: {duration: 1 ms}}", "")):
         path.write_text(text)

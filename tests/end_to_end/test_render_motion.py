@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 from reference import motions
 
-from magmpm.cli import main
-from magmpm.folder_lock import LOCK
-from magmpm.motion import MotionWriter
+from magmpm.cli.main import main
+from magmpm.results.folder_lock import LOCK
+from magmpm.results.trajectory import MotionWriter
 
 SCENE = {
     "name": "bending",

@@ -17,13 +17,13 @@ from test_import import robot_file
 from test_motion_runs import SCENE as SWING
 from test_motion_runs import environment
 
-from magmpm.cli import main
-from magmpm.dynamics.run import begin
+from magmpm.cli.main import main
+from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
-from magmpm.motion import Motion
-from magmpm.motion_files import CHECKPOINT, MOTION
-from magmpm.results import NUMBERS, Result
-from magmpm.run_folder import EARLIER, FAILED, MOMENTS, PICTURE
+from magmpm.results.motion_files import CHECKPOINT, MOTION
+from magmpm.results.result import NUMBERS, Result
+from magmpm.results.run_folder import EARLIER, FAILED, MOMENTS, PICTURE
+from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
 from viz.picture import Picture
 from viz.play import Still
@@ -216,7 +216,7 @@ def test_a_motion_that_fails_keeps_what_was_there(monkeypatch: pytest.MonkeyPatc
     before = files(OUT)
     wild = SWING.format(dynamic="duration: 50 ms, output_every: 0.2 ms, time_step: 1 us")
     with monkeypatch.context() as patch:
-        patch.setattr("magmpm.dynamics.run.begin", too_fast)
+        patch.setattr("magmpm.dynamics.time_loop.begin", too_fast)
         assert run(wild) == 3
     assert f"the last good state is in {OUT / FAILED}; the results in {OUT} are as they were" in capsys.readouterr().err
     after = files(OUT)
@@ -254,7 +254,7 @@ def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_w
     def interrupted(*_: Any, **__: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("magmpm.dynamics.run.follow", interrupted)
+    monkeypatch.setattr("magmpm.dynamics.time_loop.follow", interrupted)
     assert run(MOVING) == 1
     assert files(OUT) == before
 

@@ -18,13 +18,13 @@ import numpy as np
 import yaml
 from reference.solids import box
 
-from magmpm import effects
+from magmpm.bodies.surface_mesh import write_stl
+from magmpm.effects import acting as effects
 from magmpm.effects import hooks
-from magmpm.inputs import validate
-from magmpm.meshes import write_stl
+from magmpm.inputs.settings import validate
 from magmpm.model import Model, build
-from magmpm.parts import Effects
 from magmpm.scene import Scene
+from magmpm.scene.options import Effects
 
 KEYS = list(effects.every())
 USUAL = """

@@ -29,8 +29,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import brentq
 
-from magmpm.basis import spline_weights
-from magmpm.connected import connected_pieces
+from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.grid import spline_weights
 from magmpm.effects import hooks
 from magmpm.model import Model
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 _HOLDER = """\
 import sys
-from magmpm.folder_lock import folder_lock
+from magmpm.results.folder_lock import folder_lock
 with folder_lock(sys.argv[1]):
     print("held", flush=True)
     sys.stdin.read()

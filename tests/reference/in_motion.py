@@ -9,9 +9,9 @@ import numpy as np
 from reference.scenes import rod_scene
 from scipy.optimize import brentq
 
-from magmpm.dynamics.run import begin
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 

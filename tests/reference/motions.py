@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.basis import Array
-from magmpm.motion import MotionWriter
+from magmpm.bodies.grid import Array
+from magmpm.results.trajectory import MotionWriter
 
 LENGTH, DIAMETER, SHEAR, DENSITY = 0.04, 0.004, 120e3, 1882.0
 

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from reference.scenes import BR, G
 
-from magmpm.distance import Table
-from magmpm.dynamics.run import begin
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
-from magmpm.effects import damping, feed, gravity, ground, module_of, viscosity, walls
+from magmpm.bodies.signed_distance import Table
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
+from magmpm.effects.acting import module_of
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 

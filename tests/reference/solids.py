@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.meshes import Mesh
+from magmpm.bodies.surface_mesh import Mesh
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.basis import Array
-from magmpm.rod import solve_rod
+from magmpm.bodies.grid import Array
+from magmpm.inputs.csv_tables import write_centreline
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.tables import write_centreline
 
 SCENE = """\
 name: five segments

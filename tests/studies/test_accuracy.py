@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rod_solve import RodResult, solve, write_study
 
+from magmpm.inputs.csv_tables import write_centreline
 from magmpm.scene import Scene, load_scene
-from magmpm.tables import write_centreline
 from studies.accuracy import climb
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from rod_solve import SCENE, STUDY, solve, write_study
 
-from magmpm.measures import rms_distance
-from magmpm.meshes import Mesh, write_stl
+from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.inputs.csv_tables import write_centreline
+from magmpm.results.measures import rms_distance
 from magmpm.scene import Scene, load_scene
-from magmpm.schema import scene_schema
-from magmpm.tables import write_centreline
+from magmpm.scene.json_schema import scene_schema
 from studies.best_scene import PATHS
 from studies.definition import load_study
 from studies.engine import run_study

@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 from rod_solve import SCENE, STUDY, solve, write_study
 
 from magmpm.errors import InputError, NotThereYet
-from magmpm.inputs import read_yaml
+from magmpm.inputs.settings import read_yaml
 from studies import schema
 from studies.definition import definition_hash, differences, load_study
 from studies.engine import run_study

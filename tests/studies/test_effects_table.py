@@ -11,13 +11,13 @@ import pytest
 from reference.moving import moving_scene
 from reference.scenes import G, rod_scene
 
-from magmpm import effects
-from magmpm.cli import main
-from magmpm.inputs import validate
+from magmpm.cli.main import main
+from magmpm.effects import acting as effects
+from magmpm.inputs.settings import validate
 from magmpm.materials import young_modulus
-from magmpm.parts import Effects
-from magmpm.rod import solve_rod
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
+from magmpm.scene.options import Effects
 from studies.effects_table import Row, costs, survey
 
 FIELD, DOWN = (0.0, 0.0, 3e-3), (0.0, 0.0, -9.81)

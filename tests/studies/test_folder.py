@@ -11,7 +11,7 @@ import pytest
 from rod_solve import STUDY, solve, write_study
 
 from magmpm.errors import InputError
-from magmpm.results import readable
+from magmpm.results.result import readable
 from studies.definition import Study, load_study
 from studies.engine import run_study
 

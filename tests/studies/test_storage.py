@@ -24,7 +24,7 @@ from rod_solve import STUDY, RodResult, solve, write_study
 from test_resume import trials_of
 
 from magmpm.errors import InputError
-from magmpm.folder_lock import FolderInUse
+from magmpm.results.folder_lock import FolderInUse
 from magmpm.scene import Scene
 from studies.definition import load_study
 from studies.engine import run_study

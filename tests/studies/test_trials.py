@@ -15,7 +15,7 @@ from rod_solve import STUDY, RodResult, solve, write_study
 from test_resume import pictures, trials_of
 
 from magmpm.errors import SolveError
-from magmpm.measures import rms_distance, tip_error
+from magmpm.results.measures import rms_distance, tip_error
 from magmpm.scene import Scene
 from studies.definition import load_study
 from studies.engine import run_study

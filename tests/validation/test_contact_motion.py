@@ -9,13 +9,13 @@ import pytest
 from reference.moving import FORMULATIONS, block, filled, follow, moving_scene
 from reference.solids import ball
 
-from magmpm import distance
-from magmpm.curves import curve
-from magmpm.dynamics.run import begin
-from magmpm.dynamics.total import TotalMotion
-from magmpm.dynamics.updated import UpdatedMotion
+from magmpm.bodies import signed_distance as distance
+from magmpm.bodies.curves import curve
+from magmpm.bodies.surface_mesh import write_stl
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import self_contact
-from magmpm.meshes import write_stl
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm.measures import largest_distance
 from magmpm.problems import Problem, finite_element_problems
+from magmpm.results.measures import largest_distance
 from magmpm.scene import load_scene
 from magmpm.simulate import run
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference.in_motion import advance, free_rod, quantities, set_off
 
-from magmpm.dynamics import inertia
+from magmpm.dynamics import mass as inertia
 from magmpm.effects.magnetic_torque import MU0
 
 FORMULATIONS = ["total", "updated"]

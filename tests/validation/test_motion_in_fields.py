@@ -9,9 +9,10 @@ import pytest
 from reference.in_motion import advance, free_rod, moving, quantities, set_off
 from reference.scenes import rod_scene
 
-from magmpm import effects, fields
+from magmpm.effects import acting as effects
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
+from magmpm.fields import outside_field as fields
 from magmpm.scene import Scene
 from magmpm.simulate import run
 

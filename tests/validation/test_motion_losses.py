@@ -12,8 +12,8 @@ from reference.moving import filled, follow
 from reference.scenes import G, rod_scene
 from scipy.optimize import curve_fit
 
-from magmpm.dynamics.run import begin
-from magmpm.dynamics.total import TotalMotion
+from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.model import build
 

@@ -12,8 +12,8 @@ from reference.moving import moving_scene
 from reference.scenes import field_for_load, rod_scene
 from reference.solids import box
 
-from magmpm.dynamics.run import Moved, move
-from magmpm.meshes import write_stl
+from magmpm.bodies.surface_mesh import write_stl
+from magmpm.dynamics.time_loop import Moved, move
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run

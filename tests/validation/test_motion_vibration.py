@@ -17,7 +17,7 @@ from reference.in_motion import (
 from reference.scenes import G, rod_scene
 
 from magmpm.dynamics import energies
-from magmpm.dynamics.run import move
+from magmpm.dynamics.time_loop import move
 from magmpm.materials import young_modulus
 from magmpm.model import build
 

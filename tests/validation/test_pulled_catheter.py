@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm import fields
 from magmpm.errors import InputError, SolveError
-from magmpm.field_parts import Grid3
+from magmpm.fields import outside_field as fields
+from magmpm.fields.sources import Grid3
 from magmpm.model import build
-from magmpm.rod import solve_rod
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 

@@ -13,7 +13,7 @@ import pytest
 from reference.elastica import elastica
 from reference.scenes import field_for_load, rod_scene
 
-from magmpm.rod import solve_rod
+from magmpm.rod.cosserat import solve_rod
 
 L, D = 40e-3, 1e-3
 LOADS = {

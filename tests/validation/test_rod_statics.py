@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from reference.scenes import G, rod_scene
 
-from magmpm.rod import solve_rod
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 

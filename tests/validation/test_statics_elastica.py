@@ -17,10 +17,10 @@ from magmpm.effects.magnetic_torque import MU0
 from magmpm.materials import neo_hookean_reference
 from magmpm.model import build
 from magmpm.simulate import run
+from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.newton import minimise
-from magmpm.statics.panels import factor, solve
-from magmpm.statics.start import straight
+from magmpm.statics.rod_start import straight
 
 D = 1e-3
 

@@ -1,0 +1,1 @@
+"""Shapes to particles: grids, splines and exact quadrature."""

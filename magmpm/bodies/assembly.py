@@ -1,0 +1,183 @@
+"""Bodies made of STL parts: one mesh a part, each with its material, magnetisation and clamp."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
+
+from magmpm.bodies.grid import Array
+from magmpm.bodies.mesh_keys import read_mesh
+from magmpm.bodies.regions import Piece
+from magmpm.bodies.surface_mesh import (
+    PREFIX,
+    overlap_of,
+    size_fault,
+    thickness_of,
+    unpack_mesh,
+    volume_of,
+)
+from magmpm.inputs.settings import Part, Quantity, fault
+from magmpm.inputs.vectors import Direction, Vector
+
+MAX_PARTS = 1000
+UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
+MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
+TOUCHING = 1e-4  # of the body's length: parts this near touch
+LEAST_CELLS = 2  # through the thinnest part
+
+
+class MeshPart(Part):
+    """One mesh with one material."""
+
+    mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
+        description="Path, relative to this file, of an STL file: a closed surface.", examples=["meshes/base.stl"]
+    )
+    name: str = Field(
+        default="", max_length=100, description="What messages call it; the file's name unless given.", examples=["base"]
+    )
+    material: str = Field(description="A name from `materials`.", examples=["silicone"])
+    magnetization: Direction = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Direction in the undeformed part: [x, y, z], normalised, or "
+        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
+        examples=[[0, 0, 1]],
+    )
+    clamp: bool = Field(
+        default=False, strict=True, description="Whether the part is held; false unless given.", examples=[True]
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, data: Any) -> Any:
+        """A part without a name has its file's."""
+        if isinstance(data, Mapping) and not data.get("name"):
+            mesh = data.get("mesh")
+            if isinstance(mesh, (str, Path)) and not str(mesh).startswith(PREFIX):
+                return {**data, "name": Path(mesh).stem[:100]}
+        return data
+
+    @property
+    def volume(self) -> float:
+        """Volume in the mesh's unit cubed."""
+        return volume_of(unpack_mesh(self.mesh).triangles)
+
+
+class Parts(Part):
+    """Closed STL meshes, one a part. Parts that touch hold together."""
+
+    unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
+        description="Unit of the numbers in the STL files, which do not say it.", examples=["mm"]
+    )
+    spacing: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] | None = Field(
+        default=None,
+        description="Cell size; the thinnest part's thickness over `cells_across` unless given.",
+        examples=["0.5 mm"],
+    )
+    meshes: tuple[MeshPart, ...] = Field(
+        min_length=1,
+        max_length=MAX_PARTS,
+        description="The parts.",
+        examples=[[{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]],
+    )
+
+    @field_validator("meshes")
+    @classmethod
+    def _separate(cls, meshes: tuple[MeshPart, ...], info: ValidationInfo) -> tuple[MeshPart, ...]:
+        unit = info.data.get("unit")
+        sizes = [] if unit is None else [size_fault(unpack_mesh(part.mesh), unit, UNITS[unit]) for part in meshes]
+        for k, found in enumerate(sizes):
+            if found is not None:
+                raise fault(*found, (k, "mesh"))
+        for (i, one), (j, other) in itertools.combinations(enumerate(meshes), 2):
+            shared, smaller = overlap_of(one.mesh, other.mesh), min(one.volume, other.volume)
+            if shared > MAY_OVERLAP * smaller:
+                raise fault(
+                    f"parts must not overlap: {other.name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
+                    f"{one.name or f'part {i + 1}'}, {100 * shared / smaller:.3g} % of the smaller",
+                    "move or trim one of them; faces may touch",
+                    (j, "mesh"),
+                )
+        return meshes
+
+    @model_validator(mode="after")
+    def _some_move_and_none_is_too_thin(self) -> Parts:
+        if all(part.clamp for part in self.meshes):
+            raise fault("one part at least must be free to move", "leave out `clamp: true` of those that are", ("meshes",))
+        if self.spacing is not None:
+            for i, part in enumerate(self.meshes):
+                thickness = self.part_thickness(i)
+                if not part.clamp and thickness < LEAST_CELLS * self.spacing * (1 - 1e-6):
+                    raise fault(
+                        f"a part must be at least {LEAST_CELLS} cells thick: {part.name or f'part {i + 1}'} is "
+                        f"{1e3 * thickness:.3g} mm, {thickness / self.spacing:.2g} cells of {1e3 * self.spacing:.3g} mm",
+                        f"at most `spacing: {1e3 * thickness / LEAST_CELLS:.3g} mm`, or leave spacing out",
+                        ("spacing",),
+                    )
+        return self
+
+    def part_thickness(self, index: int) -> float:
+        """Thickness of a part, m: see meshes.thickness_of."""
+        return thickness_of(self.meshes[index].mesh) * UNITS[self.unit]
+
+    def triangles(self) -> list[Array]:
+        """Corners (f, 3, 3) m of each part's surface."""
+        return [unpack_mesh(part.mesh).triangles * UNITS[self.unit] for part in self.meshes]
+
+    @property
+    def thickness(self) -> float:
+        """Thickness of the thinnest part that can move, m."""
+        return min(self.part_thickness(i) for i, part in enumerate(self.meshes) if not part.clamp)
+
+    @property
+    def length(self) -> float:
+        """Longest side of the box around the parts, m."""
+        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes])
+        return float(np.ptp(vertices, axis=0).max()) * UNITS[self.unit]
+
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around the parts, m."""
+        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes]) * UNITS[self.unit]
+        (x0, y0, z0), (x1, y1, z1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+        return (x0, y0, z0), (x1, y1, z1)
+
+    def near(self, reach: float) -> list[tuple[str, str, float]]:
+        """Names of parts that lie nearer to each other than `reach` (m) and do not touch, with the gap (m) between their boxes."""
+        least, gaps = TOUCHING * self.length, self._gaps()
+        found = []
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.pieces()), 2):
+            if least < gaps[i, j] < reach and not (one.held and other.held):
+                found.append((one.name, other.name, float(gaps[i, j])))
+        return found
+
+    def touching(self) -> NDArray[np.bool_]:
+        """Which parts' boxes touch which, (parts, parts): parts that touch move as one body."""
+        return self._gaps() <= TOUCHING * self.length
+
+    def _gaps(self) -> Array:
+        """Between the parts' boxes, (parts, parts) m."""
+        low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
+        high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
+        return np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
+
+    @property
+    def line(self) -> None:
+        """Parts have no axis."""
+        return None
+
+    @property
+    def clamp(self) -> Literal["parts", "none"]:
+        """parts where some part is held."""
+        return "parts" if any(part.clamp for part in self.meshes) else "none"
+
+    def pieces(self) -> tuple[Piece, ...]:
+        """The parts, in the file's order."""
+        return tuple(
+            Piece(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization, part.clamp)
+            for i, part in enumerate(self.meshes)
+        )

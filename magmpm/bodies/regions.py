@@ -1,0 +1,30 @@
+"""What bodies of every kind are made of: pieces with one material each, and the axis of those that have one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from magmpm.inputs.settings import Key
+from magmpm.inputs.vectors import Vector
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of a body with one material: a segment of a catheter or strip, a part of an assembly.
+
+    magnetization: unit vector in the undeformed body, or zeros; held: it can't move.
+    """
+
+    name: str
+    at: Key  # where the scene's data describe it, below `body`
+    material_name: str
+    magnetization: Vector
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight body along +x: base (3,) m, the centre of its base face; length m."""
+
+    base: Vector
+    length: float

@@ -1,0 +1,252 @@
+"""Shapes -> particles: quadrature points of the undeformed body with exact volume and exact section moments.
+
+Every piece of the body that a grid cell cuts out gets its own small rule: tensor Gauss points, moved and stretched so that
+the piece's volume, centroid and second moments are exact. In a cell that the body fills, this is the Gauss rule itself.
+So the section's area and second moments are right to rounding for any cell size; the usual lattice particles of a 4 mm disc at
+0.5 mm have second moments wrong by 2 to 5 %, and bending stiffness with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array, Grid
+
+EMPTY = 1e-9  # share of a cell below which a piece is rounding, not material: its moments are differences of far larger ones
+WIDEST = 2.0  # a strip's cells may be this much longer across its width than through its thickness
+DEEPEST = 6  # halvings of a cell's side, after which a piece's points are pulled into the cell
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Quadrature points of the undeformed body, sorted by cell (x slowest).
+
+    position (n, 3) m, volume (n,) m^3, segment (n,) index of the segment, cell (n, 3) index of the grid cell.
+    """
+
+    position: Array
+    volume: Array
+    segment: NDArray[np.int32]
+    cell: NDArray[np.int64]
+
+
+def gauss(count: int) -> tuple[Array, Array]:
+    """Gauss-Legendre points scaled to mean 0 and variance 1, and weights that sum to 1. Variance 1 takes count >= 2."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return points * np.sqrt(3.0), weights / 2
+
+
+def disc_moments(low: Array, high: Array, radius: float) -> Array:
+    """Moments of a disc cut by rectangles: integrals of 1, y, z, y^2, y z, z^2 over each piece.
+
+    low, high (n, 2) m: corners of the rectangles; radius m, disc centred at 0. Returns (n, 6).
+    The integral over z is closed; over y = radius sin t the integrand is a trigonometric polynomial between the points where
+    the circle crosses an edge, and 12 Gauss points make it exact to rounding.
+    """
+    if radius == 0.0:
+        return np.zeros((len(low), 6))
+    lo, hi = np.clip(low, -radius, radius), np.clip(high, -radius, radius)
+    cross = [np.sqrt(radius**2 - edge[:, 1] ** 2) for edge in (lo, hi)]
+    ends = np.stack([lo[:, 0], hi[:, 0], cross[0], -cross[0], cross[1], -cross[1]], axis=1)
+    ends = np.sort(np.clip(ends, lo[:, :1], hi[:, :1]), axis=1)
+    angle = np.arcsin(np.clip(ends / radius, -1, 1))
+    point, weight = np.polynomial.legendre.leggauss(12)
+    half = np.diff(angle, axis=1)[..., None] / 2
+    t = (angle[:, 1:] + angle[:, :-1])[..., None] / 2 + half * point
+    y, c = radius * np.sin(t), radius * np.cos(t)
+    z1 = np.minimum(hi[:, 1, None, None], c)
+    z0 = np.minimum(np.maximum(lo[:, 1, None, None], -c), z1)
+    dy = half * weight * c
+    powers = [(z1 ** (k + 1) - z0 ** (k + 1)) / (k + 1) for k in range(3)]
+    terms = (powers[0], y * powers[0], powers[1], y * y * powers[0], y * powers[1], powers[2])
+    return np.stack([np.sum(term * dy, axis=(1, 2)) for term in terms], axis=1)
+
+
+def section_points(
+    low: Array, high: Array, outer: float, inner: float, count: int
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Quadrature of a ring cut by rectangles, exact for all polynomials of degree 2.
+
+    low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points a direction and cell.
+    Returns points (k, 2) m, areas (k,) m^2 and the rectangle (k,) each belongs to; empty rectangles get none.
+    """
+    owner, depth = np.arange(len(low)), 0
+    found: list[tuple[Array, Array, NDArray[np.int64]]] = []
+    cells, least = (low, high), EMPTY * float(np.prod(high - low, axis=1).max())
+    while len(low):
+        piece, points, areas = _piece_rules(low, high, outer, inner, count, least)
+        a, b = cells[0][owner[piece]], cells[1][owner[piece]]
+        if depth == DEEPEST:
+            points = np.clip(points, a[:, None, :], b[:, None, :])
+        slack = 1e-9 * (b - a)[:, None, :]
+        inside = np.all((points >= a[:, None] - slack) & (points <= b[:, None] + slack), axis=(1, 2))
+        home = np.repeat(owner[piece[inside]], areas.shape[1])
+        found.append((points[inside].reshape(-1, 2), areas[inside].ravel(), home))
+        # A piece so skew that its rule leaves the cell (a thin wall): first the plainest rule, then the piece in quarters.
+        bad = piece[~inside]
+        if count > 2:
+            low, high, owner, count = low[bad], high[bad], owner[bad], 2
+        else:
+            low, high, owner = _quarters(low[bad], high[bad], owner[bad])
+            depth += 1
+    points, areas, home = (np.concatenate([f[k] for f in found]) for k in range(3))
+    order = np.argsort(home, kind="stable")
+    return points[order], areas[order], home[order]
+
+
+def _piece_rules(
+    low: Array, high: Array, outer: float, inner: float, count: int, least: float
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Indices (k,) of the rectangles that hold at least `least` m^2 of material; their points (k, count^2, 2), areas (k, count^2)."""
+    moments = disc_moments(low, high, outer) - disc_moments(low, high, inner)
+    keep = np.flatnonzero(moments[:, 0] > least)
+    area = moments[keep, 0]
+    centroid = moments[keep, 1:3] / area[:, None]
+    yy, yz, zz = (moments[keep, 3:] / area[:, None]).T
+    a, b, d = yy - centroid[:, 0] ** 2, yz - centroid[:, 0] * centroid[:, 1], zz - centroid[:, 1] ** 2
+    det = np.sqrt(np.maximum(a * d - b * b, 0.0))
+    root = np.stack(
+        [np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2
+    )  # root of the covariance matrix
+    root /= np.sqrt(np.maximum(a + d + 2 * det, np.finfo(float).tiny))[:, None, None]
+    unit, weight = gauss(count)
+    grid = np.stack(np.meshgrid(unit, unit, indexing="ij"), -1).reshape(-1, 2)
+    points = centroid[:, None, :] + np.einsum("cij,qj->cqi", root, grid)
+    return keep, points, area[:, None] * np.outer(weight, weight).ravel()
+
+
+def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Each rectangle cut into four, with the owner repeated."""
+    half = (high - low) / 2
+    corners = [low + half * np.array(c) for c in ((0, 0), (0, 1), (1, 0), (1, 1))]
+    starts = np.concatenate(corners)
+    return starts, starts + np.tile(half, (4, 1)), np.tile(owner, 4)
+
+
+def rod_grid(
+    length: float, diameter: float, cells_across: int, cells_along: int | None = None, shift: tuple[float, float] = (0.0, 0.0)
+) -> Grid:
+    """Grid of a straight rod along +x, base at the origin: knots on both end faces and on the box around the section.
+
+    shift: parts of a cell, 0 to 1, by which the grid lies lower along y and z, with one more cell there: to see what the grid's place does.
+    """
+    h = diameter / cells_across
+    along = cells_along or max(3, round(length / h))
+    origin = np.array([0.0, -diameter / 2 - shift[0] * h, -diameter / 2 - shift[1] * h])
+    across, high = (cells_across + int(part > 0.0) for part in shift)
+    return Grid(origin, np.array([length / along, h, h]), (along, across, high))
+
+
+def rod_particles(
+    grid: Grid, *, outer: float, inner: float, segment_ends: Array, particles_per_cell: int
+) -> Particles:
+    """Particles of a straight round rod or tube along +x.
+
+    outer, inner: radii in m; segment_ends (k,) m: where each segment ends, the last one at the tip;
+    particles_per_cell: points a direction and cell (at least 2). A cell that two segments share is cut between them.
+    """
+    index, (points, areas, rectangle) = rod_section(grid, outer, inner, particles_per_cell)
+    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+
+
+def rod_section(
+    grid: Grid, outer: float, inner: float, particles_per_cell: int
+) -> tuple[NDArray[np.int64], tuple[Array, Array, NDArray[np.int64]]]:
+    """Cells (r, 2) of a round section's grid, and the `section_points` of the section in them."""
+    _, ny, nz = grid.cells
+    index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
+    low = grid.origin[1:] + index * grid.spacing[1:]
+    return index, section_points(low, low + grid.spacing[1:], outer, inner, particles_per_cell)
+
+
+def _extrude(
+    grid: Grid,
+    index: NDArray[np.int64],
+    points: Array,
+    areas: Array,
+    rectangle: NDArray[np.int64],
+    segment_ends: Array,
+    count: int,
+) -> Particles:
+    """Particles of a body with the same section all along +x: section points times Gauss points of each piece of the length.
+
+    index (r, 2): cell of each rectangle of the section; points (k, 2) m, areas (k,) m^2, rectangle (k,): the section's rule;
+    segment_ends (s,) m: x of each segment's end; count: points along x and cell.
+    """
+    h = grid.spacing[0]
+    faces = grid.origin[0] + h * np.arange(grid.cells[0] + 1)
+    near = np.abs(faces[:, None] - segment_ends[None, :]) < 1e-9 * h  # a segment end on a face is that face
+    ends = np.where(near.any(0), faces[near.argmax(0)], segment_ends)
+    cuts = np.unique(np.concatenate([faces, ends]))
+    unit, weight = gauss(count)
+    width = np.diff(cuts)
+    middle = (cuts[1:] + cuts[:-1]) / 2
+    x = (middle[:, None] + width[:, None] * unit / np.sqrt(12.0)).ravel()
+    dx = (width[:, None] * weight).ravel()
+    cell_x = np.repeat(np.searchsorted(faces, middle) - 1, count)
+    segment = np.repeat(np.searchsorted(ends, middle), count)
+
+    # One row for each (section rectangle, axial point, section point), in that order within an axial cell.
+    ix, iq = (i.ravel() for i in np.indices((len(x), len(points))))
+    order = np.lexsort((iq, ix, rectangle[iq], cell_x[ix]))
+    ix, iq = ix[order], iq[order]
+    position = np.column_stack([x[ix], points[iq]])
+    cell = np.column_stack([cell_x[ix], index[rectangle[iq]]])
+    return Particles(position, dx[ix] * areas[iq], segment[ix].astype(np.int32), cell.astype(np.int64))
+
+
+def strip_grid(base: Array, size: Array, cells_across: int, *, one_wide: bool = False) -> Grid:
+    """Grid of a strip: knots on all its faces. base (3,) m: centre of the base face; size (3,) m: length, width, thickness.
+
+    Cells are cubes within rounding of the length, but up to WIDEST times as long along a width that is many cells: what bends
+    varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).
+    """
+    h = size[2] / cells_across
+    along = max(3, round(size[0] / h))
+    wide = 1 if one_wide else max(round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2)
+    cells = (along, wide, cells_across)
+    return Grid(base - np.array([0.0, size[1] / 2, size[2] / 2]), size / np.array(cells), cells)
+
+
+def strip_particles(grid: Grid, *, segment_ends: Array, particles_per_cell: int, one_wide: bool = False) -> Particles:
+    """Particles of the strip that fills a grid: Gauss points of every cell, one across the width where nothing varies along it.
+
+    segment_ends (k,) m: x of each segment's end. A cell that two segments share is cut between them.
+    """
+    _, ny, nz = grid.cells
+    index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
+    middle = grid.origin[1:] + (index + 0.5) * grid.spacing[1:]
+    rules = [(np.zeros(1), np.ones(1)) if one_wide else gauss(particles_per_cell), gauss(particles_per_cell)]
+    unit = np.stack(np.meshgrid(rules[0][0], rules[1][0], indexing="ij"), -1).reshape(-1, 2) / np.sqrt(12.0)
+    share = np.outer(rules[0][1], rules[1][1]).ravel()
+    points = (middle[:, None, :] + unit * grid.spacing[1:]).reshape(-1, 2)
+    areas = np.tile(share * np.prod(grid.spacing[1:]), len(index))
+    rectangle = np.repeat(np.arange(len(index)), len(share))
+    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+
+
+def strip_errors(particles: Particles, size: Array) -> dict[str, float]:
+    """Relative errors of a strip's section: area, and second moment about y, against b t and b t^3/12. size (3,) m."""
+    area, z, v = size[1] * size[2], particles.position[:, 2], particles.volume / size[0]
+    z = z - (v * z).sum() / v.sum()
+    return {
+        "area_error": float(abs(v.sum() / area - 1)),
+        "second_moment_error": float(abs((v * z * z).sum() / (area * size[2] ** 2 / 12) - 1)),
+    }
+
+
+def section_errors(particles: Particles, *, outer: float, inner: float, length: float) -> dict[str, float]:
+    """Relative errors of the particles' section: area and the two second moments against pi (R^2 - r^2) and pi/4 (R^4 - r^4)."""
+    area = np.pi * (outer**2 - inner**2)
+    moment = np.pi / 4 * (outer**4 - inner**4)
+    _, y, z = particles.position.T
+    v = particles.volume / length
+    return {
+        "area_error": float(abs(v.sum() / area - 1)),
+        "second_moment_error": float(
+            max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))
+        ),
+    }

@@ -1,0 +1,254 @@
+"""Closed triangle meshes of parts: read from STL, checked, and measured.
+
+A mesh is kept in a scene as text (base64 of its arrays), so that a scene stays one immutable value: results hold the mesh they were made
+with, and its hash covers every vertex.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array
+from magmpm.bodies.shells import SAME, shared, trouble
+from magmpm.inputs.regular_file import UnfitFile, read_regular
+
+PREFIX = "mesh:"  # of the text a scene keeps
+MOST_FACES = 300_000
+MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle, and one with too many is told their number
+LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
+FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
+RAYS = 400  # points from which the thickness is measured
+THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL
+
+
+class MeshError(Exception):
+    """A mesh that can't be used: rule and remedy, as complaints show them."""
+
+    def __init__(self, rule: str, remedy: str) -> None:
+        super().__init__(f"{rule}; {remedy}")
+        self.rule, self.remedy = rule, remedy
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A closed surface: vertices (v, 3) in the file's unit, faces (f, 3) with normals outward."""
+
+    vertices: Array
+    faces: NDArray[Any]
+
+    @property
+    def triangles(self) -> Array:
+        """Corners (f, 3, 3)."""
+        return self.vertices[self.faces]
+
+
+def read_stl(path: Path) -> Mesh:
+    """The mesh of an STL file, text or binary, checked. Raises MeshError."""
+    try:
+        content = read_regular(path, MOST_BYTES)
+    except UnfitFile as error:
+        raise MeshError(
+            f"{error.strerror}; a mesh must be a regular file of at most {MOST_BYTES // 1_000_000} MB", "export the part as STL"
+        ) from None
+    except OSError as error:
+        raise MeshError(
+            f"the file can't be read ({error.strerror})", "correct the path, which is relative to the scene file"
+        ) from None
+    corners = _binary(content) if _is_binary(content) else _text(content)
+    if corners is None or len(corners) == 0:
+        raise MeshError("the file must be an STL mesh, text or binary", "export the part as STL")
+    if len(corners) > MOST_FACES:
+        raise MeshError(
+            f"a mesh must have at most {MOST_FACES} triangles, and this one has {len(corners)}",
+            "simplify it: the grid sees nothing finer than a cell",
+        )
+    if not np.all(np.isfinite(corners)):
+        raise MeshError("every coordinate must be a finite number", "export the part again")
+    largest = float(np.abs(corners).max())
+    if largest > LARGEST_NUMBER:
+        raise MeshError(
+            f"coordinates must be at most {LARGEST_NUMBER:.0e} in the file's unit, and this mesh has one of {largest:.3g}",
+            "the file is damaged, or not in a unit of length: export the part again",
+        )
+    return checked(*_merged(corners))
+
+
+def write_stl(mesh: Mesh, path: Path) -> None:
+    """Write a mesh as binary STL, in its unit."""
+    record = np.zeros(len(mesh.faces), _RECORD)
+    record["corners"] = mesh.triangles
+    normal = np.cross(mesh.triangles[:, 1] - mesh.triangles[:, 0], mesh.triangles[:, 2] - mesh.triangles[:, 0])
+    record["normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    path.write_bytes(bytes(80) + len(record).to_bytes(4, "little") + record.tobytes())
+
+
+def _is_binary(content: bytes) -> bool:
+    return len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
+
+
+def _binary(content: bytes) -> Array:
+    return np.frombuffer(content, _RECORD, offset=84)["corners"].astype(float)
+
+
+def _text(content: bytes) -> Array | None:
+    """Corners (f, 3, 3) of a text STL, or None where it is none."""
+    if content.lstrip()[:5].lower() != b"solid":
+        return None
+    found = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
+    try:
+        values = np.array(found, dtype=float)
+    except ValueError:
+        return None
+    return values.reshape(-1, 3, 3) if len(values) % 3 == 0 and len(values) else None
+
+
+def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
+    """Vertices and faces of loose triangles (f, 3, 3), with near vertices made one and triangles without area left out."""
+    points, of = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    from scipy.sparse import coo_matrix  # only where a scene has a mesh: scipy takes a fifth of a second
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(points).query_pairs(SAME * float(np.ptp(points, axis=0).max()), output_type="ndarray")
+    if len(pairs):
+        links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points), len(points)))
+        count, group = connected_components(links, directed=False)
+        first = np.full(count, len(points), np.int64)
+        np.minimum.at(first, group, np.arange(len(points)))
+        points, of = points[first], group[of.ravel()].astype(np.int64)
+    faces = of.reshape(-1, 3).astype(np.int64)
+    a, b, c = faces.T
+    return points, faces[(a != b) & (b != c) & (c != a)]
+
+
+def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
+    """The mesh, if it encloses a volume once with its normals outward. Raises MeshError with what is wrong and how to mend it."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    low, high = edges.min(1), edges.max(1)
+    _, of = np.unique(low * len(vertices) + high, return_inverse=True)
+    used, balance = np.bincount(of), np.bincount(of, np.where(edges[:, 0] == low, 1.0, -1.0))
+    open_edges = np.flatnonzero(used % 2 == 1)
+    if len(open_edges):
+        at = vertices[low[np.flatnonzero(of == open_edges[0])[0]]]
+        raise MeshError(
+            f"a mesh must be watertight, and {len(open_edges)} edges of this one have a hole beside them, "
+            f"the first near ({', '.join(f'{x:.4g}' for x in at)})",
+            "close the holes, for example with MeshLab's or Blender's repair, and export the part again",
+        )
+    if np.any(balance != 0):
+        raise MeshError(
+            f"all triangles of a mesh must face outward, and {int(np.sum(balance != 0))} edges join two that face opposite ways",
+            "make the normals consistent (in Blender: Mesh > Normals > Recalculate Outside) and export the part again",
+        )
+    mesh = Mesh(vertices, faces)
+    volume, size = volume_of(mesh.triangles), float(np.prod(np.ptp(vertices, axis=0)))
+    if volume < -1e-9 * size:
+        raise MeshError(
+            "the triangles of a mesh must face outward, and those of this one face inward: its volume is negative",
+            "flip the normals (in Blender: Mesh > Normals > Flip) and export the part again",
+        )
+    if not volume > 1e-9 * size:
+        raise MeshError(
+            "a mesh must enclose a volume, and this one encloses none: a part without volume has no mass",
+            "export the solid part, not a surface",
+        )
+    if (found := trouble(vertices, faces, size)) is not None:
+        raise MeshError(*found)
+    return mesh
+
+
+def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
+    """Rule and remedy where a mesh in this unit (of `scale` m) is too far away, or too small; else None."""
+    far, size = scale * float(np.abs(mesh.vertices).max()), scale * float(np.ptp(mesh.vertices, axis=0).max())
+    remedy = f"check the unit ({unit}), and the place of the mesh"
+    if far > FARTHEST * (1 + 1e-9):
+        return f"coordinates must be at most {FARTHEST:g} m, and this mesh reaches to {far:.3g} m", remedy
+    if size < SMALLEST * (1 - 1e-9):
+        return f"a mesh must be at least {1e6 * SMALLEST:g} um long, and this one is {1e6 * size:.3g} um", remedy
+    return None
+
+
+def volume_of(triangles: Array) -> float:
+    """Volume enclosed by triangles (f, 3, 3), by the divergence theorem."""
+    a, b, c = (triangles[:, k] - triangles[0, 0] for k in range(3))
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
+
+
+def pack_mesh(mesh: Mesh) -> str:
+    """The text a scene keeps."""
+    counts = np.array([len(mesh.vertices), len(mesh.faces)], "<i8")
+    parts = (counts, mesh.vertices.astype("<f8"), mesh.faces.astype("<i4"))
+    return PREFIX + base64.b64encode(zlib.compress(b"".join(p.tobytes() for p in parts), 6)).decode()
+
+
+@lru_cache(maxsize=256)
+def unpack_mesh(text: str) -> Mesh:
+    """The mesh of a scene's text. Raises MeshError where the text is damaged."""
+    try:
+        content = zlib.decompress(base64.b64decode(text.removeprefix(PREFIX), validate=True))
+        v, f = np.frombuffer(content, "<i8", 2)
+        vertices = np.frombuffer(content, "<f8", 3 * v, 16).reshape(-1, 3)
+        faces = np.frombuffer(content, "<i4", 3 * f, 16 + 24 * v).reshape(-1, 3)
+    except (ValueError, zlib.error):
+        raise MeshError("the stored mesh is damaged", "make the scene from its file again") from None
+    return Mesh(vertices, faces.astype(np.int64))
+
+
+@lru_cache(maxsize=256)
+def thickness_of(text: str) -> float:
+    """Thickness of a stored mesh in its unit: a tenth of its surface has the opposite surface this near or nearer.
+
+    Measured from points spread over the surface, along the normal inward.
+    """
+    triangles = unpack_mesh(text).triangles
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    double = np.linalg.norm(normal, axis=1)
+    rng = np.random.default_rng(0)
+    share = np.cumsum(double) / double.sum()
+    face = np.minimum(np.searchsorted(share, (np.arange(RAYS) + rng.random(RAYS)) / RAYS), len(double) - 1)
+    u, v = np.sqrt(rng.random((1, RAYS))), rng.random((1, RAYS))
+    weights = np.concatenate([1 - u, u * (1 - v), u * v]).T
+    start = np.einsum("rk,rki->ri", weights, triangles[face])
+    inward = -normal[face] / double[face, None]
+    nearest = np.full(RAYS, np.inf)
+    least = 1e-6 * float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    for first in range(0, len(triangles), 5000):
+        far = _hits(start, inward, triangles[first : first + 5000])
+        far[far < least] = np.inf
+        nearest = np.minimum(nearest, far.min(axis=1))
+    found = nearest[np.isfinite(nearest)]
+    return float(np.quantile(found, THINNEST_SHARE, method="inverted_cdf"))
+
+
+def _hits(start: Array, along: Array, triangles: Array) -> Array:
+    """Distance (r, f) from points (r, 3) along unit vectors (r, 3) to triangles (f, 3, 3), inf where missed.
+
+    Source: Moller and Trumbore, J. Graphics Tools 2 (1997) 21-28.
+    """
+    a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    p = np.cross(along[:, None], ac[None])
+    det = np.einsum("fi,rfi->rf", ab, p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = start[:, None] - a[None]
+        u = np.einsum("rfi,rfi->rf", offset, p) / det
+        q = np.cross(offset, ab[None])
+        v = np.einsum("ri,rfi->rf", along, q) / det
+        t = np.einsum("fi,rfi->rf", ac, q) / det
+        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
+    return np.where(hit, t, np.inf)
+
+
+@lru_cache(maxsize=4096)
+def overlap_of(one: str, other: str) -> float:
+    """Volume (in their unit cubed) that two stored meshes share, within a few per cent: see shells.shared."""
+    return shared(unpack_mesh(one).triangles, unpack_mesh(other).triangles)

@@ -1,0 +1,63 @@
+"""`magmpm dashboard`: optuna-dashboard on a study."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from socketserver import ThreadingMixIn
+from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
+
+from magmpm.cli.design import is_study, saved_report
+from magmpm.errors import InputError, report
+
+HOST = "127.0.0.1"
+
+
+class _Server(ThreadingMixIn, WSGIServer):
+    """Pictures are fetched while numbers are asked for."""
+
+    daemon_threads = True
+
+
+class _Quiet(WSGIRequestHandler):
+    """No line for every request."""
+
+    def log_message(self, format: str, *_: Any) -> None:
+        return None
+
+
+def dashboard(folder: Path, port: int) -> int:
+    """optuna-dashboard on a study's database and pictures, until it is stopped. Raises InputError."""
+    from importlib.util import find_spec
+
+    from studies.records import ARTIFACTS
+    from studies.report import REPORT
+    from studies.storage import must_exist, open_storage
+
+    if not is_study(folder):
+        raise InputError(
+            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
+        )
+    if not 0 < port < 65536:
+        raise InputError(f"--port: received {port}; must be between 1 and 65535")
+    if find_spec("optuna_dashboard") is None:
+        raise InputError(
+            "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
+        )
+    from optuna.artifacts import FileSystemArtifactStore
+    from optuna_dashboard import wsgi
+
+    url = saved_report(folder)["storage"]
+    must_exist(url, folder)
+    app = wsgi(open_storage(url), artifact_store=FileSystemArtifactStore(str(folder / ARTIFACTS)))
+    try:
+        server = make_server(HOST, port, app, _Server, _Quiet)
+    except OSError as error:
+        rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
+        remedy = f"end what uses it, or name another, say, --port {port + 1 if port < 65535 else 8080}"
+        raise InputError(report("--port", received=str(port), rule=rule, remedy=remedy)) from None
+    with server:
+        print(f"http://{HOST}:{port} shows {folder}; Ctrl-C ends it", file=sys.stderr, flush=True)
+        server.serve_forever()
+    return 0

@@ -1,0 +1,225 @@
+"""`magmpm design`, and `render` of a study: where studies meet the solver and the pictures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.cli.answers import SURFACE
+from magmpm.cli.progress import Progress
+from magmpm.errors import InputError
+from magmpm.errors import report as worded
+from magmpm.results.folder_lock import folder_lock
+
+if TYPE_CHECKING:
+    from magmpm.results.result import Result
+    from studies.engine import Picture as DrawTrial
+    from studies.report import StudyReport
+    from studies.trial import Trial
+    from viz.worker import Renderer
+
+MOST_SHAPES = 8  # in the movie of the best shapes
+
+
+def design(options: argparse.Namespace) -> int:
+    """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
+    from contextlib import nullcontext
+
+    from magmpm.simulate import run
+    from studies.definition import load_study
+    from studies.engine import run_study
+    from viz.worker import Renderer
+
+    study, smooth = load_study(options.study), options.style == SURFACE
+    out = options.out or Path("runs") / study.name
+    with (
+        folder_lock(out),  # until the pictures of the whole are there
+        nullcontext() if options.no_pictures else Renderer() as renderer,
+        Progress(study.name) as progress,
+    ):
+        report = run_study(
+            study,
+            solve=run,
+            out=out,
+            picture=None if renderer is None else _trial_picture(renderer, smooth),
+            on_trial=lambda trial: _tell(trial, progress),
+            trials=options.trials,
+            sampler=options.sampler,
+            storage=options.storage,
+        )
+        done = report.ended != "interrupted"
+        files = _draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
+        note = "" if renderer is None else renderer.note
+    if note:
+        print(note, file=sys.stderr)
+    summary = {**report.summary(), "files": [str(path) for path in files]}
+    print(json.dumps(summary) if options.json else _text(report, files))
+    return 1 if report.ended == "interrupted" else 0
+
+
+def _tell(trial: Trial, progress: Progress) -> None:
+    best = "-" if trial.best_rms_m is None else f"{1e3 * trial.best_rms_m:.2f} mm"
+    progress.at(trial.finished, trial.wanted, f"best {best}")
+
+
+def _trial_picture(renderer: Renderer, smooth: bool) -> DrawTrial:
+    from viz.picture import Picture
+
+    def draw(result: Result, path: Path, trial: Trial) -> Path:
+        picture = Picture.from_result(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=smooth)
+        return renderer.render(picture, path)
+
+    return draw
+
+
+def _text(report: StudyReport, files: list[Path]) -> str:
+    """The report for people."""
+    from studies.best_scene import SCENE
+    from studies.records import BEST
+    from studies.search_space import FIELD
+
+    lines = [
+        f"{report.name}: {report.trials} trials ({report.failed} failed), sampler {report.sampler}, seed {report.seed}"
+    ]
+    if report.best is not None:
+        lines.append(
+            f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm"
+        )
+        for k, direction in enumerate(report.best["magnetization"] or [], 1):
+            lines.append(f"    segment {k}      [{', '.join(f'{x:+.4f}' for x in direction)}]")
+        if FIELD[0] in report.best["params"]:
+            field = 1e3 * np.array(report.best["field_T"])
+            found = ", ".join(f"{x:+.4f}" for x in field)
+            lines.append(f"    field          [{found}] mT, {np.linalg.norm(field):.4g} mT in all")
+    if report.stop_rms_m is not None:
+        first = report.first_trial_below_stop
+        lines.append(
+            f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
+        )
+    if report.seconds_per_trial is not None:
+        lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")
+    lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {shlex.quote(str(report.out))}")
+    lines += [f"  saved            {path}" for path in files]
+    if (scene := report.out / BEST / SCENE).exists():
+        lines.append(f"  best as a scene  magmpm run {shlex.quote(str(scene))} --render")
+    lines.append(f"  {report.why}")
+    return "\n".join(lines)
+
+
+def is_study(folder: Path) -> bool:
+    """Whether a folder holds a study, or what one left that was ended before its first report."""
+    from studies.report import REPORT
+    from studies.storage import DATABASE, OWNER
+
+    return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
+
+
+def refuse_study(folder: Path) -> None:
+    """Raises InputError where a folder that a run wants belongs to a study."""
+    from studies.storage import OWNER
+
+    if is_study(folder) or (folder / OWNER).exists():
+        rule = "a study has a folder of its own: a run's result would mix with its designs"
+        raise InputError(worded(f"{folder}: holds a study", rule=rule, remedy="use another --out"))
+
+
+def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list[Path], str]:
+    """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note.
+
+    smooth: bodies are drawn by their surface in place of their particles.
+    """
+    from viz.worker import Renderer
+
+    report = saved_report(folder)
+    with Renderer() as renderer:
+        return _draw_study(folder, report, _saved_target(folder), renderer, out, smooth=smooth), renderer.note
+
+
+def saved_report(folder: Path) -> dict[str, Any]:
+    """What a study's folder says of it. Raises InputError."""
+    from studies.report import REPORT
+
+    try:
+        report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        for key, kind in (("rms_m", list), ("storage", str), ("failed_trials", list), ("name", str)):
+            if not isinstance(report[key], kind):
+                raise ValueError(f"`{key}` is {json.dumps(report[key])[:40]}")
+        _ = report["stop_rms_m"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            worded(
+                f"{folder / REPORT}: can't be read as a study's report ({error})",
+                rule="must be as `magmpm design` wrote it",
+                remedy="run `magmpm design` again: it writes it anew, and its trials are not in it",
+            )
+        ) from None
+    return report
+
+
+def _saved_target(folder: Path) -> np.ndarray | None:
+    path = folder / "target.csv"
+    if not path.exists():
+        return None
+    from magmpm.inputs.csv_tables import read_centreline
+
+    return np.asarray(read_centreline(path))
+
+
+def _draw_study(
+    folder: Path,
+    report: dict[str, Any],
+    target: np.ndarray | None,
+    renderer: Renderer,
+    out: Path | None = None,
+    *,
+    smooth: bool = False,
+) -> list[Path]:
+    """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
+    from magmpm.inputs.csv_tables import write_centreline
+    from magmpm.results.result import Result
+    from studies.records import BEST, DESIGN, IMPROVEMENTS, read_design
+    from viz import plots
+    from viz.movie import best_shapes_movie
+    from viz.picture import Picture
+    from viz.style import FINAL_SIZE
+
+    out = out or folder
+    if target is not None:
+        write_centreline(folder / "target.csv", target)
+
+    def picture(of: Path) -> Picture:
+        known = read_design(of)
+        if "number" not in known or "rms_m" not in known:
+            rule, remedy = "must be as `magmpm design` wrote it", "run `magmpm design` again: it makes the design anew"
+            raise InputError(worded(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy))
+        return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
+
+    files = []
+    if (folder / BEST).exists():
+        files.append(renderer.render(picture(folder / BEST), out / "best.png", size=FINAL_SIZE))
+    if report["rms_m"]:
+        penalised = report["failed_trials"]
+        files.append(
+            renderer.run(
+                plots.convergence,
+                report["rms_m"],
+                out / "convergence.png",
+                report["stop_rms_m"],
+                report["name"],
+                penalised,
+            )
+        )
+    shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
+    if shapes:
+        files.append(
+            best_shapes_movie(
+                [picture(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer
+            ).path
+        )
+    return [Path(path) for path in files]

@@ -1,0 +1,165 @@
+"""`magmpm render`: pictures of a saved run, and the movie of a motion."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.cli.answers import PARTICLES, SURFACE
+from magmpm.errors import InputError, report
+from magmpm.results.folder_lock import folder_lock
+from magmpm.results.motion_files import ABOUT, MOTION
+from magmpm.results.result import NUMBERS
+from magmpm.results.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE, holds_run, read_mapping
+
+if TYPE_CHECKING:
+    from magmpm.results.result import Result
+    from magmpm.results.trajectory import Motion
+    from viz.worker import Renderer
+
+
+def render(
+    folder: Path, out: Path | None, *, frames: str | None = None, fps: float | None = None, style: str | None = None
+) -> list[str]:
+    """Draw what a run or a study left in a folder, into `out` or the folder itself; the files. A note of the renderer goes to stderr.
+
+    style: SURFACE or PARTICLES; unless given, a surface for a run and particles for a study.
+
+    Raises InputError where there is nothing to draw or `out` can't be written, RenderError where nothing can be drawn.
+    """
+    from magmpm.cli.design import is_study, render_study
+
+    if out is not None and out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
+        raise InputError(
+            report(
+                str(out),
+                received="a folder that holds other results",
+                rule="pictures lie beside the results they show, or in a folder without any",
+                remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
+            )
+        )
+    if is_study(folder):
+        with folder_lock(out or folder):
+            return _told(*render_study(folder, out or folder, smooth=style == SURFACE))
+    if not any((folder / name).exists() for name in (MOTION, NUMBERS)):
+        raise InputError(
+            f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
+        )
+    with folder_lock(out or folder):
+        return draw_run(folder, out or folder, frames=frames, fps=fps, style=style)
+
+
+def draw_run(folder: Path, out: Path, **kind: Any) -> list[str]:
+    """Draw what a run left in a folder into `out`; the files. Options as of `render_run`."""
+    return _told(*render_run(folder, out, **kind))
+
+
+def _told(files: list[Path], note: str) -> list[str]:
+    if note:
+        print(note, file=sys.stderr)
+    return [str(path) for path in files]
+
+
+def render_run(
+    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None, style: str | None = None
+) -> tuple[list[Path], str]:
+    """Draw what a run left in a folder into `out`. Returns the files, and a note on what could not be done as wished, or "".
+
+    A motion gets its movie, its moments (the first, the last, and that between which is most unlike both), its last moment as a picture
+    and its energies; an equilibrium gets its picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps:
+    frames of the movie a second; style: how an equilibrium is drawn, by its surface unless given. Motions are always drawn by it.
+    Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
+    """
+    from viz.worker import Renderer
+
+    motion = motion_of(folder)
+    if motion is None and (frames is not None or fps is not None):
+        raise InputError(f"{folder}: holds no motion: --frames and --fps are for results of dynamic scenes")
+    if motion is not None and style == PARTICLES:
+        raise InputError(
+            f"{folder}: holds a motion, which is drawn by its surface: --style {PARTICLES} is for equilibria; ParaView shows the "
+            f"particles of {MOTION}"
+        )
+    with Renderer() as renderer:
+        if motion is not None:
+            files, note = _render_motion(motion, out, renderer, frames, fps)
+        else:
+            from magmpm.results.result import Result
+
+            files, note = [draw_result(Result.load(folder), out / PICTURE, renderer, style)], ""
+        return files, " ".join(filter(None, (note, renderer.note)))
+
+
+def draw_result(result: Result, path: Path, renderer: Renderer, style: str | None = None) -> Path:
+    """The picture of an equilibrium: the body's surface with what stands around it, or its particles, also from the top and the side."""
+    from viz.style import FINAL_SIZE, MOVIE_SIZE
+
+    if style == PARTICLES:
+        from viz.picture import Picture
+
+        return renderer.render(Picture.from_result(result), path, size=FINAL_SIZE)
+    from viz.play import Still
+
+    still = Still(result)
+    return renderer.render_stage(still.picture(), still.shot, path, size=MOVIE_SIZE)
+
+
+def motion_of(folder: Path) -> Motion | None:
+    """The motion in a folder, unless an equilibrium was saved there later; a result that can't be read says nothing of it."""
+    from magmpm.results.trajectory import Motion
+
+    if not (folder / MOTION).exists():
+        return None
+    motion, saved = Motion.load(folder), folder / NUMBERS
+    if saved.exists() and saved.stat().st_mtime > (folder / ABOUT).stat().st_mtime:
+        scene = read_mapping(saved).get("scene")
+        if isinstance(scene, dict) and scene != motion.scene:
+            return None
+    return motion
+
+
+def _render_motion(
+    motion: Motion, out: Path, renderer: Renderer, frames: str | None, fps: float | None
+) -> tuple[list[Path], str]:
+    from viz import motion_movie
+    from viz.motion_plots import motion as plot
+    from viz.play import Play
+    from viz.sheet import sheet
+
+    if len(motion) == 0:
+        raise InputError(
+            f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again"
+        )
+    wanted = _numbers(frames, len(motion))
+    play = Play(motion)
+    if read_mapping(motion.folder / NUMBERS).get("failure"):
+        play.title += " (stopped before its end)"
+    files = motion_movie.pictures(play, out / FRAMES, renderer, wanted)
+    last = len(motion) - 1
+    files.append(renderer.render_stage(play.stage(last), play.shot, out / PICTURE))
+    files.append(sheet(play, out / MOMENTS, renderer))
+    if motion.energies:
+        files.append(renderer.run(plot, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name))
+    made = motion_movie.movie(play, out / MOVIE, renderer, fps=fps)
+    return [made.path, *files], made.note
+
+
+def _numbers(text: str | None, count: int) -> Sequence[int]:
+    """Which frames get pictures of their own. Raises InputError."""
+    if text is None:
+        return []
+    if text == "all":
+        return range(count)
+    try:
+        numbers = [int(part) for part in text.split(",")]
+        return [range(count)[k] for k in numbers]
+    except ValueError:
+        raise InputError(
+            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20"
+        ) from None
+    except IndexError:
+        raise InputError(
+            f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)"
+        ) from None

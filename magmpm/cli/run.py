@@ -1,0 +1,149 @@
+"""`magmpm run`: one simulation, its results and pictures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from magmpm.cli.answers import PARTICLES, of_file, print_summary, results_folder
+from magmpm.cli.design import refuse_study
+from magmpm.cli.progress import Progress
+from magmpm.cli.render import draw_run
+from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.results.folder_lock import folder_lock
+from magmpm.results.motion_files import CHECKPOINT
+from magmpm.results.readable import lengths, quantity, significant
+from magmpm.results.run_folder import EARLIER, RunFolder
+
+if TYPE_CHECKING:
+    from magmpm.results.result import Result
+    from magmpm.scene import Scene
+
+
+def run_scene(options: argparse.Namespace) -> int:
+    """Simulate a scene file, save the result, and draw it if asked. Returns the exit status."""
+    from magmpm.scene import load_scene
+
+    scene = load_scene(options.scene)
+    if options.render:
+        from viz.worker import forced_backend
+
+        forced_backend()  # before the run, whose pictures it would fail to draw
+    if options.style == PARTICLES and scene.solver.dynamic is not None:
+        raise InputError(
+            f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface; leave --style out, and look at the "
+            "particles in ParaView"
+        )
+    folder = options.out or results_folder(scene.name)
+    with folder_lock(folder):
+        refuse_study(folder)
+        kept = RunFolder(folder, scene, options.scene)
+        kept.claim(options.overwrite)
+        return _run_into(kept, scene, options)
+
+
+def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int:
+    folder, moving = kept.path, scene.solver.dynamic is not None
+    resume = options.resume and moving and (folder / CHECKPOINT).exists()
+    if options.resume and not resume:
+        _say_afresh(folder, moving)
+    replaced = "" if resume else kept.holding()
+    try:
+        result = _simulated(scene, options, kept)
+    except SolveError as error:
+        if error.state is None:
+            kept.put_back()
+            raise SolveError(f"{error.reason}; no state to save: none was good before it failed") from None
+        saved = kept.save_failed(error.state)
+        _warn(error.state)
+        _tell_failure(error, saved, options)
+        words = f"; the results in {folder} are as they were" if saved != folder else ""
+        raise SolveError(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
+    except BaseException:
+        if not (folder / CHECKPOINT).exists():  # nothing to resume from
+            kept.put_back()
+        elif (folder / EARLIER).is_dir():
+            print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
+        raise
+    kept.save(result)
+    _warn(result)
+    summary = {**result.summary(), "folder": str(folder), "replaced": replaced}
+    if options.render:
+        summary["files"] = draw_run(folder, folder, style=options.style)
+        summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
+    print_summary(options, summary, _report(result, folder, replaced))
+    return 0
+
+
+def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
+    """The run itself, with a line of progress."""
+    from magmpm.simulate import run
+
+    dynamic = scene.solver.dynamic
+    with Progress(f"{scene.name}") as progress, of_file(options.scene):
+
+        def tell(step: int, number: float) -> None:
+            if dynamic is None:
+                progress.note(f"Newton step {step}, energy gap {number:.0e}")
+            else:  # in thousandths, of which the time left is guessed
+                progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
+
+        return run(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
+
+
+def _warn(result: Result) -> None:
+    """What a user should know of a result, beside the report or the JSON object."""
+    for warning in result.warnings:
+        print(f"magmpm: warning: {warning}", file=sys.stderr)
+
+
+def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -> None:
+    """The last good state: its picture, if asked for, and its numbers."""
+    summary = {**error.state.summary(), "folder": str(saved), "reason": error.reason}
+    if options.render:
+        try:
+            summary["files"] = draw_run(saved, saved, style=options.style)
+        except MagmpmError as trouble:  # what went wrong with the run matters more
+            print(f"magmpm: the last good state can't be drawn: {trouble}", file=sys.stderr)
+    if options.json:
+        print(json.dumps(summary))
+
+
+def _say_afresh(folder: Path, moving: bool) -> None:
+    """--resume where there is nothing to go on from."""
+    if moving:
+        print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
+    else:
+        print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)
+
+
+def _report(result: Result, folder: Path, replaced: str) -> str:
+    seconds = result.seconds
+    lines = [
+        f"{result.name}: {_done(result)}",
+        f"  tip             {lengths(result.tip)}",
+        f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
+        f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
+        f"{max(result.section.values()):.0e}",
+        f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
+        *([f"  replaced        {replaced}"] if replaced else []),
+        f"  saved in        {folder}",
+    ]
+    return "\n".join(lines)
+
+
+def _done(result: Result) -> str:
+    if result.formulation == "static":
+        return f"equilibrium in {result.iterations} Newton steps"
+    bounds = ", ".join(f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items())
+    rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
+    return (
+        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of {quantity(result.time_step, 's')} "
+        f"({result.formulation} formulation)\n"
+        f"  stable steps    {bounds}\n"
+        f"  rate            {significant(rate)} million particle-steps a second, frames and looks included\n"
+        f"  energy          kinetic {quantity(result.kinetic_energy, 'J')}, potential {quantity(result.energy, 'J')}"
+    )

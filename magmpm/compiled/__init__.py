@@ -1,0 +1,1 @@
+"""How kernels are compiled, vectorized, cached and threaded."""

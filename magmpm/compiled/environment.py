@@ -1,0 +1,74 @@
+"""Settings that libraries read from the environment when they are first imported: made before anything of magmpm is.
+
+A user's own settings win; these only fill gaps.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1]
+MOST_THREADS = 4096
+LAYERS = ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue")  # names that Numba knows
+KEPT_CACHES = 4  # folders of earlier source versions that stay on disk
+
+
+def source_hash() -> str:
+    """Hash (16 hex digits) of every Python file of the package, names and content."""
+    digest = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        digest.update(str(path.relative_to(PACKAGE)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    """Folder of compiled kernels for these sources; in the system's temporary folder where the user's cache can't be written."""
+    name = f"numba-{source_hash()}"
+    try:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "magmpm"
+        folder = root / name
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".writable").touch()
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
+        folder = Path(tempfile.gettempdir()) / f"magmpm-{os.getuid()}" / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
+        except OSError as other:  # magmpm.compiled.cache does without
+            print(f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own", file=sys.stderr)
+        return folder
+    old = sorted((path for path in root.glob("numba-*") if path != folder), key=lambda p: p.stat().st_mtime, reverse=True)
+    for stale in old[KEPT_CACHES - 1 :]:
+        shutil.rmtree(stale, ignore_errors=True)
+    return folder
+
+
+def prepare() -> None:
+    """Set Numba's cache folder and the threads' waiting policy, unless the user has."""
+    if "NUMBA_CACHE_DIR" not in os.environ:
+        os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
+        if "numba" in sys.modules:  # it has read its environment already
+            sys.modules["numba"].config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # spinning threads cost 2-4x beside a render process
+    # ... but a thread that sleeps between two loops of a step wakes late: some ten microseconds of spinning, a third of a small step.
+    os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+
+
+def refuse_unusable() -> None:
+    """Raises InputError for settings of Numba's threads that it would end with, at its first import or its first parallel loop."""
+    from magmpm.errors import InputError, report
+
+    threads, layer = os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("NUMBA_THREADING_LAYER")
+    if threads is not None and not (re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS):
+        rule, remedy = f"must be a whole number from 1 to {MOST_THREADS}", f"set it to, say, {os.cpu_count() or 1}, or unset it"
+        raise InputError(report("NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy))
+    if layer is not None and layer.lower() not in LAYERS:
+        rule, remedy = f"must be one of {', '.join(LAYERS)}", "unset it"
+        raise InputError(report("NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy))

@@ -1,0 +1,182 @@
+"""Vectors and matrices of eight particles that compiled code indexes like those of one: v[i] and F[i, j] are lanes.
+
+An effect's hook that is plain arithmetic serves one particle and eight alike: given these views in place of arrays, and lanes in place of
+floats, the same source compiles to vector instructions. Only for compiled code; bounds are unchecked.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import (
+    intrinsic,
+    lower_builtin,
+    models,
+    register_model,
+    type_callable,
+)
+
+from magmpm.compiled.simd import WIDTH, lanes
+
+_POINTER = ir.DoubleType().as_pointer()
+
+
+class View(types.Type):  # type: ignore[misc]
+    """Type of a (3,) vector or (3, 3) matrix of lanes, by its number of indices."""
+
+    def __init__(self, indices: int) -> None:
+        self.indices = indices
+        super().__init__(name=f"LaneView{indices}")
+
+
+_vector, _matrix = View(1), View(2)
+
+
+@register_model(View)
+class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, fe_type: Any) -> None:
+        super().__init__(manager, fe_type, _POINTER)
+
+
+def _view(kind: View) -> Any:
+    def typed(typing_context, array, index):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            data = context.make_array(signature.args[0])(context, builder, values[0]).data
+            return builder.gep(data, [values[1]])
+
+        return kind(array, types.intp), generate
+
+    return typed
+
+
+vector = intrinsic(_view(_vector))  # vector(array, index): the three lanes from array[index] on, of a flat array
+matrix = intrinsic(_view(_matrix))  # matrix(array, index): the nine lanes from array[index] on, row by row
+
+
+def _address(builder: Any, view: Any, at: Any) -> Any:
+    """Of the lanes number `at` of a view."""
+    first = builder.mul(at, ir.Constant(at.type, WIDTH))
+    return builder.bitcast(builder.gep(view, [first]), ir.VectorType(ir.DoubleType(), WIDTH).as_pointer())
+
+
+def _entry(context: Any, builder: Any, kind: View, index_type: Any, index: Any) -> Any:
+    """Number of the lanes that an index, or a pair of them, stands for."""
+    if kind.indices == 1:
+        return context.cast(builder, index, index_type, types.intp)
+    parts = [
+        context.cast(builder, builder.extract_value(index, k), index_type[k], types.intp) for k in range(2)
+    ]
+    return builder.add(builder.mul(parts[0], ir.Constant(parts[0].type, 3)), parts[1])
+
+
+def _indexes(kind: Any, index: Any) -> bool:
+    if not isinstance(kind, View):
+        return False
+    if kind.indices == 1:
+        return isinstance(index, types.Integer)
+    return isinstance(index, (types.Tuple, types.UniTuple)) and [isinstance(t, types.Integer) for t in index] == [True, True]
+
+
+@type_callable(operator.getitem)
+def _type_getitem(context):  # type: ignore[no-untyped-def]
+    def of(view, index):  # type: ignore[no-untyped-def]
+        return lanes if _indexes(view, index) else None
+
+    return of
+
+
+@lower_builtin(operator.getitem, View, types.Any)
+def _getitem(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    kind, index_type = signature.args
+    at = _entry(context, builder, kind, index_type, values[1])
+    loaded = builder.load(_address(builder, values[0], at))
+    loaded.align = 8
+    return loaded
+
+
+@type_callable(operator.setitem)
+def _type_setitem(context):  # type: ignore[no-untyped-def]
+    def of(view, index, value):  # type: ignore[no-untyped-def]
+        return types.void if _indexes(view, index) and value == lanes else None
+
+    return of
+
+
+@lower_builtin(operator.setitem, View, types.Any, lanes)
+def _setitem(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    kind, index_type = signature.args[:2]
+    at = _entry(context, builder, kind, index_type, values[1])
+    stored = builder.store(values[2], _address(builder, values[0], at))
+    stored.align = 8
+    return context.get_dummy_value()
+
+
+# One vector of floats in a flat array, for hooks that branch: v[i] is a float. A slice of an array would do, but counting the references
+# to it costs more than a contact: ten times what a node's damping does.
+
+
+class Strided(types.Type):  # type: ignore[misc]
+    """Type of a vector whose components lie `step` floats apart."""
+
+    def __init__(self, step: int) -> None:
+        self.step = step
+        super().__init__(name=f"StridedView{step}")
+
+
+register_model(Strided)(_Model)
+
+
+def _strided(step: int) -> Any:
+    kind = Strided(step)
+
+    def typed(typing_context, array, index):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            data = context.make_array(signature.args[0])(context, builder, values[0]).data
+            return builder.gep(data, [values[1]])
+
+        return kind(array, types.intp), generate
+
+    return typed
+
+
+single = intrinsic(_strided(WIDTH))  # single(array, index): the vector of one of eight particles, from array[index] on
+row = intrinsic(_strided(1))  # row(array, index): array[index], array[index + 1], ...
+
+
+def _place(context: Any, builder: Any, kind: Strided, view: Any, index_type: Any, index: Any) -> Any:
+    at = context.cast(builder, index, index_type, types.intp)
+    return builder.gep(view, [builder.mul(at, ir.Constant(at.type, kind.step))])
+
+
+@type_callable(operator.getitem)
+def _type_get_strided(context):  # type: ignore[no-untyped-def]
+    def of(view, index):  # type: ignore[no-untyped-def]
+        return types.float64 if isinstance(view, Strided) and isinstance(index, types.Integer) else None
+
+    return of
+
+
+@lower_builtin(operator.getitem, Strided, types.Integer)
+def _get_strided(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    kind, index_type = signature.args
+    return builder.load(_place(context, builder, kind, values[0], index_type, values[1]))
+
+
+@type_callable(operator.setitem)
+def _type_set_strided(context):  # type: ignore[no-untyped-def]
+    def of(view, index, value):  # type: ignore[no-untyped-def]
+        fits = isinstance(view, Strided) and isinstance(index, types.Integer) and isinstance(value, types.Float)
+        return types.void if fits else None
+
+    return of
+
+
+@lower_builtin(operator.setitem, Strided, types.Integer, types.Float)
+def _set_strided(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    kind, index_type, value_type = signature.args
+    given = context.cast(builder, values[2], value_type, types.float64)
+    builder.store(given, _place(context, builder, kind, values[0], index_type, values[1]))
+    return context.get_dummy_value()

@@ -1,0 +1,159 @@
+"""A model's particles in groups of eight lanes, as the total formulation's kernel takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.model import Index, Model
+
+WIDTH = 8
+ALIKE = 12  # decimals
+
+
+@dataclass(frozen=True)
+class Packed:
+    """Groups of eight particles of one cell and one material, cells sorted by slab; the nodes of the whole grid, x slowest.
+
+    A last group that is not full repeats its first particle with volume 0. SI; shapes as in kernels.total_lagrangian_step.advance, and
+    particle (groups, 8): which particle a lane holds, -1 where it is a repetition.
+    """
+
+    particle: Index
+    slab_first: Index
+    cell_group: Index
+    cell_node: Index
+    cell_shear: Array
+    cell_bulk: Array
+    along: tuple[int, int]  # nodes from one to the next along x and y
+    pattern: Index  # (groups,) index in `splines` where a group's begin
+    splines: Array  # (patterns 18 8,)
+    volume: Array
+    moments: Index  # (groups,) index in `modes` where a group's begin
+    modes: Array  # (patterns modes 8,)
+    mode_count: int
+    magnet: Array
+    density: Array
+    reference: Array
+    node_mass: Array  # (nodes,) kg
+    node_place: Array  # (nodes, 3) m
+    inverse_mass: Array  # (3 nodes,) 1/kg
+    active: Index
+
+
+def slab_edges(cells: int, least: int) -> Index:
+    """First cell of each slab, and the end: slabs of at least so many cells, in fours where there are enough of them.
+
+    Two colours on two or more threads then have the same number each: 41 slabs would leave one thread waiting for a twentieth of the time.
+    """
+    count = max(1, cells // least)
+    count -= count % 4 if count > 4 else 0
+    return np.linspace(0, cells, count + 1).astype(np.int64)
+
+
+def first_nodes(model: Model) -> Index:
+    """Grid index (n, 3) of the first node each particle touches: its cell, but one up along x in the clamped cells."""
+    first = model.particles.cell.astype(np.int64)
+    if model.clamped_face:
+        first[:, 0] = np.maximum(first[:, 0], 1)
+    return first
+
+
+def pack(model: Model) -> Packed:
+    """Lanes of a model."""
+    shape = np.array(model.grid.nodes)
+    first = first_nodes(model)
+    axis = int(np.argmax(shape))  # slabs across the longest side: the most of them
+    along = first[:, axis] - first[:, axis].min()
+    slab = np.searchsorted(slab_edges(int(along.max()) + 1, 2), along, side="right") - 1
+    order = np.lexsort((np.arange(len(slab)), model.particles.segment, first[:, 2], first[:, 1], first[:, 0], slab))
+    cell_key = np.column_stack([first, model.particles.segment, model.particles.cell[:, 0]])[order]
+    starts = np.flatnonzero(np.any(np.diff(cell_key, axis=0, prepend=-1) != 0, axis=1))
+    ends = np.append(starts[1:], len(order))
+    groups = -(-(ends - starts) // WIDTH)
+    cell_group = np.concatenate([[0], np.cumsum(groups)])
+    lane_of = np.arange(cell_group[-1] * WIDTH).reshape(-1, WIDTH)
+    cell = np.repeat(np.arange(len(starts)), groups)
+    within = lane_of - (cell_group[cell] * WIDTH)[:, None]
+    real = within < (ends - starts)[cell][:, None]
+    particle = order[np.where(real, starts[cell][:, None] + within, starts[cell][:, None])]
+
+    slopes = model.slopes * np.array(model.grid.spacing)[:, None]
+    pattern, kinds = _alike(_lanes(np.concatenate([model.weights.reshape(-1, 9), slopes.reshape(-1, 9)], axis=1), particle))
+    kinds[:, 9:] /= np.repeat(np.array(model.grid.spacing), 3)[:, None]
+    volume = np.where(real, model.particles.volume[particle], 0.0)
+    count = model.modes.shape[1]
+    moments, modes = _alike(_lanes(model.modes, particle)) if count else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
+    strides = (int(shape[1] * shape[2]), int(shape[2]))
+    base = first @ np.array([*strides, 1])
+    mass, inverse, place = _nodes(model, base, strides)
+    slab_of_cell = slab[order[starts]]
+    return Packed(
+        particle=np.where(real, particle, -1),
+        slab_first=np.searchsorted(slab_of_cell, np.arange(slab_of_cell.max() + 2)).astype(np.int64),
+        cell_group=cell_group.astype(np.int64),
+        cell_node=base[order[starts]],
+        cell_shear=model.shear[order[starts]],
+        cell_bulk=model.bulk[order[starts]],
+        along=strides,
+        pattern=pattern,
+        splines=kinds.ravel(),
+        volume=volume,
+        moments=moments,
+        modes=modes.ravel(),
+        mode_count=count,
+        magnet=_lanes(model.magnet, particle),
+        density=model.density[particle],
+        reference=_lanes(model.particles.position, particle),
+        node_mass=mass,
+        node_place=place,
+        inverse_mass=inverse,
+        active=np.flatnonzero(mass > 0).astype(np.int64),
+    )
+
+
+def _lanes(values: Array, particle: Index) -> Array:
+    """(n, k) values of particles as (groups, k, 8), contiguous."""
+    return np.ascontiguousarray(values[particle].transpose(0, 2, 1))
+
+
+def _alike(groups: Array) -> tuple[Index, Array]:
+    """What groups (groups, k, 8) have in common: where in the flat array of the different ones each begins, and those (kinds, k, 8).
+
+    Of numbers of the order of one, the same to rounding: cells are alike but for where they are, and a few kinds stay in the cache where
+    all would have to be read at every step.
+    """
+    rounded = np.round(groups, ALIKE) + 0.0  # no -0.0
+    seen: dict[bytes, int] = {}
+    first: list[int] = []
+    kind = np.empty(len(groups), dtype=np.int64)
+    for g in range(len(groups)):
+        kind[g] = seen.setdefault(rounded[g].tobytes(), len(first))
+        if kind[g] == len(first):
+            first.append(g)
+    return kind * groups[0].size, groups[first]
+
+
+def _nodes(model: Model, base: Index, strides: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Lumped mass (nodes,) kg, its inverse by component (3 nodes,) 1/kg, and place (nodes, 3) m of the grid's nodes."""
+    nodes = int(np.prod(model.grid.nodes))
+    mass, held = np.zeros(nodes), np.zeros(nodes)
+    weight = model.density * model.particles.volume
+    w = model.weights
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                node = base + a * strides[0] + b * strides[1] + c
+                share = w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
+                mass += np.bincount(node, weight * share, nodes)
+                held += np.bincount(node, model.held * share, nodes)
+    inverse = np.zeros((nodes, 3))
+    free = (mass > 0) & (held == 0)
+    inverse[free] = 1.0 / mass[free, None]
+    if model.plane_strain:
+        inverse[:, 1] = 0.0
+    axes = [model.grid.node_coordinates(axis) for axis in range(3)]
+    place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return mass, inverse.ravel(), place

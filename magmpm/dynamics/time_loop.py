@@ -1,0 +1,337 @@
+"""move(model): a model's motion in time, frame by frame."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.dynamics import energies, watchdog
+from magmpm.dynamics import mass as inertia
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
+from magmpm.dynamics.stable_step import StableStep, stable_step
+from magmpm.dynamics.step_control import StepControl
+from magmpm.dynamics.steps import Look
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting as effects
+from magmpm.effects.hooks import has_hook
+from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
+from magmpm.fields import outside_field as fields
+from magmpm.kernels.watch import BROKEN, WHY
+from magmpm.model import Model
+from magmpm.results import motion_files
+from magmpm.results.strain import Strain, strain_of
+from magmpm.results.trajectory import MotionWriter
+from magmpm.scene import Scene
+from magmpm.scene.memory import GROWTH
+from magmpm.scene.motion_options import DynamicOptions
+
+SAVE_EVERY = 0.5  # s of work that a killed run may have to do again
+CHUNK = 256  # steps between two looks at the motion
+Progress = Callable[[float, int], None]
+
+
+@dataclass
+class Moved:
+    """Where a motion has got to.
+
+    stable: the bounds at the start; control: of the step; dt s: of the last step; every s: between frames; time s, steps;
+    x, v (n, 3), F, P (n, 3, 3), energies J.
+    """
+
+    motion: TotalMotion | UpdatedMotion
+    stable: StableStep
+    control: StepControl
+    dt: float
+    every: float = 0.0
+    time: float = 0.0
+    steps: int = 0
+    frame: int = 0
+    x: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    v: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    F: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    P: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    energies: dict[str, float] = field(default_factory=dict)
+    contacts: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    strain: Strain = field(default_factory=Strain)  # the largest of all frames
+
+
+def formulation(scene: Scene) -> str:
+    """total or updated: as the scene says, and updated where the body may touch itself."""
+    options = _options(scene)
+    touching = scene.effects.self_contact is not None
+    return options.formulation or ("updated" if touching else "total")
+
+
+def _options(scene: Scene) -> DynamicOptions:
+    options = scene.solver.dynamic
+    if options is None:
+        raise InputError("the scene asks for no motion; add, say, `solver: {dynamic: {duration: 0.5 s}}`")
+    return options
+
+
+def begin(model: Model) -> Moved:
+    """A model at rest, with its time step.
+
+    Raises InputError if the scene's time_step is above the stable bound, or max_memory below what the particles take.
+    """
+    options = _options(model.scene)
+    motion = TotalMotion(model) if formulation(model.scene) == "total" else UpdatedMotion(model)
+    stable = stable_step(motion)
+    motion.model = lean(motion.model, motion.formulation)
+    _within_memory(motion, options)
+    if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
+        bounds = ", ".join(f"{name} {step:.4g} s" for name, step in stable.named.items())
+        raise SceneError(
+            "solver.dynamic.time_step",
+            received=f"{options.time_step:.4g} s",
+            rule=f"must be at most the stable step, {stable.largest:.4g} s ({bounds})",
+            remedy="lower it, or leave it out: it is then chosen",
+        )
+    control = StepControl(motion, stable, options)
+    return Moved(motion, stable, control, control.step, options.frame_interval, warnings=inertia.warnings(model))
+
+
+def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
+    needed = memory(motion)
+    if options.max_memory is not None and needed > options.max_memory:
+        raise SceneError(
+            "solver.dynamic.max_memory",
+            received=f"{options.max_memory / 1e6:.4g} MB",
+            rule=f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB",
+            remedy="raise it, or use fewer cells_across",
+        )
+
+
+def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
+    """The box of the updated formulation grows with the body. Raises BudgetError."""
+    if options.max_memory is not None and (needed := memory(motion)) > options.max_memory:
+        raise BudgetError(
+            report(
+                "solver.dynamic.max_memory",
+                received=f"{options.max_memory / 1e6:.4g} MB",
+                rule=f"the particles and the box around them must stay within it, and have grown to {needed / 1e6:.4g} MB",
+                remedy="raise it, or hold the body together (clamp, ground, walls)",
+            )
+        )
+
+
+def lean(model: Model, formulation: str) -> Model:
+    """The model without the arrays that a motion has in its own order, or has no use for: a third of the memory."""
+    none = np.zeros((0, 3, 3))
+    if formulation == "total":
+        return replace(model, weights=none, slopes=none)
+    return replace(model, weights=none, slopes=none, modes=np.zeros((0, 0)))
+
+
+def memory(motion: TotalMotion | UpdatedMotion) -> int:
+    """Bytes that a process grows by for a motion's particles and grid, its model's and what building them took included.
+
+    What is measured of a particle (magmpm.scene.memory.GROWTH), or what the arrays that are there add up to, where that is more.
+    """
+    parts_of = (getattr(motion, "packed", None), getattr(motion, "anchor", None))
+    owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
+    parts = [part for owner in owners for part in vars(owner).values()]
+    arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
+    return max(sum(arrays.values()), GROWTH * len(motion.model.density))
+
+
+def move(model: Model, **options: Any) -> Moved:
+    """The whole motion of a model's scene, from rest; options as of `follow`."""
+    return follow(begin(model), **options)
+
+
+def follow(
+    moved: Moved,
+    *,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    on_progress: Progress | None = None,
+) -> Moved:
+    """The whole motion that `begin` has begun.
+
+    folder: where frames, energies, contacts and checkpoints go (nowhere unless given); resume: go on from the folder's checkpoint;
+    on_progress(time in s, steps so far) is told of every chunk of steps.
+    Raises InputError before the first step; SolveError, with the last good Moved as its state and on disk, where the motion goes wrong.
+    """
+    model = moved.motion.model
+    options = _options(model.scene)
+    saved = Checkpoint.load(folder, model.scene) if folder is not None and resume else None
+    if saved is not None and folder is not None:
+        saved.must_fit(moved.motion.state(), folder)
+        _go_on_from(moved, saved)
+        moved.every = saved.every
+    _measure(moved, moved.motion.look())
+    writer = None
+    if folder is not None and saved is None:
+        motion_files.forget(folder)
+        writer = MotionWriter(folder, model, max_disk=options.max_disk)
+    elif folder is not None and saved is not None:
+        writer = MotionWriter(
+            folder, model, max_disk=options.max_disk, resume_at=moved.time,
+            resume_frames=saved.frame + 1, resume_contacts=moved.contacts,
+        )  # fmt: skip
+    balance = watchdog.EnergyBalance() if _conserves(model) else None
+    if balance is not None and saved is None:  # a checkpoint's velocities are half a step behind: less kinetic energy than there was
+        balance.look(moved.energies)
+    if saved is None:
+        _write(moved, writer)
+    times = options.frame_times if saved is None else saved.times(options)
+    scene_hash = motion_hash(model.scene)
+    last = saved_last = _checkpoint(moved, scene_hash)
+    saved_at = -math.inf
+    try:
+        while moved.frame < len(times):
+            now = interval(moved, times[moved.frame], on_progress)
+            moved.frame += 1
+            _measure(moved, now)
+            if balance is not None and (trouble := balance.look(moved.energies)) is not None:
+                raise _stopped(moved, trouble)
+            _write(moved, writer)
+            moved.strain = moved.strain.worst(strain_of(model, moved.x, moved.F, moved.time))
+            moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
+            last = _checkpoint(moved, scene_hash)
+            if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
+                _save(moved, last, folder)
+                saved_last, saved_at = last, clock.monotonic()
+    except SolveError as error:
+        _go_on_from(moved, last)
+        _measure(moved, moved.motion.look())
+        raise type(error)(error.reason, moved) from None
+    finally:  # also where the run is interrupted
+        if folder is not None and last is not saved_last:
+            _save(moved, last, folder)
+    return moved
+
+
+def _save(moved: Moved, last: Checkpoint, folder: Path | str) -> None:
+    """Save a checkpoint; where the disk does not take it the motion goes on, with a warning."""
+    try:
+        last.save(folder)
+    except OSError as error:
+        what = f"{error.filename}: {error.strerror or error}: --resume can only go on from an earlier moment, or from the start"
+        if what not in moved.warnings:
+            moved.warnings.append(what)
+
+
+def _checkpoint(moved: Moved, scene_hash: str) -> Checkpoint:
+    """A motion as it is after a frame."""
+    motion = moved.motion
+    return Checkpoint(
+        scene_hash=scene_hash, every=moved.every, time=moved.time, formulation=motion.formulation,
+        frame=moved.frame, steps=moved.steps, control={**moved.control.state(), **moved.strain.state()}, state=motion.state(),
+    )  # fmt: skip
+
+
+def _go_on_from(moved: Moved, saved: Checkpoint) -> None:
+    """Put a motion back to a checkpoint."""
+    moved.motion.restore(saved.state)
+    moved.control.restore(saved.control)
+    moved.strain = Strain.restored(saved.control)
+    moved.frame, moved.steps, moved.time = saved.frame, saved.steps, saved.time
+
+
+def _conserves(model: Model) -> bool:
+    """Whether nothing can add energy: constant loads, and no contact or constraint."""
+    scene, named = model.scene, model.scene.effects
+    if effects.feels_itself(scene):  # those loads lag by a chunk of steps
+        return False
+    if scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
+        return False  # either alone has no energy
+    records = effects.collect(model.scene, times=np.array([0.0, 1.0]))[::2]
+    return all(len(record) == 1 for record in records) and not any(
+        has_hook(hook, model.effects) for hook in ("contact", "node")
+    )
+
+
+def interval(moved: Moved, until: float, on_progress: Progress | None = None) -> Look:
+    """Steps up to a time (s): of equal size, no longer than moved.control allows, and chosen anew where it changes its mind.
+
+    Raises SolveError where the motion can't go on.
+    """
+    model, motion, control = moved.motion.model, moved.motion, moved.control
+    itself = effects.feels_itself(model.scene)
+    while moved.time < until:
+        start, done = moved.time, 0
+        count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
+        dt = (until - start) / count
+        for first in range(0, count, CHUNK):
+            steps = min(CHUNK, count - first)
+            named = effects.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
+            if itself:
+                x, _, F = motion.particles()
+                effects.refresh(named, model, x, F)
+            motion.set_off(dt, named)
+            taken, now, trouble = control.take(named, steps, dt)
+            done = first + taken
+            moved.steps, moved.dt = moved.steps + taken, dt
+            moved.time = until if done == count else start + dt * done
+            trouble = trouble or _wrong(moved, now)
+            if trouble is not None:
+                raise _stopped(moved, trouble)
+            if on_progress is not None:
+                on_progress(moved.time, moved.steps)
+            if taken < steps or control.step < dt * (1 - 1e-12) or (control.step > 1.5 * dt and done < count):
+                break
+    motion.sort()
+    return now
+
+
+def _wrong(moved: Moved, now: Look) -> watchdog.Trouble | None:
+    """What is wrong with a motion, if anything. Raises BudgetError where it has outgrown its memory."""
+    model = moved.motion.model
+    _outgrown(moved.motion, _options(model.scene))
+    if moved.motion.watch[WHY] == BROKEN:
+        return watchdog.astray(model, now.x, moved.time) or watchdog.broken(model, now.x, now.v, now.F)
+    return watchdog.look(model, now.x, now.v) or watchdog.astray(model, now.x, moved.time)
+
+
+def _stopped(moved: Moved, trouble: watchdog.Trouble) -> SolveError:
+    where = ""
+    if trouble.particle >= 0:
+        place = moved.motion.model.particles.position[trouble.particle] * 1e3
+        where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
+    bound = f"the time step is {moved.dt:.3g} s, the stable bound at the start was {moved.stable.largest:.3g} s"
+    return SolveError(f"step {moved.steps}, t = {moved.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+
+
+def _measure(moved: Moved, now: Look) -> None:
+    """Stress, energies and contacts of a motion as it is now."""
+    model, motion = moved.motion.model, moved.motion
+    moved.x, moved.v, moved.F = now.x, now.v, now.F
+    named = effects.collect(model.scene, times=np.array([moved.time]))
+    with motion.threads.alone():
+        elastic, moved.P = energies.elastic(model, now.F, motion.formulation == "total")
+        effects.refresh(named, model, now.x, now.F)
+        energies.add_effects_stress(model, now.x, now.F, named, moved.P)
+        potentials = energies.effect_energies(model, now.x, now.F, moved.time)
+    moved.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
+    moved.contacts = {}
+    for key, module in effects.every().items():
+        if getattr(model.scene.effects, key) is None:
+            continue
+        if hasattr(module, "observe"):
+            moved.contacts[key] = module.observe(model, moved.x)
+        if hasattr(module, "report"):
+            named = module.of_scene(model.scene, 1.0, np.array([moved.time]))
+            if named:
+                mass = model.density * model.particles.volume
+                moved.contacts[key] = module.report(named[0], named[1], moved.x, moved.v, mass, moved.dt)
+
+
+def _write(moved: Moved, writer: MotionWriter | None) -> None:
+    """A frame of the motion as it was measured."""
+    if writer is None:
+        return
+    model = moved.motion.model
+    centre = model.particles.volume @ moved.x / model.particles.volume.sum()
+    field = fields.of(model.scene).at(centre, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
+    writer.frame(moved.time, moved.x, moved.v, moved.F, moved.P, moved.energies, moved.contacts, field)

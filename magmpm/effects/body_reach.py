@@ -1,0 +1,56 @@
+"""Where a body can get to, at most: what lies beyond can do nothing to it, and is most likely a unit or a place mistaken.
+
+A straight body that is held at an end stays within its length of that end, some stretch allowed for; one that a guide feeds, of all the
+places to which its base is pushed. STL parts, of which some may be loose, and bodies that nothing holds may go anywhere, but a motion
+is stopped once a particle is FAR times the body's size from where it began (dynamics.watchdog).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.scene import Scene
+
+STRETCHED = 1.5  # times the length of a held body: silicone under its weight and in fields of tens of mT stretches by per cents
+FAR = 10.0  # sizes of the undeformed body that a particle may move from where it was
+STATIONS = 33  # of the way the base is pushed along
+
+
+@dataclass(frozen=True)
+class BodyReach:
+    """All points within `radius` (m) of one of the places of the base, `base` (k, 3) m. why: the radius in words."""
+
+    base: Array
+    radius: float
+    why: str
+
+    def beyond(self, from_base: Array) -> float:
+        """How far (m) an obstacle is beyond the reach, by its distances (k,) m from the base's places; 0 or less: it can be reached."""
+        return float(np.min(from_base)) - self.radius
+
+
+def body_reach(scene: Scene) -> BodyReach:
+    """Where a scene's body can get to."""
+    lower, upper = (np.array(corner) for corner in scene.box())
+    size = float(np.linalg.norm(upper - lower))
+    feed, dynamic, line = scene.effects.feed, scene.solver.dynamic, scene.body.shape.line
+    if line is not None and (feed is not None or scene.body.shape.clamp != "none"):
+        pushed = 0.0 if feed is None or dynamic is None else feed.speed * dynamic.duration
+        way = np.linspace(0.0, pushed, STATIONS if pushed else 1)
+        words = f"{STRETCHED:g} times its length from {'all places its base is pushed to' if pushed else 'its base'}"
+        return BodyReach(np.array(line.base) + way[:, None] * [1.0, 0.0, 0.0], STRETCHED * size, words)
+    return BodyReach(((lower + upper) / 2)[None], (0.5 + FAR) * size, f"{FAR:g} times its size, where a motion is stopped")
+
+
+def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> str | None:
+    """What to say of an obstacle (in words; key: of its effect) at distances (k,) m from the places of the base that can't be touched."""
+    beyond = reach.beyond(from_base)
+    if beyond <= 0:
+        return None
+    return (
+        f"effects.{key}: {obstacle} does nothing: it is {1e3 * beyond:.3g} mm beyond all that the body can reach ({reach.why}); check its "
+        "place and its units"
+    )

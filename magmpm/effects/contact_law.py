@@ -1,0 +1,157 @@
+"""What contact with anything has in common: the penalty force with Coulomb friction, its stiffness, and what is reported of it.
+
+A particle of mass m that is `depth` inside the forbidden side is pushed back by m w^2 depth along the normal, from the energy
+m w^2 depth^2 / 2. Friction opposes its sliding with at most friction times that, and at most what stops the particle's sliding within
+the step (m speed / dt): it never turns a motion back, and takes energy out, never in. Sticking is this limit: what holds a body of mass M
+against a force M a by particles of mass m in contact lets them creep at (M / m) a dt, 0.1 mm/s for a catheter on a slope at usual steps.
+
+The penalty's frequency w is that of a pressure wave through a cell, w = sqrt((K + 4/3 G) / rho) / h, in the stiffest material: about a
+quarter of what the body's own stiffest motion has. So contact never asks for a smaller step, and a body that lands with a speed far
+below the wave's gives way by speed / w, a body at rest by g / w^2, times the number of particles above each that touches (its root
+for the landing): micrometres. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, TypedDict
+
+import numpy as np
+
+from magmpm.bodies.assembly import Parts
+from magmpm.bodies.grid import Array
+from magmpm.bodies.mesh_quadrature import grid_of_parts, part_particles
+from magmpm.bodies.section_quadrature import gauss, rod_grid, rod_particles, strip_grid
+from magmpm.compiled.jit import compiled
+from magmpm.errors import SceneError, dotted
+from magmpm.scene import Scene
+
+THROWN = 0.1  # m/s
+SHARE = 0.7  # of the explicit limit 2 / w: with it, 0.8 of the smaller of body's and contact's steps is stable for both at once
+
+
+class Contact(TypedDict):
+    """What an effect reports: force (3,) N on the body, number of particles that touch, deepest penetration m (0 where none)."""
+
+    force: Array
+    count: int
+    depth: float
+
+
+@compiled
+def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):  # type: ignore[no-untyped-def]
+    """f += mass stiffness depth n, and friction against what of v (m/s) is across n.
+
+    n: unit normal out of the obstacle; stiffness 1/s^2; depth > 0 m.
+    """
+    normal = mass * stiffness * depth
+    along = v[0] * n0 + v[1] * n1 + v[2] * n2
+    t0, t1, t2 = v[0] - along * n0, v[1] - along * n1, v[2] - along * n2
+    speed = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+    drag = 0.0
+    if speed > 0.0:
+        drag = min(friction * normal / speed, mass / dt)
+    f[0] += normal * n0 - drag * t0
+    f[1] += normal * n1 - drag * t1
+    f[2] += normal * n2 - drag * t2
+
+
+def cell_size(scene: Scene) -> float:
+    """Side of a grid cell across the body, m."""
+    parts = scene.body.parts
+    if parts is not None and parts.spacing is not None:
+        return parts.spacing
+    return scene.thickness / scene.resolution.cells_across
+
+
+def reach(scene: Scene, towards: Array | None = None) -> float:
+    """How far the outermost particles are taken to be from the body's surface, m: a body touches when a particle is that near.
+
+    towards: unit vector (3,) from the body to the obstacle, as the body lies at the start: the particles' depth that way. None: all
+    ways, so that no obstacle the body just touches holds a particle already: of a strip's flat faces the Gauss points' depth, of a round
+    catheter the least around its section, and of STL parts, which are anything, nothing (they are let in elsewhere, by up to a quarter of
+    a cell).
+    """
+    body, across, count = scene.body, scene.resolution.cells_across, scene.resolution.particles_per_cell
+    share = 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)  # of a cell: depth of the Gauss points
+    if body.catheter is not None:
+        depths = _depths_of_ring(body.catheter.diameter, body.catheter.inner_diameter, across, count)
+        if towards is None:
+            return float(depths.min())
+        along, aside = abs(float(towards[0])), math.hypot(towards[1], towards[2])
+        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if aside > 0 else 0.0
+        around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
+        return aside * around + along * share * cell_size(scene)
+    if body.strip is not None:
+        if towards is None:
+            return share * cell_size(scene)
+        size = np.array([body.strip.length, body.strip.width, body.strip.thickness])
+        spacing = strip_grid(np.zeros(3), size, across, one_wide=body.strip.plane_strain).spacing
+        deep = share * spacing
+        if body.strip.plane_strain:
+            deep[1] = 0.0  # one particle stands for the width
+        return float(np.abs(towards) @ deep)
+    assert body.parts is not None  # there is no other body
+    return 0.0 if towards is None else _depth_of_parts(body.parts, across, count, tuple(map(float, towards)))
+
+
+@lru_cache(maxsize=8)
+def _depth_of_parts(parts: Parts, cells: int, count: int, towards: tuple[float, ...]) -> float:
+    """How deep (m) below the outermost vertex, that way, the outermost particle of a free part lies: of the part of which it is least."""
+    triangles, held = parts.triangles(), [part.clamp for part in parts.meshes]
+    grid, _ = grid_of_parts(triangles, held, parts.spacing or parts.thickness / cells)
+    particles = part_particles(grid, triangles, count)
+    extent = particles.position @ np.array(towards)
+    free = [k for k in range(len(triangles)) if not held[k]]
+    depths = [(triangles[k] @ np.array(towards)).max() - extent[particles.segment == k].max() for k in free]
+    return float(max(min(depths), 0.0))
+
+
+@lru_cache(maxsize=8)
+def _depths_of_ring(diameter: float, inner: float, cells: int, count: int) -> Array:
+    """How deep (m) below its tangent plane a round section's particles lie, every degree around it: from y towards z, (360,)."""
+    length = 3 * diameter / cells
+    grid = rod_grid(length, diameter, cells, 3)
+    particles = rod_particles(
+        grid, outer=diameter / 2, inner=inner / 2, segment_ends=np.array([length]), particles_per_cell=count
+    )
+    angle = np.deg2rad(np.arange(360))
+    ways = np.stack([np.cos(angle), np.sin(angle)])
+    return diameter / 2 - (particles.position[:, 1:] @ ways).max(axis=0)
+
+
+def penalty(scene: Scene, factor: float) -> float:
+    """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free pieces."""
+    used = [scene.materials[piece.material_name] for piece in scene.pieces() if not piece.held]
+    squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
+    return factor * max(squares, default=0.0) / cell_size(scene) ** 2
+
+
+def stable_step(stiffness: float) -> float:
+    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), beside a body at its own limit."""
+    return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
+
+
+def place(model: Any, particle: int) -> str:
+    """Which piece of the body a particle is in, and where, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
+    piece = model.scene.pieces()[model.particles.segment[particle]]
+    at = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[particle] + 0.0)
+    return f"{piece.name} ({dotted(('body', *piece.at))}), at ({at}) mm"
+
+
+def refuse_overlap(key: str, obstacle: str, model: Any, particle: int, depth: float, energy: float, remedy: str) -> None:
+    """A body that begins within an obstacle would be thrown out of it: SceneError where that is faster than THROWN.
+
+    key: of the effect; obstacle: in words; particle: the deepest, depth m; energy J: of the contact.
+    """
+    mass = float(model.density @ model.particles.volume)
+    speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
+    if speed > THROWN:
+        raise SceneError(
+            f"effects.{key}",
+            found=f"the body begins {1e3 * depth:.3g} mm inside {obstacle}, deepest with {place(model, particle)}, and would be thrown "
+            f"out at {speed:.2g} m/s",
+            rule="a body must begin clear of it, or just touching",
+            remedy=f"{remedy}, by {1e3 * depth:.3g} mm or more",
+        )

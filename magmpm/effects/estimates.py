@@ -1,0 +1,110 @@
+"""What an effect's `advice` gets and gives: how much the effect would matter to a scene, in numbers, before anything is run.
+
+An effect's file may have `advice(scene, body) -> Advice`. `body` estimates equilibria of the scene and of others like it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.scene import Scene
+
+MEASURE = "to measure, compare `magmpm run` with and without it"
+SWING = 2.0  # times the way to its rest: how far a body that is let go swings at most, undamped, if its stiffness stays the same
+STILL = 1e-6  # of the length: a shift that is none
+STATIONS = 21  # of that way
+
+
+@dataclass(frozen=True)
+class Advice:
+    """shift: farthest (m) that any point of the body's axis comes to rest from where it would without the effect; None: not known."""
+
+    shift: float | None
+    says: str
+
+
+class Body(Protocol):
+    """Estimates of a scene's body."""
+
+    def rest(self, scene: Scene) -> Array:
+        """Points (m, 3) m of the body at equilibrium in a scene of the same body: along its axis, or all over it.
+
+        Raises SolveError where none is found.
+        """
+
+    @property
+    def begin(self) -> Array:
+        """The same points (m, 3) m of the undeformed body."""
+
+    @property
+    def frequency(self) -> float | None:
+        """First angular frequency of bending, rad/s; None where it is not known."""
+
+    @property
+    def half(self) -> float:
+        """How far the surface is from the points of `rest`, m."""
+
+
+def shift(scene: Scene, body: Body, key: str, settings: Any = None) -> float:
+    """How far (m) an effect moves the body's rest: with it (as the scene names it, else with the settings, {}) and without it."""
+    named = getattr(scene.effects, key)
+    having = scene.with_effects(**{key: named if named is not None else settings or {}})
+    apart = body.rest(having) - body.rest(scene.with_effects(**{key: None}))
+    return float(np.linalg.norm(apart, axis=1).max())
+
+
+def in_lengths(way: float, scene: Scene) -> str:
+    """A way (m) as the part of the body's length that it is: "42 % of its length"."""
+    percent = 100 * way / scene.length
+    return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
+
+
+def no_rest(scene: Scene) -> str | None:
+    """Why a scene's body has no rest that could be estimated, in words; None where it has one."""
+    if scene.effects.feed is not None:
+        return "the body is fed"
+    if scene.body.shape.clamp == "none":
+        return "nothing holds the body"
+    return None
+
+
+def obstacle(scene: Scene, body: Body, room: Callable[[Array], Array], where: str) -> Advice:
+    """What an obstacle does, by where the body would be were it not there.
+
+    room: distance (k,) m of points (k, 3) m from it, negative beyond it; where: "above it", say, of what is clear of it.
+    """
+    why = no_rest(scene)
+    if why is not None:
+        return Advice(None, f"not estimated: {why}{_ahead(scene, body, room)}; {MEASURE}")
+    rest = body.rest(scene)
+    clear = float(room(rest).min()) - body.half
+    if clear < 0:
+        return Advice(-clear, f"without it the body would come to rest {-1e3 * clear:.3g} mm beyond it")
+    says = f"the body comes to rest {1e3 * clear:.3g} mm {where}"
+    if scene.solver.dynamic is None:
+        return Advice(0.0, says)
+    if scene.field.over_time is not None:
+        return Advice(None, f"{says} when the field has ended; how near it comes on its way is not estimated: {MEASURE}")
+    ways = np.linspace(0.0, SWING, STATIONS)
+    least = min(float(room(body.begin + way * (rest - body.begin)).min()) for way in ways) - body.half
+    if least < 0:
+        return Advice(None, f"{says}, and may touch it as it swings, which is not estimated: {MEASURE}")
+    return Advice(0.0, f"{says}, and stays {1e3 * least:.3g} mm clear if it swings {SWING:g} times as far")
+
+
+def _ahead(scene: Scene, body: Body, room: Callable[[Array], Array]) -> str:
+    """How near a fed body would come to an obstacle if it went straight ahead, in words."""
+    feed, dynamic = scene.effects.feed, scene.solver.dynamic
+    if feed is None or dynamic is None:
+        return ""
+    way = feed.speed * dynamic.duration
+    sweep = body.begin + np.linspace(0.0, way, STATIONS)[:, None, None] * [1.0, 0.0, 0.0]
+    least = float(room(sweep.reshape(-1, 3)).min()) - body.half
+    if least < 0:
+        return f", and straight ahead it would get {-1e3 * least:.3g} mm beyond it"
+    return f", and straight ahead it would stay {1e3 * least:.3g} mm clear of it"

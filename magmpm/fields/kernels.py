@@ -1,0 +1,159 @@
+"""Compiled evaluation of a field of any sources at a point: value, force on a moment, derivatives.
+
+`data` holds the sources in a frame of their own: number of dipoles, number of tables, the dipoles (fields.dipole), the tables
+(fields.spline). A record `place` with the fields of PLACE puts that frame into space, and says how strong it is:
+
+    B(x) = uniform + strength R B0(R^T (x - origin)),   R = frame (row by row)
+
+It changes from step to step where the field changes in time; `data` does not. Results are tuples: no array is made.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.jit import compiled
+from magmpm.fields import dipole, spline
+
+PLACE: list[Any] = [
+    ("uniform", np.float64, (3,)),  # T
+    ("strength", np.float64),
+    ("frame", np.float64, (9,)),
+    ("origin", np.float64, (3,)),  # m
+]
+_dipole_value, _dipole_gradient, _dipole_curvature = dipole.value, dipole.gradient, dipole.curvature
+_spline_value, _spline_gradient, _spline_curvature = spline.value, spline.gradient, spline.curvature
+_spline_size = spline.size_of
+DIPOLE = dipole.SIZE
+
+
+@compiled
+def _inward(place, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """R^T v."""
+    R = place.frame
+    return (
+        R[0] * x0 + R[3] * x1 + R[6] * x2,
+        R[1] * x0 + R[4] * x1 + R[7] * x2,
+        R[2] * x0 + R[5] * x1 + R[8] * x2,
+    )
+
+
+@compiled
+def _outward(place, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """R v."""
+    R = place.frame
+    return (
+        R[0] * y0 + R[1] * y1 + R[2] * y2,
+        R[3] * y0 + R[4] * y1 + R[5] * y2,
+        R[6] * y0 + R[7] * y1 + R[8] * y2,
+    )
+
+
+@compiled
+def _local(place, x):  # type: ignore[no-untyped-def]
+    """The point in the sources' frame."""
+    o = place.origin
+    return _inward(place, x[0] - o[0], x[1] - o[1], x[2] - o[2])
+
+
+@compiled
+def field(place, data, x):  # type: ignore[no-untyped-def]
+    """B (3) at x (3,) m, T."""
+    y0, y1, y2 = _local(place, x)
+    b0, b1, b2 = 0.0, 0.0, 0.0
+    at = 2
+    for _ in range(int(data[0])):
+        c0, c1, c2 = _dipole_value(data, at, y0, y1, y2)
+        b0, b1, b2, at = b0 + c0, b1 + c1, b2 + c2, at + DIPOLE
+    for _ in range(int(data[1])):
+        c0, c1, c2 = _spline_value(data, at, y0, y1, y2)
+        b0, b1, b2, at = b0 + c0, b1 + c1, b2 + c2, at + _spline_size(data, at)
+    b0, b1, b2 = _outward(place, b0, b1, b2)
+    u, s = place.uniform, place.strength
+    return u[0] + s * b0, u[1] + s * b1, u[2] + s * b2
+
+
+@compiled
+def _local_gradient(data, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """dB0_i/dy_j (9) in the sources' frame, T/m."""
+    a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    at = 2
+    for _ in range(int(data[0])):
+        p = _dipole_gradient(data, at, y0, y1, y2)
+        a, b, c, d, e = a + p[0], b + p[1], c + p[2], d + p[3], e + p[4]
+        f, g, h, i, at = f + p[5], g + p[6], h + p[7], i + p[8], at + DIPOLE
+    for _ in range(int(data[1])):
+        p = _spline_gradient(data, at, y0, y1, y2)
+        a, b, c, d, e = a + p[0], b + p[1], c + p[2], d + p[3], e + p[4]
+        f, g, h, i, at = f + p[5], g + p[6], h + p[7], i + p[8], at + _spline_size(data, at)
+    return a, b, c, d, e, f, g, h, i
+
+
+@compiled
+def pull(place, data, x, m0, m1, m2):  # type: ignore[no-untyped-def]
+    """(grad B)^T m (3), the gradient of m . B: the force on a moment m (A m^2), N."""
+    y0, y1, y2 = _local(place, x)
+    n0, n1, n2 = _inward(place, m0, m1, m2)
+    a, b, c, d, e, f, g, h, i = _local_gradient(data, y0, y1, y2)
+    s = place.strength
+    return _outward(
+        place,
+        s * (a * n0 + d * n1 + g * n2),
+        s * (b * n0 + e * n1 + h * n2),
+        s * (c * n0 + f * n1 + i * n2),
+    )
+
+
+@compiled
+def gradient(place, data, x, G):  # type: ignore[no-untyped-def]
+    """G (3, 3) += dB_i/dx_j, T/m."""
+    y0, y1, y2 = _local(place, x)
+    local = _local_gradient(data, y0, y1, y2)
+    R, s = place.frame, place.strength
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for p in range(3):
+                row = local[3 * p] * R[3 * j] + local[3 * p + 1] * R[3 * j + 1] + local[3 * p + 2] * R[3 * j + 2]
+                total += R[3 * i + p] * row
+            G[i, j] += s * total
+
+
+@compiled
+def curvature(place, data, x, m0, m1, m2, scale, H):  # type: ignore[no-untyped-def]
+    """H (3, 3) += scale d^2(m . B)/dx_i dx_j, with m in A m^2: N/m."""
+    y0, y1, y2 = _local(place, x)
+    n0, n1, n2 = _inward(place, m0, m1, m2)
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    at = 2
+    for _ in range(int(data[0])):
+        p = _dipole_curvature(data, at, y0, y1, y2, n0, n1, n2)
+        xx, yy, zz, xy, xz, yz = xx + p[0], yy + p[1], zz + p[2], xy + p[3], xz + p[4], yz + p[5]
+        at += DIPOLE
+    for _ in range(int(data[1])):
+        p = _spline_curvature(data, at, y0, y1, y2, n0, n1, n2)
+        xx, yy, zz, xy, xz, yz = xx + p[0], yy + p[1], zz + p[2], xy + p[3], xz + p[4], yz + p[5]
+        at += _spline_size(data, at)
+    R, s = place.frame, scale * place.strength
+    for i in range(3):
+        p, q, r = R[3 * i], R[3 * i + 1], R[3 * i + 2]
+        h0, h1, h2 = p * xx + q * xy + r * xz, p * xy + q * yy + r * yz, p * xz + q * yz + r * zz
+        for j in range(3):
+            H[i, j] += s * (h0 * R[3 * j] + h1 * R[3 * j + 1] + h2 * R[3 * j + 2])
+
+
+@compiled
+def fields_at(place, data, x, B):  # type: ignore[no-untyped-def]
+    """B (n, 3) T at points x (n, 3) m."""
+    for p in range(len(x)):
+        B[p, 0], B[p, 1], B[p, 2] = field(place, data, x[p])
+
+
+@compiled
+def gradients_at(place, data, x, G):  # type: ignore[no-untyped-def]
+    """G (n, 3, 3) = dB_i/dx_j T/m at points x (n, 3) m."""
+    for p in range(len(x)):
+        G[p] = 0.0
+        gradient(place, data, x[p], G[p])

@@ -1,0 +1,205 @@
+"""CSV tables of fields: a map measured on a regular grid, and a schedule in time. Units stand in the header: x_mm, Bz_mT, time_ms."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.errors import show
+from magmpm.inputs.csv_tables import TableError, read_lines
+from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
+
+Array = NDArray[np.float64]
+MAX_NODES = 500_000
+MAX_ROWS = 100_000
+FEWEST = 4  # nodes along each axis of a map: a cubic spline needs as many
+SAME = 1e-4  # of the spacing: two coordinates closer than this are one plane of the grid
+_MAP = {
+    name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names
+}
+_SCHEDULE = {"time": KINDS["time"], **_MAP}
+_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as field_parts.Keyframe has them
+_FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
+_MEASURED = (-100.0, 100.0, "-100 T", "100 T")  # no magnet or coil that a robot is near has more: a larger value is a mistaken unit
+_BOUNDS = {
+    "time": (0.0, 1e6, "0 s", "1e6 s"),
+    "strength": _NUMBER,
+    **dict.fromkeys(("Bx", "By", "Bz"), _FLUX),
+    **dict.fromkeys("xyz", _PLACE),
+}
+_MAP_BOUNDS = {**dict.fromkeys(("Bx", "By", "Bz"), _MEASURED), **dict.fromkeys("xyz", _PLACE)}
+_START_MAP = "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid point"
+_START_SCHEDULE = "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
+
+
+def read_map(path: Path | str) -> tuple[Array, Array, Array]:
+    """A measured map: lower corner (3,) m, spacing (3,) m, values (N, M, K, 3) T.
+
+    The file: a header that names x, y, z, Bx, By and Bz, each with its unit after an underscore, in any order; then one row for each
+    point of a regular grid, in any order. Lines that begin with # are passed over.
+    Raises TableError naming file, line, value received, rule and remedy.
+    """
+    path = Path(path)
+    names, rows, lines = _read(path, _MAP, _START_MAP, MAX_NODES, bounds=_MAP_BOUNDS)
+    missing = [name for name in _MAP if name not in names]
+    if missing:
+        rule = f"a map has the columns x, y, z, Bx, By and Bz; {', '.join(missing)} is missing"
+        raise TableError(str(path), rule=rule, remedy=_START_MAP)
+    rows = rows[:, [names.index(name) for name in _MAP]]
+    axes = [_axis(path, rows[:, k], "xyz"[k]) for k in range(3)]
+    shape = tuple(len(axis) for axis in axes)
+    spacing = np.array([(axis[-1] - axis[0]) / (len(axis) - 1) for axis in axes])
+    lower = np.array([axis[0] for axis in axes])
+    place = np.rint((rows[:, :3] - lower) / spacing).astype(int)
+    flat = np.ravel_multi_index(tuple(place.T), shape)
+    count = np.bincount(flat, minlength=math.prod(shape))
+    if count.max() > 1:
+        twice = int(np.flatnonzero(flat == int(np.argmax(count)))[1])
+        rule, remedy = "each point of the grid may stand once", "remove one of the rows"
+        raise TableError(f"{path}:{lines[twice]}", received=_point(rows[twice]), rule=rule, remedy=remedy)
+    if count.min() == 0:
+        hole = np.array(np.unravel_index(int(np.argmin(count)), shape))
+        rule = (
+            f"a map has a row for each of its {shape[0]} x {shape[1]} x {shape[2]} grid points; "
+            f"{int((count == 0).sum())} are missing, the first at {_point(lower + hole * spacing)}"
+        )
+        raise TableError(str(path), rule=rule, remedy="measure or interpolate the missing points")
+    values = np.empty((len(rows), 3))
+    values[flat] = rows[:, 3:]
+    return lower, spacing, values.reshape(*shape, 3)
+
+
+def _axis(path: Path, coordinates: Array, name: str) -> Array:
+    """The planes of the grid along an axis, evenly spaced. Raises TableError."""
+    found = np.unique(coordinates)
+    extent = found[-1] - found[0]
+    step = np.diff(found)
+    keep = np.concatenate([[True], step > SAME * (step.max() if len(step) else 1.0)])
+    found = found[keep]
+    if len(found) < FEWEST:
+        rule = f"a map has at least {FEWEST} grid points along each axis; along {name} it has {len(found)}"
+        raise TableError(str(path), rule=rule, remedy="measure more planes")
+    even = np.linspace(found[0], found[-1], len(found))
+    off = np.abs(found - even)
+    worst = int(np.argmax(off))
+    if off[worst] > 1e-3 * extent / (len(found) - 1):
+        rule = (
+            f"the grid of a map is even: {len(found)} planes from {1e3 * found[0]:g} to {1e3 * found[-1]:g} mm along {name} "
+            f"would have one at {1e3 * even[worst]:g} mm, the file has {1e3 * found[worst]:g} mm"
+        )
+        raise TableError(str(path), rule=rule, remedy="interpolate the map onto a regular grid")
+    return even
+
+
+def read_schedule(path: Path | str) -> list[dict[str, object]]:
+    """A schedule: one dict a row with `time` s and, where the table has them, `strength`, `uniform` (Bx, By, Bz) T, `move` (x, y, z) m.
+
+    Raises TableError naming file, line, value received, rule and remedy.
+    """
+    path = Path(path)
+    names, rows, lines = _read(path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, plain=("strength",), bounds=_BOUNDS)
+    groups = {"uniform": ("Bx", "By", "Bz"), "move": ("x", "y", "z")}
+    for group in groups.values():
+        if 0 < sum(name in names for name in group) < 3:
+            raise TableError(
+                str(path), rule=f"the columns {', '.join(group)} stand together", remedy="add what is missing"
+            )
+    if "time" not in names or len(names) == 1:
+        rule = "a schedule has a column of time and at least one of strength; Bx, By, Bz; x, y, z"
+        raise TableError(str(path), rule=rule, remedy=_START_SCHEDULE)
+    times = rows[:, names.index("time")]
+    falls = np.flatnonzero(np.diff(times) <= 0)
+    if len(falls):
+        at = int(falls[0]) + 1
+        rule, remedy = "times must rise from row to row", "sort the rows, each time once"
+        raise TableError(f"{path}:{lines[at]}", received=f"{times[at]:g} s after {times[at - 1]:g} s", rule=rule, remedy=remedy)
+    out: list[dict[str, object]] = []
+    for row in rows.tolist():
+        frame: dict[str, object] = {"time": row[names.index("time")]}
+        if "strength" in names:
+            frame["strength"] = row[names.index("strength")]
+        for key, group in groups.items():
+            if group[0] in names:
+                frame[key] = [row[names.index(name)] for name in group]
+        out.append(frame)
+    return out
+
+
+def _read(
+    path: Path,
+    kinds: dict[str, Kind],
+    start: str,
+    most: int,
+    plain: tuple[str, ...] = (),
+    bounds: dict[str, tuple[float, float, str, str]] | None = None,
+) -> tuple[list[str], Array, list[int]]:
+    """Names of the columns, rows in SI, and the line of each row. Raises TableError, also for what is out of bounds (SI; in words)."""
+    names: list[str] = []
+    header: list[str] = []
+    factors: list[float] = []
+    rows: list[list[float]] = []
+    numbers: list[int] = []
+    for number, line in enumerate(read_lines(path, start), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = [cell.strip() for cell in line.split(",")]
+        place = f"{path}:{number}"
+        if not names:
+            names, factors = _header(cells, kinds, plain, place, start)
+            header = cells
+            continue
+        try:
+            row = [float(cell) for cell in cells] if len(cells) == len(names) else []
+        except ValueError:
+            row = []
+        if not row or not all(math.isfinite(value) for value in row):
+            rule = f"a row must have {len(names)} finite numbers"
+            raise TableError(place, received=show(line.strip()), rule=rule, remedy="check this row")
+        for k, name in enumerate(names):
+            if bounds is not None and not bounds[name][0] <= row[k] * factors[k] <= bounds[name][1]:
+                reads = format_si(row[k] * factors[k], kinds[name]) if name in kinds else f"{row[k]:g}"
+                raise TableError(
+                    place,
+                    received=f"{cells[k]} in the column {header[k]}",
+                    rule=f"{name} must be at least {bounds[name][2]} and at most {bounds[name][3]}",
+                    remedy=f"check the number, and the unit in the header: this reads as {reads}",
+                )
+        if len(rows) == most:
+            rule = f"a table has at most {most} rows"
+            raise TableError(place, received="more", rule=rule, remedy="thin it out")
+        rows.append(row)
+        numbers.append(number)
+    if len(rows) < 2:
+        raise TableError(str(path), received=f"{len(rows)} rows", rule="a table has 2 rows at least", remedy=start)
+    return names, np.asarray(rows) * factors, numbers
+
+
+def _header(
+    cells: list[str], kinds: dict[str, Kind], plain: tuple[str, ...], place: str, start: str
+) -> tuple[list[str], list[float]]:
+    """Names of the columns and their factors to SI."""
+    names, factors = [], []
+    for cell in cells:
+        name, _, unit = cell.partition("_")
+        if cell in plain:
+            name, factor = cell, 1.0
+        elif name in kinds:
+            try:
+                factor = parse_quantity(f"1 {unit}", kinds[name])
+            except BadQuantity as error:
+                raise TableError(place, received=show(cell), rule=error.rule, remedy=start) from None
+        else:
+            rule = f"columns are {', '.join([*kinds, *plain])}, each with its unit after an underscore"
+            raise TableError(place, received=show(cell), rule=rule, remedy=start)
+        if name in names:
+            raise TableError(place, received=show(cell), rule="a column may stand once", remedy="remove one")
+        names.append(name)
+        factors.append(factor)
+    return names, factors
+
+
+def _point(row: Array) -> str:
+    return "(" + ", ".join(f"{1e3 * value:g}" for value in row[:3]) + ") mm"

@@ -1,0 +1,298 @@
+"""The outside field of a scene: B(x, t), its derivatives, and where it is known.
+
+`of(scene)` makes a Field of the scene's sources: dipoles in closed form; magnets and coils on a table, or, where one turns or the body
+goes round it, as clouds of dipoles; a measured map as the spline through it. Kernels evaluate the same data (fields.evaluate).
+In the sources' frame nothing changes in time: a schedule changes strength and place of that frame (fields.schedule).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.errors import SceneError, SolveError
+from magmpm.fields import dipole_cloud as lattice
+from magmpm.fields import table
+from magmpm.fields.domain import Box, cut_for, reach, seen_from_sources
+from magmpm.fields.kernels import fields_at, gradients_at
+from magmpm.fields.magnets import Solid, bare_dipoles, dipole_rows, exact, polarization, taken, wires
+from magmpm.fields.schedule import end_time, places, records, sample_times
+from magmpm.fields.sources import FieldSource, Tabulation
+from magmpm.scene import Scene
+
+__all__ = ["Field", "end_time", "of", "places", "records"]
+
+Array = NDArray[np.float64]
+ARCS = 48  # of a coil's wire, each in a box of its own
+NEAREST = 0.5  # of the undeformed body's distance from a magnet: how near a cloud of dipoles is made good for
+SWEPT = 3.0  # times the body's reach: a table larger than this is for sources that turn or travel, which clouds of dipoles suit better
+ROUNDING = 1e-3  # of a map's spacing: what its planes may be off by (field_tables), and its margin with them
+ODD = 0.05  # of grad B: curl or divergence of a measured map that is worth a warning
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A box (in the sources' frame) out of which a source is not known, and what to say then."""
+
+    box: Box
+    name: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of any sources over time.
+
+    data: the sources as the kernels take them (fields.evaluate); solids: what the body can't be in, each with the distance (m) up to
+    which the field is good; limits: boxes out of which it is not known; errors: of the table of magnets and coils, if there is one;
+    cell: the grid's, m, of what the body is: nearer to a point dipole its field has no meaning.
+    """
+
+    source: FieldSource
+    data: Array
+    solids: tuple[tuple[Solid, float], ...] = ()
+    limits: tuple[Limit, ...] = ()
+    errors: table.Errors | None = None
+    warnings: list[str] = field(default_factory=list)
+    cell: float = 0.0
+
+    def at(self, points: Array, time: float | None = None) -> Array:
+        """B (n, 3) T at points (n, 3) m and a time (s; the end of the schedule unless given)."""
+        points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
+        place = places(self.source, _times(time))[0]
+        if not self.source.varies:
+            return np.tile(place["uniform"], (len(points), 1))
+        out = np.empty((len(points), 3))
+        fields_at(place, self.data, points, out)
+        return out
+
+    def gradient(self, points: Array, time: float | None = None) -> Array:
+        """grad B (n, 3, 3) T/m, dB_i/dx_j, at points (n, 3) m and a time (s; the end of the schedule unless given)."""
+        points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
+        out = np.empty((len(points), 3, 3))
+        gradients_at(places(self.source, _times(time))[0], self.data, points, out)
+        return out
+
+    def trouble(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
+        """Where points (n, 3) m of a body are not where the field is known: what happened, the source, the remedy; else None."""
+        bare = bare_dipoles(self.source)
+        if not (self.solids or self.limits or bare) or len(points) == 0:
+            return None
+        place = places(self.source, _times(time))[0]
+        local = (np.asarray(points) - place["origin"]) @ place["frame"].reshape(3, 3)
+        for solid, distance in self.solids:
+            depth = solid.depth(local)
+            worst = int(np.argmax(depth))
+            if depth[worst] > 0:
+                return (
+                    f"the body's point at {_mm(points[worst])} is inside {solid.name}, centre {_mm(_outward(place, solid.position))}",
+                    solid.name,
+                    "move the magnet away, or make the pull weaker: nothing stops a body at a magnet's surface but contact with walls",
+                )
+            if depth[worst] > -distance:
+                return (
+                    f"the body's point at {_mm(points[worst])} is within {1e3 * distance:.3g} mm of {solid.name}, where its field "
+                    "is not known",
+                    solid.name,
+                    "begin with the body nearer to the magnet, or raise field.tabulation.tolerance",
+                )
+        for name, position in bare:
+            distance = np.linalg.norm(local - position, axis=1)
+            worst = int(np.argmin(distance))
+            if distance[worst] < self.cell:
+                return (
+                    f"the body's point at {_mm(points[worst])} is {1e3 * distance[worst]:.3g} mm from the point dipole {name} at "
+                    f"{_mm(_outward(place, position))}, nearer than a cell of the grid, {1e3 * self.cell:.3g} mm",
+                    name,
+                    "move the dipole away, or give it its size: its `diameter`, or a `magnet` in its place",
+                )
+        for limit in self.limits:
+            out = ~limit.box.holds(local)
+            if out.any():
+                point = points[int(np.argmax(out))]
+                return (
+                    f"the body's point at {_mm(point)} is outside of the box where {limit.name} is known, {limit.box.text()}",
+                    limit.name,
+                    limit.remedy,
+                )
+        return None
+
+    def check(self, points: Array, time: float | None = None) -> None:
+        """Raises SolveError where a body at points (n, 3) m has come into a magnet, or to where the field is not known."""
+        found = self.trouble(points, time)
+        if found is not None:
+            raise SolveError(f"{found[0]}; {found[2]}")
+
+    def check_at_rest(self, points: Array, moving: bool) -> None:
+        """Raises SceneError where the undeformed body is in a magnet, or not where the field is known.
+
+        moving: at time 0; else at the end of the schedule, where statics takes the field.
+        """
+        time = 0.0 if moving else end_time(self.source)
+        found = self.trouble(points, time)
+        if found is not None:
+            when = "" if self.source.over_time is None else f" at {time:g} s"
+            rule = "the undeformed body is where the field is known, outside of every magnet, and a cell away from every point dipole"
+            raise SceneError(found[1], found=found[0] + when, rule=rule, remedy=found[2])
+
+
+def of(scene: Scene) -> Field:
+    """The field of a scene. Tables are made once for each field and reach of the body; seconds for magnets and coils.
+
+    Raises SceneError: a magnet in or too near to the body, a map that does not cover it, magpylib missing.
+    """
+    if not scene.field.varies:
+        return Field(scene.field, np.zeros(2))
+    lower, upper = scene.box()
+    found = _of(scene.field, tuple(lower), tuple(upper), scene.anchored)
+    return replace(found, cell=scene.cell)  # of no account to the tables, so not among what they are kept by
+
+
+@lru_cache(maxsize=8)
+def _of(source: FieldSource, lower: tuple[float, ...], upper: tuple[float, ...], anchored: bool) -> Field:
+    body = Box(np.array(lower), np.array(upper))
+    seen = seen_from_sources(source, body)
+    found = [(solid, 0.0) for solid in taken(source) if solid.ball]
+    dipoles, tables, limits = [dipole_rows(source.dipole or ())], [], []
+    warnings: list[str] = []
+    errors = None
+    if source.magnet or source.coils:
+        options = source.tabulation or Tabulation()
+        function, named = exact(source), [*taken(source), *wires(source)]
+        named = [solid for solid in named if not solid.ball]
+        box = _table_box(source, options, body, seen, anchored, named)
+        clouds = None if box is not None and not _sweeps(source, box, body, anchored) else _clouds(source, options, body)
+        if clouds is None:
+            assert box is not None
+            packed, errors = table.tabulate(function, box, options.tolerance, _names(named))
+            tables.append(packed)
+            reason = f" (which ends before {', '.join(box.cut)})" if box.cut else ""
+            remedy = f"give a larger box, field.tabulation.lower and upper, that no magnet is in{reason}"
+            limits.append(Limit(box, _names(named), remedy))
+            found += [(solid, 0.0) for solid in named if not solid.name.startswith("field.coils")]
+        else:
+            dipoles += clouds[0]
+            found += clouds[1]
+    if source.map is not None:
+        packed, limit, odd = _map(source, body, seen)
+        tables.append(packed)
+        limits.append(limit)
+        warnings += odd
+    rows = np.concatenate(dipoles)
+    data = np.concatenate([[len(rows), len(tables)], rows.ravel(), *tables])
+    return Field(source, data, tuple(found), tuple(limits), errors, warnings)
+
+
+def _table_box(
+    source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]
+) -> Box | None:
+    """The box of the table; None where a magnet can't be kept out of it and has to be a cloud of dipoles."""
+    if options.lower is not None and options.upper is not None:
+        box = seen_from_sources(source, Box(np.array(options.lower), np.array(options.upper)))
+        for solid in named:
+            if box.meets(*solid.box()) and cut_for(box, seen, _arcs([solid])) != box:
+                rule = f"no magnet or wire may be in the table's box ({box.text()} as the sources see it)"
+                raise SceneError("field.tabulation", found=f"{solid.name} is in the box", rule=rule, remedy="give a smaller box")
+        return box
+    return cut_for(seen_from_sources(source, reach(body, anchored)), seen, _arcs(named))
+
+
+def _arcs(named: list[Solid]) -> list[Solid]:
+    """Magnets as they are, coils as the boxes of ARCS arcs of their wire: a body may well be inside a coil."""
+    out = []
+    for solid in named:
+        if not solid.name.startswith("field.coils"):
+            out.append(solid)
+            continue
+        radius, thin = solid.half[0], solid.half[2]
+        for angle in 2 * np.pi * (np.arange(ARCS) + 0.5) / ARCS:
+            centre = solid.position + radius * (solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0]))
+            half = np.array([thin + radius * np.sin(np.pi / ARCS)] * 3)
+            out.append(Solid(solid.name, centre, np.eye(3), half, False))
+    return out
+
+
+def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
+    """Whether magnets move so far that a table over all they see of the body would be many times as large as the body's reach."""
+    return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
+
+
+def _clouds(
+    source: FieldSource, options: Tabulation, body: Box
+) -> tuple[list[Array], list[tuple[Solid, float]]]:
+    """All magnets as clouds of dipoles, and how near each is good for."""
+    if source.coils:
+        rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"
+        remedy = "move the coil away from the body, or put the body's reach in a box of your own, field.tabulation.lower and upper"
+        raise SceneError("field.coils", found="no plane parts their wires from the body", rule=rule, remedy=remedy)
+    corners = np.stack(np.meshgrid(*np.linspace(body.lower, body.upper, 9).T, indexing="ij"), axis=-1).reshape(-1, 3)
+    clouds, near = [], []
+    blocks = [solid for solid in taken(source) if not solid.ball]
+    for solid, magnet in zip(blocks, source.magnet or (), strict=True):
+        depth = -np.inf
+        for time, place in zip(sample_times(source), _passing(source), strict=True):
+            local = (corners - place["origin"]) @ place["frame"].reshape(3, 3)
+            depth = max(depth, float(solid.depth(local).max()))
+            if depth >= 0:
+                when = "" if source.over_time is None else f" at {time:.4g} s"
+                raise SceneError(
+                    solid.name,
+                    found=f"the magnet, centre {_mm(_outward(place, solid.position))}{when}, is in the box around the body, {body.text()}",
+                    rule="the undeformed body must be outside of every magnet, at all times",
+                    remedy="move the magnet away",
+                )
+        distance = -NEAREST * depth
+        alone = FieldSource(magnet=(magnet,))
+        clouds.append(lattice.cloud(solid, polarization(magnet), exact(alone), distance, options.tolerance))
+        near.append((solid, distance))
+    return clouds, near
+
+
+def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[str]]:
+    """Table, limit and warnings of a measured map. Raises SceneError where it does not cover the undeformed body with a margin."""
+    assert source.map is not None
+    grid = source.map.table
+    spacing = np.array(grid.spacing)
+    lower = np.array(grid.lower) + source.map.position
+    box = Box(lower, lower + spacing * (np.array(grid.shape) - 1))
+    short = np.maximum(box.lower - (seen.lower - spacing), seen.upper + spacing - box.upper)  # m, along x, y, z
+    if np.any(short > ROUNDING * spacing):
+        worst = int(np.argmax(short))
+        rule = (
+            f"a map must cover the undeformed body, {seen.text()} as the map sees it, with a margin of one of its spacings "
+            f"({', '.join(f'{1e3 * h:.3g}' for h in spacing)} mm)"
+        )
+        remedy = "measure or compute a larger map, or place it with field.map.position"
+        found = f"the map reaches over {box.text()}, and lacks {1e3 * short[worst]:.3g} mm along {'xyz'[worst]}"
+        raise SceneError("field.map", found=found, rule=rule, remedy=remedy)
+    packed, errors = table.of_values(lower, spacing, grid.array())
+    warnings = [
+        f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field has none; its force is as wrong as that"
+        for name, size in (("curl", errors.curl), ("divergence", errors.divergence))
+        if size > ODD
+    ]
+    return packed, Limit(box, "field.map", "give a map that covers where the body goes"), warnings
+
+
+def _passing(source: FieldSource) -> NDArray[np.void]:
+    return places(source, sample_times(source))
+
+
+def _names(named: list[Solid]) -> str:
+    return ", ".join(dict.fromkeys(solid.name for solid in named))
+
+
+def _times(time: float | None) -> Array | None:
+    return None if time is None else np.array([time])
+
+
+def _outward(place: np.void, point: Array) -> Array:
+    """A point of the sources' frame in space."""
+    return np.asarray(place["frame"].reshape(3, 3) @ point + place["origin"])
+
+
+def _mm(point: Array) -> str:
+    return "(" + ", ".join(f"{1e3 * value:.3g}" for value in point) + ") mm"

@@ -1,0 +1,1 @@
+"""Reading files: settings, quantities, tables, and messages about what is wrong in them."""

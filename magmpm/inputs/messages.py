@@ -1,0 +1,215 @@
+"""What is wrong with a file, in the words of the file: line, key, value received, rule broken, what to do.
+
+pydantic's error records name locations and types of its own; here they become `Problem`s, with the nearest
+known key, the place where a misplaced key belongs, and an example from the key's own documentation.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from magmpm.errors import Key, dotted, flow, report, show
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong with the data, in the words of the user's file."""
+
+    at: Key
+    received: str
+    rule: str
+    remedy: str
+    later: bool = False
+
+    def line(self, lines: Mapping[Key, int]) -> int:
+        """Line of the key, or of the nearest part around it that the file has."""
+        return next((lines[self.at[:n]] for n in range(len(self.at), -1, -1) if self.at[:n] in lines), 1)
+
+    def text(self, path: Path | None, lines: Mapping[Key, int]) -> str:
+        place = f"{path}:{self.line(lines)}" if path is not None else "input"
+        key = dotted(self.at) or "(whole file)"
+        return report(f"{place}: {key}", received=self.received, rule=self.rule, remedy=self.remedy)
+
+
+def overruled(error: Mapping[str, Any]) -> bool:
+    """Whether pydantic calls a list too short because it does not count the entries it refused."""
+    return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
+
+
+NOTHING = "nothing"  # what is received where a key or a value is missing
+
+
+def empty_values(data: Any, at: Key = ()) -> list[Problem]:
+    """`key:` with nothing after it: too easily taken for "as usual", so the file must say what is meant."""
+    if data is None:
+        remedy = "write {} for a part with its usual values, or remove the key"
+        return [Problem(at, NOTHING, "a key must have a value", remedy)]
+    if isinstance(data, dict):
+        return [p for key, value in data.items() for p in empty_values(value, (*at, key))]
+    if isinstance(data, list):
+        return [p for i, value in enumerate(data) for p in empty_values(value, (*at, i))]
+    return []
+
+
+def translate(model: type[BaseModel], data: Any, error: dict[str, Any]) -> Problem:
+    """One of pydantic's error records in our words."""
+    kind, context = error["type"], error.get("ctx", {})
+    at, value, there = _locate(data, error["loc"], absent=kind == "missing")
+    if kind == "fault":
+        at, value, there = _locate(data, (*at, *context["at"]), absent=True)
+        return Problem(at, show(value) if there else NOTHING, context["rule"], context["remedy"])
+    if kind == "extra_forbidden":
+        return _unknown_key(model, at, value)
+    remedy = _write_example(at, _field_at(model, at))
+    if kind == "missing":
+        rule = "this key is required" if isinstance(at[-1], str) else "this entry is required"
+        return Problem(at, NOTHING, rule, remedy)
+    rule = _RULES.get(kind, "").format(**context) if kind in _RULES else str(error["msg"])
+    if kind == "literal_error":
+        near = difflib.get_close_matches(str(value), re.findall("'([^']*)'", context["expected"]), n=1)
+        remedy = f'did you mean "{near[0]}"?' if near else remedy
+    elif kind in {"int_type", "float_type"} and isinstance(value, str) and re.match(r"[-+.\d]", value):
+        remedy = f"a plain number, without quotes or unit; {remedy}"
+    elif kind == "string_type" and not isinstance(value, (dict, list)):
+        remedy = f'put it in quotes: "{value}"'
+    return Problem(at, show(value), rule, remedy)
+
+
+_RULES = {
+    "model_type": "must be a mapping of keys",
+    "dict_type": "must be a mapping of keys",
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "too_short": "must have {min_length} or more entries",
+    "too_long": "must have {max_length} or fewer entries",
+    "string_too_short": "must not be empty",
+    "string_too_long": "must have {max_length} or fewer characters",
+    "string_type": "must be text",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "bool_type": "must be true or false",
+    "finite_number": "must be a finite number",
+    "literal_error": "must be {expected}",
+    "greater_than": "must be greater than {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be less than {lt}",
+    "less_than_equal": "must be at most {le}",
+}
+
+
+def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key, Any, bool]:
+    """Key path, value, and whether it is there; without the union tags that pydantic mixes into locations.
+
+    absent: the last part of the location may be a key that is not there, rather than a tag.
+    """
+    at: Key = ()
+    for n, part in enumerate(location):
+        inside = isinstance(data, Mapping) and part in data
+        inside = inside or (isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data))
+        if inside:
+            at, data = (*at, part), data[part]
+        elif absent and n == len(location) - 1:
+            return (*at, part), None, False
+    return at, data, True
+
+
+def _unknown_key(model: type[BaseModel], at: Key, value: Any) -> Problem:
+    parent, key = _model_at(model, at[:-1]), str(at[-1])
+    known = list(parent.model_fields) if parent is not None else []
+    later = getattr(parent, "not_there_yet", {}).get(key)
+    if later is not None:
+        rule = f"`{key}` ({later}) is not there yet in this version"
+        return Problem(at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True)
+    near = nearest_key(model, at)
+    homes = [dotted(home) for home in _homes(model, key)]
+    if near is not None:
+        remedy = f'did you mean "{near}"?'
+    elif homes:
+        remedy = f"move it: it belongs in {homes[0]} (check the indentation)"
+    else:
+        remedy = "remove it"
+    return Problem(at, show(value), f'unknown key "{key}"; known here: {", ".join(known)}', remedy)
+
+
+def nearest_key(model: type[BaseModel], at: Key) -> str | None:
+    """The known key nearest to the unknown one that ends `at`; None when it is known, or nothing is near."""
+    parent = _model_at(model, at[:-1]) if at else None
+    if parent is None or str(at[-1]) in parent.model_fields:
+        return None
+    word = str(at[-1]).lower().replace("-", "_").replace(" ", "_")
+    near = difflib.get_close_matches(word, parent.model_fields, n=1, cutoff=0.6)
+    return near[0] if near else None
+
+
+def _inner(annotation: Any) -> list[Any]:
+    """The plain types in an annotation: Annotated and unions taken apart."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _inner(get_args(annotation)[0])
+    if origin in (Union, UnionType):
+        return [inner for arm in get_args(annotation) for inner in _inner(arm)]
+    return [annotation]
+
+
+def _children(annotation: Any) -> list[tuple[str | None, Any]]:
+    """(key, annotation) of what an annotated value may hold; key None stands for any key or index."""
+    found: list[tuple[str | None, Any]] = []
+    for inner in _inner(annotation):
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            found += [(name, field.annotation) for name, field in inner.model_fields.items()]
+        elif get_origin(inner) in (dict, Mapping):
+            found.append((None, get_args(inner)[1]))
+        elif get_origin(inner) in (tuple, list):
+            found.append((None, get_args(inner)[0]))
+    return found
+
+
+def _model_at(model: type[BaseModel], at: Key) -> type[BaseModel] | None:
+    """The model class that describes the value at a key path."""
+    here: list[Any] = [model]
+    for part in at:
+        here = [child for one in here for key, child in _children(one) if key is None or key == part]
+    for inner in (inner for one in here for inner in _inner(one)):
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            return inner
+    return None
+
+
+def _field_at(model: type[BaseModel], at: Key) -> FieldInfo | None:
+    """pydantic's record of the nearest named key at or above a key path."""
+    for n in range(len(at) - 1, -1, -1):
+        parent = _model_at(model, at[:n])
+        if parent is not None and at[n] in parent.model_fields:
+            return parent.model_fields[str(at[n])]
+    return None
+
+
+def _homes(model: type[BaseModel], key: str) -> list[Key]:
+    """The parts of a file that know this key."""
+    found: list[Key] = []
+
+    def visit(annotation: Any, at: Key) -> None:
+        for name, child in _children(annotation):
+            if name == key:
+                found.append(at or ("the top level",))
+            visit(child, (*at, "<name>" if name is None else name))
+
+    visit(model, ())
+    return found
+
+
+def _write_example(at: Key, field: FieldInfo | None) -> str:
+    """What to write, from the key's own example: write, say, `length: 40 mm`."""
+    if field is None or not field.examples:
+        return "correct it"
+    name = next((str(part) for part in reversed(at) if isinstance(part, str)), "")
+    return f"write, say, `{name}: {flow(field.examples[0])}`"

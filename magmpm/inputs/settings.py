@@ -1,0 +1,200 @@
+"""What scene and study files share: quantity types, and one error for all that is wrong with a file.
+
+Quantity types are pydantic annotations. In a file a quantity is text with a unit ("40 mm") and a bare number
+is an error; models built in Python (no file in the validation context) also take bare floats, in SI. Either
+way the model holds SI floats.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, TypeVar
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+    ValidationInfo,
+)
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from magmpm.errors import InputError, NotThereYet
+from magmpm.inputs.messages import NOTHING, empty_values, nearest_key, overruled, translate
+from magmpm.inputs.quantities import KINDS, BadQuantity, a, format_si, parse_quantity
+from magmpm.inputs.yaml_document import Document, Key, read_yaml
+
+__all__ = [
+    "Acceleration",
+    "Angle",
+    "Current",
+    "Density",
+    "FluxDensity",
+    "Frequency",
+    "Length",
+    "Part",
+    "Pressure",
+    "Quantity",
+    "Time",
+    "fault",
+    "folder_of",
+    "from_file",
+    "read_yaml",
+    "validate",
+    "write_json_schema",
+]
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class Part(BaseModel):
+    """Base of every part of a scene or study: immutable, and unknown keys are errors.
+
+    `not_there_yet`: keys of the published contract that this version does not have, with what they are for.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    not_there_yet: ClassVar[Mapping[str, str]] = {}
+
+
+def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
+    """What a validator raises: the rule broken, what to do, and where below the validated key."""
+    return PydanticCustomError("fault", "{rule}", {"rule": rule, "remedy": remedy, "at": list(at)})
+
+
+def from_file(info: ValidationInfo) -> bool:
+    """Whether the validated value was written in a file (units due), rather than given in Python (SI)."""
+    return bool(info.context and info.context.get("file"))
+
+
+def folder_of(info: ValidationInfo) -> Path:
+    """The folder that paths in the validated data are relative to."""
+    return Path(info.context["file"]).parent if info.context and info.context.get("file") else Path()
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Annotation that makes a float out of text with a unit; bounds are texts with units too."""
+
+    kind: str
+    above: str | None = None
+    at_least: str | None = None
+    at_most: str | None = None
+
+    def read(self, value: Any, info: ValidationInfo) -> float:
+        """The value in SI. Raises PydanticCustomError (see `fault`)."""
+        kind = KINDS[self.kind]
+        write = f'write a number and its unit, such as "{kind.example}"'
+        if isinstance(value, str):
+            try:
+                si = parse_quantity(value, kind)
+            except BadQuantity as error:
+                raise fault(error.rule, error.remedy) from None
+        elif isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise fault(f"{a(kind.name)} is due here", write)
+        elif not abs(value) <= 1e300:  # compares integers of any size too, and refuses nan
+            raise fault(f"{a(kind.name)} must be a finite number", write)
+        elif from_file(info):
+            raise fault(f"{a(kind.name)} needs a unit", write)
+        else:
+            si = float(value)
+        self._check_bounds(si)
+        return si
+
+    def _check_bounds(self, si: float) -> None:
+        kind = KINDS[self.kind]
+        rules = []
+        if self.above is not None and not si > parse_quantity(self.above, kind):
+            rules.append(f"must be greater than {self.above}")
+        if self.at_least is not None and not si >= parse_quantity(self.at_least, kind):
+            rules.append(f"must be at least {self.at_least}")
+        if self.at_most is not None and not si <= parse_quantity(self.at_most, kind):
+            rules.append(f"must be at most {self.at_most}")
+        if rules:
+            raise fault(rules[0], f"check number and unit: this reads as {format_si(si, kind)}")
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(self, _: CoreSchema, __: GetJsonSchemaHandler) -> JsonSchemaValue:
+        kind = KINDS[self.kind]
+        words = {"above": self.above, "at least": self.at_least, "at most": self.at_most}
+        bounds = ", ".join(f"{word} {bound}" for word, bound in words.items() if bound is not None)
+        return {
+            "type": "string",
+            "title": f"{kind.name} {bounds}".strip(),
+            "pattern": r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*(1/)?[^\s\d.,+-].*$",
+            "examples": [kind.example],
+        }
+
+
+Length = Annotated[float, Quantity("length")]
+Pressure = Annotated[float, Quantity("pressure")]
+Density = Annotated[float, Quantity("density")]
+FluxDensity = Annotated[float, Quantity("flux density")]
+Angle = Annotated[float, Quantity("angle")]
+Acceleration = Annotated[float, Quantity("acceleration")]
+Time = Annotated[float, Quantity("time")]
+Frequency = Annotated[float, Quantity("frequency")]
+Current = Annotated[float, Quantity("current")]
+
+
+def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = None) -> M:
+    """`data` as the model, or one InputError that lists everything wrong with it.
+
+    data: what `read_yaml` returned (units due, line numbers in messages), or any mapping; in SI when the data
+    are no Document and `path` is None.
+    Raises NotThereYet when all that is wrong is keys of a later version, else InputError.
+    """
+    if path is None and isinstance(data, Document):
+        path = data.path
+    file = Path(path) if path is not None else None
+    problems = empty_values(data) if file is not None else []
+    empty = {problem.at for problem in problems}
+    try:
+        result = model.model_validate(dict(data), context={"file": file})
+        if not problems:
+            return result
+    except ValidationError as error:
+        found = [translate(model, data, dict(e)) for e in error.errors(include_url=False) if not overruled(e)]
+        # a misspelt key that is required is one mistake, not two
+        meant = {(*p.at[:-1], near) for p in found if (near := nearest_key(model, p.at)) is not None}
+        problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
+    lines = data.lines if isinstance(data, Document) else {}
+    text = "\n".join(problem.text(file, lines) for problem in sorted(problems, key=lambda p: p.line(lines)))
+    if len(problems) > 1:
+        text = f"{len(problems)} problems in {file if file is not None else 'the input'}\n{text}"
+    raise (NotThereYet if all(p.later for p in problems) else InputError)(text)
+
+
+class _InputSchema(GenerateJsonSchema):
+    """JSON schema of what a file may say: a key is there with a value, or it is not there."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False  # the key says it
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        # defaults are SI floats inside; the descriptions name them as a file would
+        return self.generate_inner(schema["schema"])
+
+
+def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """JSON schema (2020-12) of the files that describe this model, as editors use it."""
+    schema = model.model_json_schema(schema_generator=_InputSchema)
+    for part in (schema, *schema.get("$defs", {}).values()):
+        part.pop("title", None)  # names of our classes
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def write_json_schema(model: type[BaseModel], path: Path | str) -> None:
+    """Writes `json_schema(model)` to a file."""
+    text = json.dumps(json_schema(model), indent=2, ensure_ascii=False)
+    Path(path).write_text(text + "\n", encoding="utf-8")

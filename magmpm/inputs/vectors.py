@@ -1,0 +1,77 @@
+"""Vectors in scene files: three numbers, three quantities, or a direction by two angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
+
+from magmpm.inputs.settings import Part, Quantity, fault
+
+Vector = tuple[float, float, float]
+
+
+def three(write: str) -> BeforeValidator:
+    """Checks that a value is a list of three, before its numbers are looked at."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        if not isinstance(value, (list, tuple)) or len(value) != 3:
+            raise fault("must be a list of 3, for x, y and z", f"write, say, {write}")
+        return value
+
+    return BeforeValidator(check)
+
+
+def _unit_vector(value: Any) -> Vector:
+    """The direction, of length one (or zeros), whichever way it was written.
+
+    Components below 1e-15 are rounding of angles and become zero. A vector of length one within rounding
+    stays as it is, so that a scene read back from its own data is bitwise the same.
+    """
+    if isinstance(value, Angles):
+        cos_e, sin_e = math.cos(value.elevation), math.sin(value.elevation)
+        value = (cos_e * math.cos(value.azimuth), cos_e * math.sin(value.azimuth), sin_e)
+    largest = max(abs(x) for x in value)
+    if largest == 0.0:
+        return (0.0, 0.0, 0.0)
+    length = math.hypot(*value)
+    if abs(length - 1.0) > 1e-14:
+        value = tuple(x / largest for x in value)  # first, so that huge and tiny vectors normalise too
+        length = math.hypot(*value)
+        value = tuple(x / length for x in value)
+    x, y, z = (0.0 if abs(x) < 1e-15 else float(x) for x in value)
+    return (x, y, z)
+
+
+class Angles(Part):
+    """A direction by two angles: d = (cos e cos a, cos e sin a, sin e)."""
+
+    azimuth: Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")] = Field(
+        description="Turn in the x-y plane, from +x towards +y.", examples=["30 deg"]
+    )
+    elevation: Annotated[float, Quantity("angle", at_least="-90 deg", at_most="90 deg")] = Field(
+        default=0.0,
+        description="Lift from the x-y plane towards +z; 0 deg unless given.",
+        examples=["10 deg"],
+    )
+
+
+if TYPE_CHECKING:
+    Direction = Vector
+else:
+    _number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+    Direction = Annotated[
+        Annotated[Angles, Tag("angles")]
+        | Annotated[
+            tuple[_number, _number, _number],
+            three("[1, 0, 0] or {azimuth: 30 deg, elevation: 10 deg}"),
+            Tag("vector"),
+        ],
+        Discriminator(lambda value: "angles" if isinstance(value, (Mapping, Angles)) else "vector"),
+        AfterValidator(_unit_vector),
+    ]

@@ -1,0 +1,399 @@
+"""P2G, grid update and G2P of the updated formulation (APIC): the grid is fixed in space, and particles move through it.
+
+Stress goes to the nodes, and F grows, by the splines' own gradients, so that strain is that of the motion that carries the particles.
+(MLS-MPM uses APIC's C for both, a mean of the gradient over a cell: bodies at rest under load then creep; docs/stability.md.)
+
+A node holds four floats: mass and momentum, or 0 and velocity. Two nodes of a row along z are one register, so a particle scatters to its
+27 nodes in 36 multiplications and additions, and no sum over lanes is needed; neighbours in one cell share the registers. All else
+(splines, stress, effects, the move) is done for eight particles at a time; rows of a particle and lanes of eight are transposed in
+registers: 64 floats a particle. Particles are sorted by slabs of four planes of cells, each slab's number rounded up to
+eight by particles without mass; a particle drifts by less than a cell before it is sorted again, so two slabs of one colour never
+touch the same node, and every sum is made in one order: the same bits at any number of threads.
+
+Sources: Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); Steffen, Kirby, Berzins, IJNME 76 (2008) 922 (MPM with B-splines).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.compiled.jit import compiled, inlined, kernel, prange
+from magmpm.compiled.simd import (
+    flag_unless_positive,
+    floor,
+    four,
+    halves,
+    highest,
+    larger,
+    load,
+    load_rows,
+    lowest,
+    magnitude,
+    smaller,
+    splat,
+    store,
+    store_folded,
+    store_rows,
+    total,
+)
+from magmpm.compiled.simd_views import row
+from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
+from magmpm.kernels.multi_grid_contact import meet
+from magmpm.kernels.particle_group import (
+    add_effects,
+    any_effect,
+    determinant,
+    neo_hookean,
+    stiffest_in_space,
+    touches,
+)
+from magmpm.kernels.watch import BROKEN, WHY, stops
+
+ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 of place, 4 unused
+DRIFT = 0.95  # cells a particle may move before it must be sorted again; less than 1
+
+
+@compiled
+def _splines(x, block, axis, origin, cells, h):  # type: ignore[no-untyped-def]
+    """Of eight particles along an axis: first node; three splines N; three N d, d the node's place less the particle's (m); slopes (1/m).
+
+    cells: 1 / h.
+    """
+    s = (load(x, 24 * block + 8 * axis) - origin[axis]) * cells
+    first = floor(s)
+    t = s - first
+    u = 1.0 - t
+    a, b, c, d = 0.5 * (u * u), 0.5 + t * u, 0.5 * (t * t), (-0.5 - t) * h
+    return first, a, b, c, a * d, b * (d + h), c * (d + 2.0 * h), u * (-cells), (u - t) * cells, t * cells
+
+
+@compiled
+def _locate(x, block, origin, h, along_x, along_y, lift, rows):  # type: ignore[no-untyped-def]
+    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z.
+
+    lift: nodes before the grid of the block's piece.
+    """
+    i, a0, a1, a2, a3, a4, a5, a6, a7, a8 = _splines(x, block, 0, origin, 1.0 / h[0], h[0])
+    j, b0, b1, b2, b3, b4, b5, b6, b7, b8 = _splines(x, block, 1, origin, 1.0 / h[1], h[1])
+    k, c0, c1, c2, c3, c4, c5, c6, c7, c8 = _splines(x, block, 2, origin, 1.0 / h[2], h[2])
+    first = i * float(along_x) + j * float(along_y) + k + lift
+    store_rows(rows, 32, ROW, first, a0, a1, a2, a3, a4, a5, a6)
+    store_rows(rows, 40, ROW, a7, a8, b0, b1, b2, b3, b4, b5)
+    store_rows(rows, 48, ROW, b6, b7, b8, c0, c1, c2, c3, c4)
+    store_rows(rows, 56, ROW, c5, c6, c7, c8, c8, c8, c8, c8)
+
+
+@inlined
+def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, out):  # type: ignore[no-untyped-def]
+    """What a block of eight particles gives to its nodes, into out (8 ROW,): seven rows of four each.
+
+    Returns its det F, and its stiffness over its density, m^2/s^2.
+
+    out: [m, m v + dt f], [0, column k of m C] for k = x, y, z, and [0, column k of dt V P F^T].
+    """
+    P, f, dF, velocity, place, room = work
+    at = 72 * block
+    J, K = determinant(F, at), load(bulk, 8 * block)
+    pressure = (J - 1.0) * K
+    scale, I1, _ = neo_hookean(F, at, J, load(shear, 8 * block), pressure, P)
+    stiff = stiffest_in_space(J, scale, I1, pressure, K) / load(density, 8 * block)
+    V = load(volume, 8 * block)
+    f[:] = 0.0
+    if any_effect(effects):
+        for i in range(3):
+            store(place, 8 * i, load(x, 24 * block + 8 * i))
+            if has_contact(effects):
+                store(velocity, 8 * i, load(v, 24 * block + 8 * i))
+            for k in range(3 if has_rate_stress(effects) else 0):
+                rate = splat(0.0)
+                for m in range(3):
+                    rate = rate + load(L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
+                store(dF, 8 * (3 * i + k), rate)
+        touched = has_contact(effects) and touches(effects, step, block, place, volume)
+        add_effects(effects, step, dt, block, F, at, P, dF, place, velocity, f, touched, room, magnet, density, volume)
+    mass, zero = load(density, 8 * block) * V, splat(0.0)
+    push = V * dt
+    p0 = mass * load(v, 24 * block) + push * load(f, 0)
+    p1 = mass * load(v, 24 * block + 8) + push * load(f, 8)
+    p2 = mass * load(v, 24 * block + 16) + push * load(f, 16)
+    x0, x1, x2 = mass * load(C, at), mass * load(C, at + 24), mass * load(C, at + 48)
+    y0, y1, y2 = mass * load(C, at + 8), mass * load(C, at + 32), mass * load(C, at + 56)
+    z0, z1, z2 = mass * load(C, at + 16), mass * load(C, at + 40), mass * load(C, at + 64)
+    store_rows(out, 0, ROW, mass, p0, p1, p2, zero, x0, x1, x2)
+    store_rows(out, 8, ROW, zero, y0, y1, y2, zero, z0, z1, z2)
+    x0, x1, x2 = _stress_column(0, push, F, at, P)
+    y0, y1, y2 = _stress_column(1, push, F, at, P)
+    z0, z1, z2 = _stress_column(2, push, F, at, P)
+    store_rows(out, 16, ROW, zero, x0, x1, x2, zero, y0, y1, y2)
+    store_rows(out, 24, ROW, zero, z0, z1, z2, zero, zero, zero, zero)
+    return J, stiff
+
+
+@compiled
+def _stress_column(k, scale, F, at, P):  # type: ignore[no-untyped-def]
+    """Column k of scale P F^T, of a block of eight particles."""
+    a, b, c = load(F, at + 24 * k), load(F, at + 24 * k + 8), load(F, at + 24 * k + 16)
+    t0 = load(P, 0) * a + load(P, 8) * b + load(P, 16) * c
+    t1 = load(P, 24) * a + load(P, 32) * b + load(P, 40) * c
+    t2 = load(P, 48) * a + load(P, 56) * b + load(P, 64) * c
+    return scale * t0, scale * t1, scale * t2
+
+
+@compiled
+def _add(grid, k, low, high):  # type: ignore[no-untyped-def]
+    """Adds two registers, three nodes' worth, to a row of nodes."""
+    store(grid, k, load(grid, k) + low)
+    store(grid, k + 8, load(grid, k + 8) + high)
+
+
+@compiled
+def _scatter(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
+    """Adds mass and momentum of a block's particles (rows (8 ROW,)) to their 27 nodes.
+
+    Node (i, j, k) gets N_i N_j N_k (base + sum over axes q d) - t . grad(N_i N_j N_k), written as A_i N_j + B_j N_i with rows of k in
+    A and B. Neighbours in the order are mostly of one cell: their sums stay in 18 registers until the next cell.
+    """
+    p, zero = 0, splat(0.0)
+    while p < 8:
+        first = rows[ROW * p + 32]
+        a0, a1, a2, a3, a4, a5, a6, a7, a8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+        b0, b1, b2, b3, b4, b5, b6, b7, b8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+        while p < 8 and rows[ROW * p + 32] == first:
+            at = ROW * p
+            ny0, ny1, ny2 = rows[at + 42], rows[at + 43], rows[at + 44]
+            na, nb = halves(rows[at + 51], rows[at + 52]), halves(rows[at + 53], 0.0)
+            q, t = four(rows, at + 12), four(rows, at + 24)
+            za = q * halves(rows[at + 54], rows[at + 55]) - t * halves(rows[at + 57], rows[at + 58])
+            zb = q * halves(rows[at + 56], 0.0) - t * halves(rows[at + 59], 0.0)
+            q, t = four(rows, at + 8), four(rows, at + 20)
+            y0, y1, y2 = q * rows[at + 45] - t * rows[at + 48], q * rows[at + 46] - t * rows[at + 49], q * rows[at + 47] - t * rows[at + 50]
+            ya0, ya1, ya2, yb0, yb1, yb2 = y0 * na, y1 * na, y2 * na, y0 * nb, y1 * nb, y2 * nb
+            base, q, t = four(rows, at), four(rows, at + 4), four(rows, at + 16)
+            n, row = rows[at + 33], base * rows[at + 33] + q * rows[at + 36] - t * rows[at + 39]
+            low, high = row * na + za * n, row * nb + zb * n
+            a0, a1, a2 = a0 + low * ny0 + ya0 * n, a1 + low * ny1 + ya1 * n, a2 + low * ny2 + ya2 * n
+            b0, b1, b2 = b0 + high * ny0 + yb0 * n, b1 + high * ny1 + yb1 * n, b2 + high * ny2 + yb2 * n
+            n, row = rows[at + 34], base * rows[at + 34] + q * rows[at + 37] - t * rows[at + 40]
+            low, high = row * na + za * n, row * nb + zb * n
+            a3, a4, a5 = a3 + low * ny0 + ya0 * n, a4 + low * ny1 + ya1 * n, a5 + low * ny2 + ya2 * n
+            b3, b4, b5 = b3 + high * ny0 + yb0 * n, b4 + high * ny1 + yb1 * n, b5 + high * ny2 + yb2 * n
+            n, row = rows[at + 35], base * rows[at + 35] + q * rows[at + 38] - t * rows[at + 41]
+            low, high = row * na + za * n, row * nb + zb * n
+            a6, a7, a8 = a6 + low * ny0 + ya0 * n, a7 + low * ny1 + ya1 * n, a8 + low * ny2 + ya2 * n
+            b6, b7, b8 = b6 + high * ny0 + yb0 * n, b7 + high * ny1 + yb1 * n, b8 + high * ny2 + yb2 * n
+            p += 1
+        k, x, y = 4 * int(first), 4 * along_x, 4 * along_y
+        _add(grid, k, a0, b0), _add(grid, k + y, a1, b1), _add(grid, k + 2 * y, a2, b2)
+        k += x
+        _add(grid, k, a3, b3), _add(grid, k + y, a4, b4), _add(grid, k + 2 * y, a5, b5)
+        k += x
+        _add(grid, k, a6, b6), _add(grid, k + y, a7, b7), _add(grid, k + 2 * y, a8, b8)
+
+
+@compiled
+def _gather(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
+    """Velocities and their gradients of a block's particles, into rows (8 ROW,): seven rows of four, the first of each unused.
+
+    v; C by column: sum of N v d 4/h^2; L by column: sum of v grad N.
+    """
+    scale_x, scale_y, scale_z = 4.0 / (h[0] * h[0]), 4.0 / (h[1] * h[1]), 4.0 / (h[2] * h[2])
+    zero = splat(0.0)
+    for p in range(8):
+        at = ROW * p
+        ny0, ny1, ny2 = rows[at + 42], rows[at + 43], rows[at + 44]
+        my0, my1, my2 = rows[at + 45], rows[at + 46], rows[at + 47]
+        sy0, sy1, sy2 = rows[at + 48], rows[at + 49], rows[at + 50]
+        # sums over the nodes along x and y, for nodes 0 and 1 and for node 2 along z, named by what multiplies them: N, N d, slope
+        nn_low, nn_high, mn_low, mn_high, sn_low, sn_high = zero, zero, zero, zero, zero, zero
+        nm_low, nm_high, ns_low, ns_high = zero, zero, zero, zero
+        for i in range(3):
+            k, step = 4 * (int(rows[at + 32]) + i * along_x), 4 * along_y
+            a0, a1, a2 = load(grid, k), load(grid, k + step), load(grid, k + 2 * step)
+            b0, b1, b2 = load(grid, k + 8), load(grid, k + step + 8), load(grid, k + 2 * step + 8)
+            n, m, s = rows[at + 33 + i], rows[at + 36 + i], rows[at + 39 + i]
+            a, b = a0 * ny0 + a1 * ny1 + a2 * ny2, b0 * ny0 + b1 * ny1 + b2 * ny2
+            nn_low, nn_high, mn_low, mn_high = nn_low + a * n, nn_high + b * n, mn_low + a * m, mn_high + b * m
+            sn_low, sn_high = sn_low + a * s, sn_high + b * s
+            nm_low, nm_high = nm_low + (a0 * my0 + a1 * my1 + a2 * my2) * n, nm_high + (b0 * my0 + b1 * my1 + b2 * my2) * n
+            ns_low, ns_high = ns_low + (a0 * sy0 + a1 * sy1 + a2 * sy2) * n, ns_high + (b0 * sy0 + b1 * sy1 + b2 * sy2) * n
+        na, nb = halves(rows[at + 51], rows[at + 52]), halves(rows[at + 53], 0.0)
+        ma, mb = halves(rows[at + 54], rows[at + 55]), halves(rows[at + 56], 0.0)
+        sa, sb = halves(rows[at + 57], rows[at + 58]), halves(rows[at + 59], 0.0)
+        store_folded(rows, at, nn_low * na + nn_high * nb)
+        store_folded(rows, at + 4, (mn_low * na + mn_high * nb) * scale_x)
+        store_folded(rows, at + 8, (nm_low * na + nm_high * nb) * scale_y)
+        store_folded(rows, at + 12, (nn_low * ma + nn_high * mb) * scale_z)
+        store_folded(rows, at + 16, sn_low * na + sn_high * nb)
+        store_folded(rows, at + 20, ns_low * na + ns_high * nb)
+        store_folded(rows, at + 24, nn_low * sa + nn_high * sb)
+
+
+@compiled
+def _move(block, dt, h, rows, x, v, C, L, F, keep):  # type: ignore[no-untyped-def]
+    """x += dt v and F <- (I + dt L) F for a block of eight particles, with v, C and L from rows. Returns the cells each one moves.
+
+    keep: whether L is kept, for the next step's stress.
+    """
+    _, v0, v1, v2, _, c00, c10, c20 = load_rows(rows, 0, ROW)
+    _, c01, c11, c21, _, c02, c12, c22 = load_rows(rows, 8, ROW)
+    at, first = 72 * block, 24 * block
+    store(v, first, v0), store(v, first + 8, v1), store(v, first + 16, v2)
+    m0, m1, m2 = v0 * dt, v1 * dt, v2 * dt
+    store(x, first, load(x, first) + m0)
+    store(x, first + 8, load(x, first + 8) + m1)
+    store(x, first + 16, load(x, first + 16) + m2)
+    store(C, at, c00), store(C, at + 8, c01), store(C, at + 16, c02)
+    store(C, at + 24, c10), store(C, at + 32, c11), store(C, at + 40, c12)
+    store(C, at + 48, c20), store(C, at + 56, c21), store(C, at + 64, c22)
+    _, c00, c10, c20, _, c01, c11, c21 = load_rows(rows, 16, ROW)
+    _, c02, c12, c22, _, _, _, _ = load_rows(rows, 24, ROW)
+    if keep:
+        store(L, at, c00), store(L, at + 8, c01), store(L, at + 16, c02)
+        store(L, at + 24, c10), store(L, at + 32, c11), store(L, at + 40, c12)
+        store(L, at + 48, c20), store(L, at + 56, c21), store(L, at + 64, c22)
+    for k in range(3):
+        a, b, c = load(F, at + 8 * k), load(F, at + 24 + 8 * k), load(F, at + 48 + 8 * k)
+        store(F, at + 8 * k, a + (c00 * a + c01 * b + c02 * c) * dt)
+        store(F, at + 24 + 8 * k, b + (c10 * a + c11 * b + c12 * c) * dt)
+        store(F, at + 48 + 8 * k, c + (c20 * a + c21 * b + c22 * c) * dt)
+    return magnitude(m0) * (1.0 / h[0]), magnitude(m1) * (1.0 / h[1]), magnitude(m2) * (1.0 / h[2])
+
+
+@inlined
+def _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still):  # type: ignore[no-untyped-def]
+    """Velocity of a node that has mass, from its momentum; both are emptied for the next step."""
+    mass, free = momentum[4 * n], fixed[n] == 0
+    for i in range(1, 4):
+        velocity[4 * n + i] = momentum[4 * n + i] / mass if free else 0.0
+    if has_node(effects) and free:
+        change_node(effects, step, row(place, 3 * n % len(place)), row(still, 0), row(velocity, 4 * n + 1), dt)
+    for i in range(4):
+        momentum[4 * n + i] = 0.0
+
+
+@compiled
+def _fold(momentum, clamp, along_x):  # type: ignore[no-untyped-def]
+    """A clamped face: momentum of the plane of nodes before it (first node `clamp`) is taken from the plane after it."""
+    for n in range(along_x):
+        before, after = 4 * (clamp + n), 4 * (clamp + along_x + n)
+        momentum[after] += momentum[before]
+        for i in range(1, 4):
+            momentum[after + i] -= momentum[before + i]
+
+
+@compiled
+def _mirror(velocity, clamp, along_x):  # type: ignore[no-untyped-def]
+    """A clamped face: velocities before it are the mirror, with the other sign, of those after it: the face is at rest."""
+    for plane in range(clamp // along_x + 1):
+        before, after = clamp - plane * along_x, clamp + (plane + 1) * along_x
+        for n in range(along_x):
+            for i in range(1, 4):
+                velocity[4 * (before + n) + i] = -velocity[4 * (after + n) + i]
+
+
+@compiled
+def _fold_pairs(momentum, mirrors):  # type: ignore[no-untyped-def]
+    """Faces at rest elsewhere: momentum of the outer node of each pair (pairs, 2) is taken from the inner one."""
+    for pair in range(len(mirrors)):
+        outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
+        momentum[inner] += momentum[outer]
+        for i in range(1, 4):
+            momentum[inner + i] -= momentum[outer + i]
+
+
+@compiled
+def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
+    """The outer node of each pair moves as the inner one, backwards."""
+    for pair in range(len(mirrors)):
+        outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
+        for i in range(1, 4):
+            velocity[outer + i] = -velocity[inner + i]
+
+
+@kernel
+def advance(
+    steps, dt, origin, h, along_x, along_y, nodes, slab_first, lift, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
+    momentum, velocity, planes, fixed, weight, shared, curve, place, clamp, mirrors, flat,
+    stiffness, watch, slab_low, slab_high, slab_change, fast, drift,
+):  # fmt: skip
+    """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
+
+    Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place; volume, shear,
+    bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first
+    (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of its piece: each piece of the body has a grid of `nodes`,
+    k in all; momentum, velocity (4 k nodes + 8,), momentum empty; planes: those of the k grids, one after the other, that may get mass;
+    fixed (k nodes,), weight (k nodes,) kg: nodes kept at rest, and mass of what is held; shared (2, 3): the box of nodes where pieces may
+    meet (kernels.multi_grid_contact, which knows curve); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1;
+    mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat: nothing moves along y; stiffness (n,) m^2/s^2: the last
+    step's, NaN before the first; watch, slab_ (slabs,): as of kernels.total_lagrangian_step.advance; fast (slabs,): largest move along an
+    axis in cells a step; drift: cells that particles may have moved since they were sorted.
+    Returns steps taken and drift; the watch says why they ended: BROKEN also where a particle crosses a cell in one step.
+    """
+    slabs, meeting = len(slab_first) - 1, (shared[0] < shared[1]).all()
+    still, strides, flat_place = np.zeros(3), (along_x, along_y, 1), place.reshape(-1)
+    for step in range(steps):
+        for colour in range(2):
+            for half in prange((slabs + 1 - colour) // 2):
+                slab = 2 * half + colour
+                work = (np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(24), np.empty(24))
+                rows = np.empty(8 * ROW)
+                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+                for block in range(slab_first[slab], slab_first[slab + 1]):
+                    J, stiff = _prepare(
+                        block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, rows,
+                    )  # fmt: skip
+                    least, bad = smaller(J, least), flag_unless_positive(J, bad)
+                    high = larger(stiff, high)
+                    change = larger(magnitude(stiff - load(stiffness, 8 * block)), change)
+                    store(stiffness, 8 * block, stiff)
+                    _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
+                    _scatter(momentum, along_x, along_y, h, rows)
+                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
+                slab_high[slab], slab_change[slab] = highest(high), highest(change)
+        if stops(watch, slab_low, slab_high, slab_change):
+            momentum[:] = 0.0
+            return step, drift
+        if clamp >= 0:
+            _fold(momentum, clamp, along_x)
+        _fold_pairs(momentum, mirrors)
+        if meeting:
+            meet(momentum, weight, fixed, nodes, shared[0], shared[1], strides, h, curve)
+        for k in prange(len(planes)):
+            for n in range(planes[k] * along_x, (planes[k] + 1) * along_x):
+                if momentum[4 * n] > 0.0:  # of others no particle reads the velocity
+                    _update_node(n, step, dt, momentum, velocity, fixed, flat_place, effects, still)
+                    if flat:
+                        velocity[4 * n + 2] = 0.0
+        if clamp >= 0:
+            _mirror(velocity, clamp, along_x)
+        _mirror_pairs(velocity, mirrors)
+        for slab in prange(slabs):
+            rows = np.empty(8 * ROW)
+            slow, bad = splat(0.0), splat(0.0)
+            for block in range(slab_first[slab], slab_first[slab + 1]):
+                _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
+                _gather(velocity, along_x, along_y, h, rows)
+                for part in _move(block, dt, h, rows, x, v, C, L, F, has_rate_stress(effects)):
+                    slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is no number
+            fast[slab] = -lowest(slow) if total(bad) == 0.0 else np.inf
+        most = 0.0
+        for slab in range(slabs):
+            if not fast[slab] <= DRIFT:
+                watch[WHY] = BROKEN
+                return step + 1, drift
+            most = max(most, fast[slab])
+        drift += most
+        if drift > DRIFT:
+            return step + 1, drift
+    return steps, drift
+
+
+@kernel
+def rearrange(rows, width, old, new):  # type: ignore[no-untyped-def]
+    """Rows of `width` values in another order: new row r is the old one rows[r] (n,); old, new flat in blocks of eight."""
+    for block in prange(len(rows) // 8):
+        for lane in range(8):
+            row = rows[8 * block + lane]
+            begin = width * (row - row % 8) + row % 8
+            for k in range(width):
+                new[8 * (width * block + k) + lane] = old[begin + 8 * k]

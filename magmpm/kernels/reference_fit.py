@@ -1,0 +1,135 @@
+"""Kernels of dynamics.drift_correction: between a model's particles and the splines of the grid in its undeformed body, cell by cell.
+
+A cell is a run of particles (cell_first (cells + 1,)) with 27 nodes, z fastest (node (cells, 27)); low (cells, 3) m is its lower
+corner, per (3,) 1/m is 1 / h, and rest (n, 3) m are the particles' places in the undeformed body. Sums are made in one order at any
+number of threads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.materials import determinant
+
+
+@compiled
+def _splines(t, N, S):  # type: ignore[no-untyped-def]
+    """The three splines N (3,) at t of a cell, 0 to 1, and their slopes S (3,) by t."""
+    N[0], N[1], N[2] = 0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t
+    S[0], S[1], S[2] = t - 1.0, 1.0 - 2.0 * t, t
+
+
+@compiled
+def _weights(a, b, c, out):  # type: ignore[no-untyped-def]
+    """out (27,): products of three times three times three numbers."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                out[9 * i + 3 * j + k] = a[i] * b[j] * c[k]
+
+
+@compiled
+def _sum(a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for k in range(27):
+        total += a[k] * b[k]
+    return total
+
+
+@kernel
+def interpolate(cell_first, node, low, per, rest, field, out):  # type: ignore[no-untyped-def]
+    """out (n, 3): a nodal field (nodes, 3) at the particles."""
+    for cell in prange(len(cell_first) - 1):
+        N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
+        for a in range(27):
+            for i in range(3):
+                near[i, a] = field[node[cell, a], i]
+        for p in range(cell_first[cell], cell_first[cell + 1]):
+            for axis in range(3):
+                _splines((rest[p, axis] - low[cell, axis]) * per[axis], N[axis], S)
+            _weights(N[0], N[1], N[2], W)
+            for i in range(3):
+                out[p, i] = _sum(W, near[i])
+
+
+@kernel
+def moments(slab_first, cell_first, node, low, per, rest, volume, density, values, out):  # type: ignore[no-untyped-def]
+    """out (nodes, 3) += sum over particles of m N values (n, 3). slab_first (slabs + 1,): first cells; every second slab shares no node."""
+    slabs = len(slab_first) - 1
+    for colour in range(2):
+        for half in prange((slabs + 1 - colour) // 2):
+            slab = 2 * half + colour
+            N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
+            for cell in range(slab_first[slab], slab_first[slab + 1]):
+                near[:] = 0.0
+                for p in range(cell_first[cell], cell_first[cell + 1]):
+                    for axis in range(3):
+                        _splines((rest[p, axis] - low[cell, axis]) * per[axis], N[axis], S)
+                    _weights(N[0], N[1], N[2], W)
+                    for i in range(3):
+                        share = volume[p] * density[p] * values[p, i]
+                        for a in range(27):
+                            near[i, a] += share * W[a]
+                for a in range(27):
+                    for i in range(3):
+                        out[node[cell, a], i] += near[i, a]
+
+
+@compiled
+def _determinant(F, at):  # type: ignore[no-untyped-def]
+    """det of the matrix in one lane of a block, its first entry at `at`."""
+    a, b, c, d, e, f, g, h, i = F[at], F[at + 8], F[at + 16], F[at + 24], F[at + 32], F[at + 40], F[at + 48], F[at + 56], F[at + 64]
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+@kernel
+def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, pressed, torn, part, row, x, F):  # type: ignore[no-untyped-def]
+    """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
+
+    modes (n, 0) or (n, 4): model.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
+    (n,), or torn (m) off the fit, or whose A is turned inside out. pressed (n,): only F goes, and only where it is wider than A.
+    row (n,): of a particle in x and F, flat in blocks of eight (dynamics.apic).
+    """
+    count = modes.shape[1]
+    for cell in prange(len(cell_first) - 1):
+        first, last = cell_first[cell], cell_first[cell + 1]
+        N, S, W, near = np.empty((3, 3)), np.empty((3, 3)), np.empty(27), np.empty((3, 27))
+        A, off, J, c = np.empty((last - first, 3, 3)), np.empty((last - first, 3)), np.empty(last - first), np.zeros(count)
+        for a in range(27):
+            for i in range(3):
+                near[i, a] = field[node[cell, a], i]
+        for p in range(first, last):
+            B = A[p - first]
+            for axis in range(3):
+                _splines((rest[p, axis] - low[cell, axis]) * per[axis], N[axis], S[axis])
+            _weights(N[0], N[1], N[2], W)
+            for i in range(3):
+                off[p - first, i] = _sum(W, near[i]) - moved[p, i]
+            for axis in range(3):
+                _weights(S[0] if axis == 0 else N[0], S[1] if axis == 1 else N[1], S[2] if axis == 2 else N[2], W)
+                for i in range(3):
+                    B[i, axis] = _sum(W, near[i]) * per[axis] + (1.0 if i == axis else 0.0)
+            J[p - first] = determinant(B)
+            for k in range(count):
+                c[k] += volume[p] * modes[p, k] * (J[p - first] - 1.0)
+        for p in range(first, last):
+            projected, misfit = 1.0 if count else J[p - first], 0.0
+            for k in range(count):
+                projected += modes[p, k] * c[k]
+            for i in range(3):
+                misfit += off[p - first, i] * off[p - first, i]
+            if alone[p] or not misfit < torn * torn or not (projected > 0.0 and J[p - first] > 0.0):
+                continue
+            scale = (projected / J[p - first]) ** (1.0 / 3.0)
+            block, lane = row[p] // 8, row[p] % 8
+            if pressed[p]:
+                if not _determinant(F, 72 * block + lane) > projected:
+                    continue
+            else:
+                for i in range(3):
+                    x[24 * block + 8 * i + lane] += part * off[p - first, i]
+            for i in range(3):
+                for j in range(3):
+                    k = 72 * block + 8 * (3 * i + j) + lane
+                    F[k] += part * (scale * A[p - first, i, j] - F[k])

@@ -1,0 +1,255 @@
+"""Force of a body on the grid of its undeformed shape, eight particles at a time: the inner loop of the total formulation.
+
+Every step, particles gather displacement and deformation gradient from the grid's coefficients (G2P) and scatter the force of their
+stress back (P2G), cell by cell. Splines are products of one-dimensional ones, so both are done axis by axis: 270 multiplications and
+additions in place of 486, and 18 numbers a particle in place of 108. A cell's particles lie in groups of eight lanes
+(dynamics.particle_groups). The plain formulas are in kernels.g2p and kernels.equilibrium, and in tests/reference.
+
+Flat arrays, as `simd.load` takes them: field (3 nodes,) a value per node and component; splines (patterns 18 8,) values then slopes,
+each axis by node; per_particle (groups 8,), magnet (groups 3 8,).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.simd import (
+    flag_unless_positive,
+    highest,
+    larger,
+    load,
+    lowest,
+    magnitude,
+    smaller,
+    splat,
+    store,
+    sums,
+    total,
+)
+from magmpm.compiled.simd_views import row
+from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
+from magmpm.kernels.particle_group import add_effects, any_effect, determinant, neo_hookean, stiffest, touches
+from magmpm.kernels.watch import stops
+
+LANES = 8
+SPLINES = 18 * LANES  # floats of a group's splines
+
+
+@compiled
+def gather(field, node, along_x, along_y, splines, first, gradient, to, value, at):  # type: ignore[no-untyped-def]
+    """Gradient (9 8,) and value (3 8,) of a nodal field (3 nodes,) at a group of particles, from indices `to` and `at` on.
+
+    node: the cell's first node; along_x, along_y: nodes from one to the next along x and y; first: of the group in splines.
+    """
+    zero = splat(0.0)
+    u0, u1, u2 = zero, zero, zero
+    x0, x1, x2, y0, y1, y2, z0, z1, z2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
+    dz0, dz1, dz2 = load(splines, first + 120), load(splines, first + 128), load(splines, first + 136)
+    for a in range(3):
+        p0, p1, p2, q0, q1, q2, r0, r1, r2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+        for b in range(3):
+            k = 3 * (node + a * along_x + b * along_y)
+            ny, dy = load(splines, first + 24 + 8 * b), load(splines, first + 96 + 8 * b)
+            n0 = nz0 * field[k] + nz1 * field[k + 3] + nz2 * field[k + 6]
+            n1 = nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7]
+            n2 = nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8]
+            d0 = dz0 * field[k] + dz1 * field[k + 3] + dz2 * field[k + 6]
+            d1 = dz0 * field[k + 1] + dz1 * field[k + 4] + dz2 * field[k + 7]
+            d2 = dz0 * field[k + 2] + dz1 * field[k + 5] + dz2 * field[k + 8]
+            p0, p1, p2 = p0 + ny * n0, p1 + ny * n1, p2 + ny * n2
+            q0, q1, q2 = q0 + dy * n0, q1 + dy * n1, q2 + dy * n2
+            r0, r1, r2 = r0 + ny * d0, r1 + ny * d1, r2 + ny * d2
+        nx, dx = load(splines, first + 8 * a), load(splines, first + 72 + 8 * a)
+        u0, u1, u2 = u0 + nx * p0, u1 + nx * p1, u2 + nx * p2
+        x0, x1, x2 = x0 + dx * p0, x1 + dx * p1, x2 + dx * p2
+        y0, y1, y2 = y0 + nx * q0, y1 + nx * q1, y2 + nx * q2
+        z0, z1, z2 = z0 + nx * r0, z1 + nx * r1, z2 + nx * r2
+    store(gradient, to + 0, x0), store(gradient, to + 8, y0), store(gradient, to + 16, z0)
+    store(gradient, to + 24, x1), store(gradient, to + 32, y1), store(gradient, to + 40, z1)
+    store(gradient, to + 48, x2), store(gradient, to + 56, y2), store(gradient, to + 64, z2)
+    store(value, at + 0, u0), store(value, at + 8, u1), store(value, at + 16, u2)
+
+
+@compiled
+def gather_value(field, node, along_x, along_y, splines, first, value):  # type: ignore[no-untyped-def]
+    """Value (3 8,) alone of a nodal field at a group of particles; arguments as of `gather`."""
+    zero = splat(0.0)
+    u0, u1, u2 = zero, zero, zero
+    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
+    for a in range(3):
+        p0, p1, p2 = zero, zero, zero
+        for b in range(3):
+            k = 3 * (node + a * along_x + b * along_y)
+            ny = load(splines, first + 24 + 8 * b)
+            p0 = p0 + ny * (nz0 * field[k] + nz1 * field[k + 3] + nz2 * field[k + 6])
+            p1 = p1 + ny * (nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7])
+            p2 = p2 + ny * (nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8])
+        nx = load(splines, first + 8 * a)
+        u0, u1, u2 = u0 + nx * p0, u1 + nx * p1, u2 + nx * p2
+    store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
+
+
+@compiled
+def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):  # type: ignore[no-untyped-def]
+    """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - load (3 8,) N; both times the particles' volumes."""
+    t00, t01, t02 = load(stress, 0), load(stress, 8), load(stress, 16)
+    t10, t11, t12 = load(stress, 24), load(stress, 32), load(stress, 40)
+    t20, t21, t22 = load(stress, 48), load(stress, 56), load(stress, 64)
+    f0, f1, f2 = load(load_, 0), load(load_, 8), load(load_, 16)
+    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
+    dz0, dz1, dz2 = load(splines, first + 120), load(splines, first + 128), load(splines, first + 136)
+    for a in range(3):
+        nx, dx = load(splines, first + 8 * a), load(splines, first + 72 + 8 * a)
+        p0, p1, p2 = f0 * nx - t00 * dx, f1 * nx - t10 * dx, f2 * nx - t20 * dx
+        q0, q1, q2 = t01 * nx, t11 * nx, t21 * nx
+        r0, r1, r2 = t02 * nx, t12 * nx, t22 * nx
+        for b in range(3):
+            ny, dy = load(splines, first + 24 + 8 * b), load(splines, first + 96 + 8 * b)
+            n0, n1, n2 = p0 * ny - q0 * dy, p1 * ny - q1 * dy, p2 * ny - q2 * dy
+            d0, d1, d2 = r0 * ny, r1 * ny, r2 * ny
+            k = 3 * (node + a * along_x + b * along_y)
+            added = sums(
+                n0 * nz0 - d0 * dz0, n1 * nz0 - d1 * dz0, n2 * nz0 - d2 * dz0,
+                n0 * nz1 - d0 * dz1, n1 * nz1 - d1 * dz1, n2 * nz1 - d2 * dz1,
+                n0 * nz2 - d0 * dz2, n1 * nz2 - d1 * dz2,
+            )  # fmt: skip
+            store(force, k, load(force, k) + added)
+            store(work, 8 * (3 * a + b), n2 * nz2 - d2 * dz2)
+    k = 3 * node + 8  # the last component of the last node of each of the nine rows
+    added = sums(
+        load(work, 0), load(work, 8), load(work, 16), load(work, 24),
+        load(work, 32), load(work, 40), load(work, 48), load(work, 56),
+    )  # fmt: skip
+    last = total(load(work, 64))
+    store(work, 0, added)
+    for i in range(8):
+        force[k + 3 * (i // 3 * along_x + i % 3 * along_y)] += work[i]
+    force[k + 6 * (along_x + along_y)] += last
+
+
+@compiled
+def _project(modes, at, group, first, count, volume, J, c):  # type: ignore[no-untyped-def]
+    """c (modes,) += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
+    change = load(volume, 8 * group) * (load(J, first) - 1.0)
+    for k in range(count):
+        c[k] += total(load(modes, at + 8 * k) * change)
+
+
+@compiled
+def _projected(modes, at, count, c):  # type: ignore[no-untyped-def]
+    """J - 1 of a group as its cell's modes see it."""
+    value = splat(0.0)
+    for k in range(count):
+        value = value + load(modes, at + 8 * k) * c[k]
+    return value
+
+
+@kernel
+def advance(
+    steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
+    magnet, density, reference, effects, active, inverse_mass, place, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
+):  # fmt: skip
+    """Take `steps` steps of dt (s): v += dt f / m, then u += dt v, on the nodes `active`; u, v, force (3 nodes,) are changed in place.
+
+    slab_first (slabs + 1,) first cell of each slab of two planes of cells, of alternating colours; cell_group (cells + 1,) first group
+    of each cell; cell_node (cells,); pattern, moments (groups,): where a group's splines and modes begin, as many groups have the same;
+    count: modes of the volume part, 0 or 4; density, volume (groups, 8); magnet, reference
+    (groups, 3, 8); inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest; place (nodes, 3) m; stiffness (groups 8,) m^2/s^2:
+    the last step's (lanes.stiffest over density), NaN before the first; watch: see dynamics.step_watch; slab_ (slabs,): smallest det F,
+    largest stiffness and largest change of it of each slab.
+    Returns the number of steps taken: fewer where the watch says why.
+    """
+    slabs = len(slab_first) - 1
+    flat_volume, flat_density = volume.reshape(-1), density.reshape(-1)
+    flat_reference, flat_magnet, flat_place = reference.reshape(-1), magnet.reshape(-1), place.reshape(-1)
+    most = 1
+    for cell in range(len(cell_node)):
+        most = max(most, cell_group[cell + 1] - cell_group[cell])
+    for step in range(steps):
+        for colour in range(2):
+            for half in prange((slabs + 1 - colour) // 2):
+                slab = 2 * half + colour
+                F, J, c = np.empty(72 * most), np.empty(8 * most), np.empty(4)
+                P, f, dF, rate, work = np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(72)
+                value, x = np.empty(24 * most), np.empty(24)
+                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+                for cell in range(slab_first[slab], slab_first[slab + 1]):
+                    first, last, node = cell_group[cell], cell_group[cell + 1], cell_node[cell]
+                    c[:] = 0.0
+                    for group in range(first, last):
+                        at = 72 * (group - first)
+                        gather(u, node, along_x, along_y, splines, pattern[group], F, at, value, at // 3)
+                        for i in range(3):
+                            store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
+                        det = determinant(F, at)
+                        store(J, 8 * (group - first), det)
+                        least, bad = smaller(det, least), flag_unless_positive(det, bad)
+                        _project(modes, moments[group], group, 8 * (group - first), count, flat_volume, J, c)
+                    for group in range(first, last):
+                        at = 72 * (group - first)
+                        det = load(J, 8 * (group - first))
+                        swollen = det - 1.0 if count == 0 else _projected(modes, moments[group], count, c)
+                        pressure = swollen * cell_bulk[cell]
+                        scale, I1, I2 = neo_hookean(F, at, det, cell_shear[cell], pressure, P)
+                        stiff = stiffest(det, scale, I1, I2, pressure, cell_bulk[cell]) / load(flat_density, 8 * group)
+                        high = larger(stiff, high)
+                        change = larger(magnitude(stiff - load(stiffness, 8 * group)), change)
+                        store(stiffness, 8 * group, stiff)
+                        f[:] = 0.0
+                        if any_effect(effects):
+                            for i in range(3):
+                                moved = load(value, at // 3 + 8 * i) + load(flat_reference, 24 * group + 8 * i)
+                                store(x, 8 * i, moved)
+                            touched = has_contact(effects) and touches(effects, step, group, x, flat_volume)
+                            if has_rate_stress(effects):
+                                gather(v, node, along_x, along_y, splines, pattern[group], dF, 0, rate, 0)
+                            elif touched:
+                                gather_value(v, node, along_x, along_y, splines, pattern[group], rate)
+                            add_effects(
+                                effects, step, dt, group, F, at, P, dF, x, rate, f, touched, work,
+                                flat_magnet, flat_density, flat_volume,
+                            )  # fmt: skip
+                        V = load(flat_volume, 8 * group)
+                        for i in range(9):
+                            store(P, 8 * i, load(P, 8 * i) * V)
+                        for i in range(3):
+                            store(f, 8 * i, load(f, 8 * i) * V)
+                        scatter(force, node, along_x, along_y, splines, pattern[group], P, f, work)
+                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
+                slab_high[slab], slab_change[slab] = highest(high), highest(change)
+        if stops(watch, slab_low, slab_high, slab_change):
+            force[:] = 0.0
+            return step
+        for k in prange(len(active)):
+            n = 3 * active[k]
+            for i in range(3):
+                v[n + i] += dt * inverse_mass[n + i] * force[n + i]
+                force[n + i] = 0.0
+            if has_node(effects):
+                change_node(effects, step, row(flat_place, n), row(u, n), row(v, n), dt)
+            for i in range(3):
+                u[n + i] += dt * v[n + i]
+    return steps
+
+
+@kernel
+def at_particles(
+    u, v, reference, cell_group, cell_node, along_x, along_y, pattern, splines, particle, position, velocity, deformation
+):  # type: ignore[no-untyped-def]
+    """Position and velocity (n, 3), F (n, 3, 3) of the particles; u, v (3 nodes,); particle (groups, 8): -1 for an empty lane."""
+    for cell in prange(len(cell_node)):
+        gradient, moved, speed = np.empty(72), np.empty(24), np.empty(24)
+        for group in range(cell_group[cell], cell_group[cell + 1]):
+            gather(u, cell_node[cell], along_x, along_y, splines, pattern[group], gradient, 0, moved, 0)
+            gather_value(v, cell_node[cell], along_x, along_y, splines, pattern[group], speed)
+            for lane in range(LANES):
+                p = particle[group, lane]
+                if p >= 0:
+                    for i in range(3):
+                        position[p, i] = reference[p, i] + moved[8 * i + lane]
+                        velocity[p, i] = speed[8 * i + lane]
+                        for j in range(3):
+                            deformation[p, i, j] = gradient[8 * (3 * i + j) + lane]
+                        deformation[p, i, i] += 1.0

@@ -1,0 +1,213 @@
+"""Kernels ready before the clock starts: compiled once, in processes of their own, and then loaded from the disk cache.
+
+Why other processes: code that was compiled in this one and the same code loaded from the cache can differ in the last bit, because
+functions that several kernels use are then linked from other places. A study that compiled its kernels and one that is resumed
+would not be the same bit for bit. So everyone loads.
+
+What a scene needs is compiled in parts (warmup_parts), on as many cores as there are: some depend on the scene's combination of effects,
+others do not and are there already from the first combination on. One process at a time fills a cache; others that need the same wait.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import llvmlite.binding
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.environment import PACKAGE
+from magmpm.effects import acting as effects
+from magmpm.precompile_parts import formulation_of, parts_of, solve_small
+from magmpm.scene import Scene
+
+LOCK = "compiling.lock"
+ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
+Tell = Callable[[str], None]
+_ready: set[str] = set()
+
+
+def on_stderr(line: str) -> None:
+    """A line for whoever waits."""
+    print(f"magmpm: {line}", file=sys.stderr, flush=True)
+
+
+def prepare_kernels(scene: Scene, tell: Tell = on_stderr) -> float:
+    """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process.
+
+    tell: gets a line where they have to be compiled, which takes 5 to 20 s, once on a machine.
+    """
+    kinds = _kinds(scene)
+    if kinds in _ready:
+        return 0.0
+    begun = time.perf_counter()
+    small = _small(scene)
+    fill_cache(scene, tell)
+    solve_small(small)
+    _ready.add(kinds)
+    return time.perf_counter() - begun
+
+
+def fill_cache(scene: Scene, tell: Tell = on_stderr) -> bool:
+    """See that the disk cache holds this scene's kernels. Returns whether any had to be compiled."""
+    marker = _cache() / f"ready-{_stamp(_kinds(scene))}"
+    if marker.exists():
+        return False
+    with _alone(tell):
+        if marker.exists():  # whoever we waited for has made them
+            return False
+        begun = time.perf_counter()
+        if not _has_room():
+            tell(f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a minute; free {ROOM / 1e6:.0f} MB there")
+            return True
+        tell(f"compiling kernels for {describe(scene)}; once on this machine, 5 to 20 s on two idle cores")
+        if _compiled_elsewhere(_small(scene)):
+            with suppress(OSError):  # a cache that can't be marked is only filled again
+                marker.touch()
+        tell(f"kernels compiled in {time.perf_counter() - begun:.0f} s")
+    return True
+
+
+def _has_room() -> bool:
+    """Whether the cache's disk takes the kernels of a scene."""
+    try:
+        return shutil.disk_usage(_cache()).free > ROOM
+    except OSError:
+        return True  # whoever writes there will see
+
+
+def describe(scene: Scene) -> str:
+    """What a scene's kernels are for, in a few words."""
+    named = [key for key in effects.every() if getattr(scene.effects, key) is not None]
+    solver = "statics" if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
+    return f"{solver} with {' + '.join(named) or 'no effects'}"
+
+
+def _kinds(scene: Scene) -> str:
+    """What tells one set of kernels from another."""
+    about = [scene.solver.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
+    return json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
+
+
+def _cache() -> Path:
+    return Path(os.environ["NUMBA_CACHE_DIR"])
+
+
+def _stamp(kinds: str) -> str:
+    """Names a set of kernels as Numba's disk cache tells them apart: two of these are the same only if none needs compiling again.
+
+    Place and times of the sources are among them: another clone of the same sources has to compile them again.
+    """
+    host = [llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features())]
+    times = [str(path.stat().st_mtime_ns) for path in sorted(PACKAGE.rglob("*.py"))]
+    known = [kinds, str(PACKAGE), sys.version, numba.__version__, llvmlite.__version__, *host, *times]
+    return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
+
+
+def _times(scene: Scene) -> NDArray[np.float64] | None:
+    """Times of which effects are asked: as a motion asks, or as statics does."""
+    return None if scene.solver.dynamic is None else np.zeros(1)
+
+
+def _small(scene: Scene) -> Scene:
+    """The scene on the coarsest grid."""
+    data = {**scene.to_si(), "name": "compilation", "reference": None}
+    if data["body"]["parts"] is not None:
+        data["body"]["parts"]["spacing"] = None
+    if scene.solver.dynamic is not None:
+        short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
+        data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
+    return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}})
+
+
+@contextmanager
+def _alone(tell: Tell) -> Iterator[None]:
+    """Only one process at a time; the lock goes with the process, however it ends. Without it where the cache can't be written."""
+    try:
+        stream = (_cache() / LOCK).open("a")
+    except OSError:
+        yield
+        return
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            tell("another magmpm is compiling kernels; waiting for it")
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        yield
+
+
+def _compiled_elsewhere(small: Scene) -> bool:
+    """Fill the disk cache from processes of their own; False where that can't be had (the kernels are then compiled here)."""
+    todo = deque(parts_of(small))
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
+    try:
+        threads = [threading.Thread(target=worker.take_from, args=(todo,)) for worker in workers]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for worker in workers[1:]:
+            worker.close()
+        if any(worker.failed for worker in workers):  # a full disk, say: the rest would not be kept either
+            return False
+        return workers[0].do("whole")  # what the parts have left out, and proof that they are all there
+    finally:
+        for worker in workers:
+            worker.close()
+
+
+class _Worker:
+    """A process that compiles parts by their names."""
+
+    def __init__(self, small: Scene, path: str) -> None:
+        code = "from magmpm.precompile_parts import serve; serve()"
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )  # fmt: skip
+        self._small = json.dumps(small.to_si())
+        self.failed = False
+
+    def take_from(self, todo: deque[str]) -> None:
+        """Compile parts until none is left."""
+        while True:
+            try:
+                part = todo.popleft()
+            except IndexError:
+                return
+            if not self.do(part):
+                self.failed = True
+                return
+
+    def do(self, part: str) -> bool:
+        """Compile one. Returns whether that could be done."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(json.dumps([part, self._small]) + "\n")
+            self._process.stdin.flush()
+        except OSError:  # it has died
+            return False
+        return self._process.stdout.readline() == "done\n"
+
+    def close(self) -> None:
+        """End the process."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        self._process.wait()

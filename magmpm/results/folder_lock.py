@@ -1,0 +1,122 @@
+"""One process at a time writes a folder of results. The lock goes with its process, however that ends."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from magmpm.errors import InputError, report
+
+LOCK = ".lock"
+PATIENCE = 2.0  # s: a process that has just been killed may need a moment to go
+_held: dict[tuple[Path, int], int] = {}  # (folder, thread) -> how many times over
+
+
+class FolderInUse(InputError):
+    """Another process is writing the folder."""
+
+
+@contextmanager
+def folder_lock(folder: Path | str) -> Iterator[None]:
+    """Hold a folder of results, made if missing, as the only one who writes it. Whoever holds it already (this thread) goes on.
+
+    Raises FolderInUse, which says who holds it and since when; InputError where the folder can't be written.
+    """
+    folder = Path(folder)
+    key = (folder.resolve(), threading.get_ident())
+    if key in _held:
+        _held[key] += 1
+        try:
+            yield
+        finally:
+            _held[key] -= 1
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            number = errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES
+            raise OSError(number, os.strerror(number), str(folder))
+        while True:
+            stream = (folder / LOCK).open("a+", encoding="utf-8")
+            _take(stream, folder)
+            if _still_there(stream, folder / LOCK):
+                break
+            stream.close()  # whoever held it has ended, and taken the file away: the lock is on a name that is gone
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    with stream:
+        _held[key] = 1
+        try:
+            yield
+        finally:
+            del _held[key]
+            with suppress(OSError):
+                (folder / LOCK).unlink()
+
+
+def unwritable(folder: Path, error: OSError) -> InputError:
+    """What to say of a folder that takes no results."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        rule, remedy = f"results need room on the disk ({error.strerror})", "free some, or use another --out"
+    else:
+        rule, remedy = f"the folder must be writable ({error.strerror})", "results can't be written there; use another --out"
+    return InputError(report(str(folder), rule=rule, remedy=remedy))
+
+
+def _take(stream: IO[str], folder: Path) -> None:
+    """Lock the file and write into it who we are. Raises FolderInUse, InputError."""
+    if not _try_lock(stream):
+        stream.seek(0)
+        rule = "only one process at a time may write a folder of results"
+        remedy = "wait for it, end it, or use another --out"
+        raise FolderInUse(report(f"{folder}: in use by {_described(stream.read())}", rule=rule, remedy=remedy))
+    command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]
+    since = time.strftime("%Y-%m-%d %H:%M:%S")
+    about = {"pid": os.getpid(), "host": socket.gethostname(), "since": since, "command": command}
+    try:
+        stream.truncate(0)
+        stream.write(json.dumps(about) + "\n")
+        stream.flush()
+    except OSError as error:
+        raise unwritable(folder, error) from None
+
+
+def _still_there(stream: IO[str], path: Path) -> bool:
+    try:
+        return os.fstat(stream.fileno()).st_ino == path.stat().st_ino
+    except FileNotFoundError:
+        return False
+
+
+def _described(text: str) -> str:
+    """The holder in words, of what it has written into the lock's file."""
+    try:
+        about = json.loads(text)
+        return f"process {about['pid']} on {about['host']} since {about['since']} ({about['command']})"
+    except (ValueError, TypeError, KeyError):  # it has not written that yet
+        return "another process"
+
+
+def _try_lock(stream: IO[str]) -> bool:
+    """Whether the lock could be had, within PATIENCE. File systems without locks count as free."""
+    until = time.monotonic() + PATIENCE
+    while True:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except OSError as error:
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+                return True
+            if time.monotonic() > until:
+                return False
+            time.sleep(0.05)

@@ -1,0 +1,74 @@
+"""What is stored of a frame of a motion: quantities of each particle, in single precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm import materials
+from magmpm.bodies.grid import Array
+from magmpm.compiled.jit import compiled
+
+QUANTITIES = {  # name of each array of the file: its components
+    "displacement": 3,  # m
+    "velocity": 3,  # m/s
+    "cauchy_stress": 9,  # Pa, row by row; not symmetric: its skew part is the magnetic torque per volume
+    "von_mises": 1,  # Pa, of the symmetric part
+    "magnetisation": 3,  # T, F Br: remanence carried along with the material
+    "det_F": 1,
+}
+Numbers = NDArray[np.float32]
+
+
+class FrameArrays:
+    """Arrays of one frame, filled again for each.
+
+    reference: (n, 3) m, of the undeformed body; magnet: (n, 3) T, its remanence.
+    """
+
+    def __init__(self, reference: Array, magnet: Array) -> None:
+        self.reference, self.magnet = np.ascontiguousarray(reference), np.ascontiguousarray(magnet)
+        n = len(reference)
+        sizes = {"Points": 3, **QUANTITIES}
+        self.arrays: dict[str, Numbers] = {
+            name: np.empty((n, size) if size > 1 else n, dtype=np.float32) for name, size in sizes.items()
+        }
+
+    def of(self, x: Array, v: Array, F: Array, P: Array) -> Mapping[str, Numbers]:
+        """Positions (m) as `Points`, and every quantity by name.
+
+        x, v: (n, 3), m and m/s; F: (n, 3, 3); P: (n, 3, 3) Pa, first Piola-Kirchhoff stress.
+        """
+        _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.magnet, *self.arrays.values())
+        return self.arrays
+
+
+@compiled
+def _fill(x, v, F, P, reference, magnet, points, displacement, velocity, stress, mises, magnetisation, det):  # type: ignore[no-untyped-def]
+    cauchy = np.empty((3, 3))
+    for p in range(len(x)):
+        J = materials.determinant(F[p])
+        for i in range(3):
+            points[p, i] = x[p, i]
+            displacement[p, i] = x[p, i] - reference[p, i]
+            velocity[p, i] = v[p, i]
+            magnetisation[p, i] = F[p, i, 0] * magnet[p, 0] + F[p, i, 1] * magnet[p, 1] + F[p, i, 2] * magnet[p, 2]
+            for j in range(3):
+                cauchy[i, j] = (P[p, i, 0] * F[p, j, 0] + P[p, i, 1] * F[p, j, 1] + P[p, i, 2] * F[p, j, 2]) / J
+                stress[p, 3 * i + j] = cauchy[i, j]
+        mises[p] = von_mises(cauchy)
+        det[p] = J
+
+
+@compiled
+def von_mises(cauchy):  # type: ignore[no-untyped-def]
+    """Von Mises stress (Pa) of the symmetric part of a stress (3, 3): sqrt(3/2 s:s), s its deviator."""
+    mean = (cauchy[0, 0] + cauchy[1, 1] + cauchy[2, 2]) / 3
+    total = 0.0
+    for i in range(3):
+        total += (cauchy[i, i] - mean) ** 2
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        total += 0.5 * (cauchy[i, j] + cauchy[j, i]) ** 2
+    return np.sqrt(1.5 * total)

@@ -1,0 +1,136 @@
+"""Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.errors import InputError, report
+from magmpm.results.whole_file import whole_file
+
+
+class GrowingTable:
+    """A CSV file whose first row names its columns. Numbers keep all their digits."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._header: list[str] | None = None
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """One row at the end; the first one brings the header. Raises ValueError where it has other columns than the rows before."""
+        new = not self.path.exists()
+        if self._header is None and not new:
+            with self.path.open(encoding="utf-8", newline="") as stream:
+                self._header = next(csv.reader(stream))
+        if not new and self._header != list(row):
+            raise ValueError(f"{self.path.name} has the columns {', '.join(self._header or ())}; this frame gives {', '.join(row)}")
+        self._header = list(row)
+        text = [value if isinstance(value, str) else repr(value) for value in map(_plain, row.values())]
+        with self.path.open("a", encoding="utf-8", newline="") as stream:
+            stream.write(("" if not new else ",".join(row) + "\n") + ",".join(text) + "\n")
+
+    def cut(self, last: float) -> None:
+        """Keep the rows until a time (s), which stands in the first column; without any left the table goes, as before its first row."""
+        self._header = None
+        if not self.path.exists():
+            return
+        with _as_written(self.path):
+            header, *rows = self.path.read_text(encoding="utf-8").splitlines(keepends=True) or [""]
+            kept = [row for row in rows if row.endswith("\n") and float(row.split(",", 1)[0]) <= last]
+        if not kept:
+            self.path.unlink()
+            return
+        with whole_file(self.path) as unfinished:
+            unfinished.write_text("".join([header, *kept]), encoding="utf-8")
+
+
+def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:
+    """Row of energies.csv: t (s), then J: each energy, what was dissipated where told, and the total of the others."""
+    if {"t", "kinetic", "elastic"} - {"t", *energies}:
+        raise ValueError(f"energies need `kinetic` and `elastic`, got {sorted(energies)}")
+    row = {name: energy for name, energy in energies.items() if name not in ("dissipated", "total")}
+    total = energies.get("total", sum(row.values()))
+    if "dissipated" in energies:
+        row["dissipated"] = energies["dissipated"]
+    return {"t": time, **row, "total": total}
+
+
+def contact_row(time: float, effect: str, contact: Any) -> dict[str, Any]:
+    """Row of contacts.csv: t (s), effect, force on the body (N), particles touching, deepest penetration (m).
+
+    contact: a mapping or an object with force, count and depth, or the force alone.
+    """
+    known = contact if isinstance(contact, Mapping) else _of_object(contact)
+    force = np.asarray(known["force"], dtype=float)
+    forces = {f"F{axis}": force[i] for i, axis in enumerate("xyz")}
+    return {"t": time, "effect": effect, **forces, **{name: known.get(name, "") for name in ("count", "depth")}}
+
+
+def read_energies(path: Path) -> dict[str, Array]:
+    """Column -> (rows,). Raises InputError where the file holds something else."""
+    with _as_written(path):
+        rows = _whole_rows(path)
+        return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+
+
+def read_contacts(path: Path) -> dict[str, dict[str, Array]]:
+    """Effect -> column -> (rows,). Raises InputError where the file holds something else."""
+    found: dict[str, dict[str, Array]] = {}
+    with _as_written(path):
+        rows = _whole_rows(path)
+        for effect in dict.fromkeys(row["effect"] for row in rows):
+            of = [row for row in rows if row["effect"] == effect]
+            found[effect] = {
+                name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"
+            }
+    return found
+
+
+def must_have(path: Path, found: Mapping[str, Array], times: Array, *, lacking: int = 0) -> None:
+    """Raises InputError unless a table, column -> (rows,), has a row for each of the frames at times (s).
+
+    lacking: rows that may be missing at the end: a frame's row follows the frame.
+    """
+    rows = found.get("t", np.zeros(0))[: len(times)]
+    if len(rows) < len(times) - lacking or not np.array_equal(rows, times[: len(rows)]):
+        raise _damaged(path, f"{len(rows)} rows that belong to the {len(times)} frames beside it, of which each must have its own")
+
+
+def _damaged(path: Path, received: str) -> InputError:
+    rule = "must be the table that the run wrote, whole"
+    return InputError(report(str(path), received=received, rule=rule, remedy="put it back, or run the scene again, without --resume"))
+
+
+@contextmanager
+def _as_written(path: Path) -> Iterator[None]:
+    """What can't be read as a table is said to be so."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise _damaged(path, f"what can't be read as one ({error})") from None
+
+
+def _whole_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a table; the last may be cut off by a kill, and is then left out."""
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    return list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
+
+
+def _of_object(contact: Any) -> dict[str, Any]:
+    if not hasattr(contact, "force"):
+        return {"force": contact}
+    return {name: getattr(contact, name) for name in ("force", "count", "depth") if hasattr(contact, name)}
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value

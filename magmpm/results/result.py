@@ -1,0 +1,170 @@
+"""What a run returns; saved as `result.json` and `state.npz`, and read back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array
+from magmpm.errors import InputError, report
+from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.whole_file import whole_file
+
+ARRAYS = "state.npz"
+NUMBERS = "result.json"
+_LATER: dict[str, Any] = {  # what results saved by earlier versions lack
+    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None,
+}  # fmt: skip
+
+
+def readable(folder: Path) -> bool:
+    """Whether both files of a saved result are whole."""
+    try:
+        with np.load(folder / ARRAYS) as stored:
+            whole = all(stored[name] is not None for name in stored.files)  # each array has a checksum
+        return whole and isinstance(json.loads(read_regular(folder / NUMBERS, MOST)), dict)
+    except Exception:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
+        return False
+
+
+def _checked(name: str, kind: str, value: Any) -> Any:
+    """A field's value, if it is of the kind that the field's annotation names. Raises ValueError."""
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "str": str, "bool": bool, "int": int, "float": (int, float), "Array": np.ndarray, "NDArray": np.ndarray, "dict": dict, "list": list,
+    }  # fmt: skip
+    if value is None and kind.endswith(" | None"):
+        return value
+    if not isinstance(value, kinds[kind.removesuffix(" | None").split("[")[0]]):
+        raise ValueError(f"`{name}` is {json.dumps(value, default=repr)[:40]}, which is no {kind}")
+    return value
+
+
+def _unreadable(folder: Path, error: Exception) -> str:
+    """What to say of a result that can't be read: which of its files is damaged, and what to do."""
+    damaged = NUMBERS
+    try:
+        if isinstance(numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict) and not readable(folder):
+            damaged = ARRAYS
+        what = str(error) if isinstance(numbers, dict) else f"it holds {json.dumps(numbers)[:40]}"
+    except (OSError, ValueError) as trouble:
+        what = str(trouble)
+    return report(
+        f"{folder / damaged}: the saved result can't be read ({what})",
+        rule="must be whole, as `magmpm run` or `magmpm design` wrote it",
+        remedy="run the scene again, or for a design of a study `magmpm design`, which makes it anew",
+    )
+
+
+@dataclass(frozen=True)
+class Result:
+    """One simulation. SI units.
+
+    centreline (2 cells + 1, 4) m: rows [s, x, y, z] at the cells' faces and middles, s along the undeformed axis;
+    tip (3,) m: mean of the end face. section: relative errors of the particles' area and second moment.
+    seconds: setup, compile, solve. Particle arrays have n rows, segment arrays k.
+    """
+
+    name: str
+    scene: dict[str, Any]  # Scene.to_si()
+    scene_hash: str
+    particle_reference: Array  # (n, 3) m
+    particle_position: Array  # (n, 3) m
+    particle_volume: Array  # (n,) m^3, undeformed
+    particle_segment: NDArray[np.int32]  # (n,)
+    particle_det_F: Array  # (n,)
+    segment_center: Array  # (k, 3) m, deformed
+    segment_remanence: Array  # (k, 3) T, mean of F Br
+    grid_correction: Array  # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's start
+    centreline: Array  # (2 cells + 1, 4) m
+    tip: Array  # (3,) m
+    field: Array  # (3,) T
+    converged: bool
+    iterations: int
+    particles: int
+    dof: int
+    min_det_F: float
+    max_det_F: float
+    energy: float  # J, counted from the undeformed body in the same field
+    section: dict[str, float]
+    seconds: dict[str, float]
+    warnings: list[str] = dataclasses.field(default_factory=list)
+    versions: dict[str, str] = dataclasses.field(default_factory=dict)
+    time: float = 0.0  # s that a motion has lasted; iterations are its steps
+    time_step: float = 0.0  # s
+    stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
+    formulation: str = "static"  # or total, updated
+    kinetic_energy: float = 0.0  # J
+    load_share: float = 1.0  # part of the load (field, weight) that an equilibrium carries: less where the solve failed on the way up
+    failure: str = ""  # why the run did not get to its end; then this is no answer, but its last good state
+    largest_stretch: float = 1.0  # of any particle; of a motion in any frame
+    tightest_radius: float | None = None  # m, to which the axis is bent, of a motion in any frame; None: straight, or there is none
+
+    def summary(self) -> dict[str, Any]:
+        """What `magmpm run --json` prints: everything but the particle and grid arrays."""
+        return {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in asdict(self).items()
+            if not key.startswith(("particle_", "grid_"))
+        }
+
+    def not_finite(self) -> list[str]:
+        """Names of what holds a NaN or an infinity: of a result that is none, and that JSON can't hold."""
+        return [f.name for f in fields(self) if not _finite(getattr(self, f.name))]
+
+    def save(self, folder: Path | str) -> Path:
+        """Write the result into a folder, made if missing. Both files appear whole or not at all. Returns the folder.
+
+        Raises ValueError where a number is not finite, before anything is written.
+        """
+        if wrong := self.not_finite():
+            raise ValueError(f"numbers that are not finite in {', '.join(wrong)}")
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        arrays = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        with whole_file(folder / ARRAYS) as part, part.open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
+        numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in arrays}
+        with whole_file(folder / NUMBERS) as part:
+            part.write_text(json.dumps({**numbers, **self.summary()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        return folder
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Result:
+        """The result a folder holds. Raises InputError if it holds none, or one that can't be read."""
+        folder = Path(folder)
+        try:
+            numbers = json.loads(read_regular(folder / NUMBERS, MOST))
+            with np.load(folder / ARRAYS) as stored:
+                arrays = dict(stored)
+            found = {**_LATER, **numbers, **arrays}
+            return cls(**{f.name: _checked(f.name, str(f.type), found[f.name]) for f in fields(cls)})
+        except FileNotFoundError as error:
+            raise InputError(
+                f"{folder}: holds no saved result ({Path(error.filename).name} is missing); "
+                "give the folder that `magmpm run` named, such as runs/NAME"
+            ) from None
+        except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
+            raise InputError(_unreadable(folder, error)) from None
+
+
+def _finite(value: Any) -> bool:
+    """Whether all numbers in an array, a number or plain data are finite; what is no number is."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind != "f" or bool(np.isfinite(value).all())
+    if isinstance(value, Mapping):
+        return all(_finite(item) for item in value.values())
+    if isinstance(value, (list, tuple)):
+        return all(_finite(item) for item in value)
+    return not isinstance(value, float) or math.isfinite(value)

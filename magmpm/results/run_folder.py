@@ -1,0 +1,206 @@
+"""A folder of results belongs to one scene, and holds one result of it: what a run leaves there, and what becomes of what was there.
+
+A run takes the place of what was there only when it has succeeded. A motion, which is written while it goes on, has the earlier results
+wait in FOLDER/earlier until then. A run that fails keeps what was there, and its last good state goes to FOLDER/failed; where there was
+nothing to keep, it is FOLDER that takes it.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from magmpm.errors import InputError, report
+from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.folder_lock import LOCK
+from magmpm.results.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
+from magmpm.results.result import ARRAYS, NUMBERS, Result
+from magmpm.results.whole_file import whole_file
+from magmpm.scene import Scene
+
+PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
+OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
+_STATICS = (NUMBERS, ARRAYS)
+_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, ABOUT)
+_PICTURES = (PICTURE, MOVIE, "movie.gif", MOMENTS, ENERGIES_PLOT)
+_ACCURACY = ("accuracy.csv", "accuracy.json", "accuracy.png")  # of `magmpm accuracy`
+
+
+def holds_run(folder: Path) -> bool:
+    """Whether a folder holds what a run left, or has begun."""
+    return any((folder / name).exists() for name in (OWNER, NUMBERS, MOTION))
+
+
+class RunFolder:
+    """The folder that a scene's results go to. Whoever writes it holds its lock (magmpm.results.folder_lock)."""
+
+    def __init__(self, path: Path | str, scene: Scene, scene_file: Path | str) -> None:
+        self.path, self.scene = Path(path), scene
+        self.scene_file = Path(scene_file).resolve()
+
+    def claim(self, overwrite: bool = False) -> None:
+        """See that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
+        self._recover()
+        holder = self._holder()
+        if overwrite or not holder:
+            return
+        stem = self.scene_file.stem
+        other = self.path.with_name(stem if stem != self.path.name else f"{stem}-2")
+        raise InputError(
+            report(
+                f"{self.path}: holds the results of another scene, {holder}",
+                received=f"{self.scene.name} ({self.scene_file})",
+                rule="a folder of results belongs to one scene",
+                remedy=f"use another folder, say, --out {other}; or --overwrite, which removes those results",
+            )
+        )
+
+    def holding(self) -> str:
+        """What is there that a run would replace, in words; "" where there is nothing."""
+        path = self.path / EARLIER if (self.path / EARLIER).is_dir() else self.path
+        words = _described(path)
+        if any((self.path / name).exists() for name in (*_PICTURES, FRAMES)):
+            words = f"{words}, with its pictures" if words else "pictures of an earlier result"
+        holder = self._holder()
+        return f"{words} (of {holder})" if words and holder else words
+
+    def set_aside(self) -> None:
+        """Make room for a motion that begins: a result waits in FOLDER/earlier, what is none is removed."""
+        waiting = self.path / EARLIER
+        if not waiting.exists() and _worth_keeping(self.path):
+            waiting.mkdir()
+            _move(self.path, waiting)
+        else:
+            _remove(self.path)
+        self._sign()
+
+    def put_back(self) -> None:
+        """Let the results that wait in FOLDER/earlier take their place again."""
+        waiting = self.path / EARLIER
+        if waiting.is_dir():
+            _remove(self.path)
+            _move(waiting, self.path)
+            waiting.rmdir()
+
+    def save(self, result: Result) -> None:
+        """A result, in place of all that was there."""
+        result.save(self.path)
+        kept = {*_STATICS, *(() if result.formulation == "static" else _MOTION)}
+        if read_mapping(self.path / OWNER).get("accuracy_hash", self.scene.hash()) != self.scene.hash():
+            _remove(self.path, _ACCURACY)
+        _remove(self.path, (*_STATICS, *_MOTION), kept=kept)
+        for folder in (EARLIER, FAILED):
+            _remove(self.path / folder)
+        self._sign()
+
+    def save_failed(self, result: Result) -> Path:
+        """The last good state of a run that failed, marked as such. Returns the folder it is in."""
+        moving, waiting = result.formulation != "static", (self.path / EARLIER).is_dir()
+        if not moving and waiting and not (self.path / CHECKPOINT).exists():
+            self.put_back()
+        if waiting if moving else _worth_keeping(self.path):
+            target = self.path / FAILED
+            _remove(target)
+            target.mkdir(exist_ok=True)
+            if moving:
+                _move(self.path, target)
+                self.put_back()
+        else:
+            target = self.path
+            if not moving:
+                _remove(self.path)
+        result.save(target)
+        self._sign(target)
+        return target
+
+    def _recover(self) -> None:
+        """Put back what waits although nothing was written in its place, after a run that was killed early."""
+        if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
+            self.put_back()
+
+    def sign_accuracy(self) -> None:
+        """Say that what `magmpm accuracy` leaves beside a run's results is this scene's; results of another scene go."""
+        if self._holder():
+            _remove(self.path)
+        self._sign(accuracy_hash=self.scene.hash())
+
+    def _sign(self, folder: Path | None = None, **more: str) -> None:
+        folder = folder or self.path
+        known = {key: value for key, value in read_mapping(folder / OWNER).items() if key == "accuracy_hash"}
+        about = {"name": self.scene.name, "scene_file": str(self.scene_file), "scene_hash": self.scene.hash()}
+        _write(folder, OWNER, {**about, **known, **more})
+
+    def _holder(self) -> str:
+        """Name and file of the scene whose results are there; "" if it is this one, or can't be told."""
+        owner = read_mapping(self.path / OWNER)
+        if owner.get("scene_file"):
+            if owner.get("scene_hash") == self.scene.hash() or Path(str(owner["scene_file"])) == self.scene_file:
+                return ""
+            return f"{owner.get('name')} ({owner['scene_file']})"
+        for name in (NUMBERS, ABOUT):  # saved by Python code, which knows no file
+            known = read_mapping(self.path / name)
+            if known.get("scene") and known["scene"] != json.loads(json.dumps(self.scene.to_si())):
+                return str(known.get("name") or "one without a name")
+        return ""
+
+
+def _described(folder: Path) -> str:
+    """A run's result in words, "" where there is none."""
+    at = next((folder / name for name in (NUMBERS, MOTION) if (folder / name).exists()), None)
+    if at is None:
+        return ""
+    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at.stat().st_mtime))
+    if at.name == MOTION:
+        return f"the unfinished motion of {when}"
+    known = read_mapping(at)
+    if not known:
+        return f"a result of {when} that can't be read"
+    what = "equilibrium" if known.get("formulation") == "static" else f"motion over {known.get('time', 0.0):g} s"
+    return f"the {'' if known.get('converged') else 'failed '}{what} of {when}"
+
+
+def _worth_keeping(folder: Path) -> bool:
+    """Whether a run that fails must leave this as it is: a result, or a motion that can be resumed; not an older failure."""
+    if (folder / NUMBERS).exists():
+        return read_mapping(folder / NUMBERS).get("converged") is True
+    return (folder / CHECKPOINT).exists()
+
+
+def _move(source: Path, target: Path) -> None:
+    """Move what a run leaves into another folder, which has none of it."""
+    for name in (*_MOTION, *_STATICS, OWNER, *_PICTURES, FRAMES):
+        if (source / name).exists():
+            (source / name).replace(target / name)
+
+
+def _remove(
+    folder: Path, names: tuple[str, ...] = (*_STATICS, *_MOTION, OWNER), kept: set[str] | frozenset[str] = frozenset()
+) -> None:
+    """Remove what a run leaves and its pictures, and the folder if nothing else was in it and it is not the scene's own."""
+    for name in (*names, *_PICTURES):
+        if name not in kept:
+            (folder / name).unlink(missing_ok=True)
+    frames = folder / FRAMES
+    for picture in frames.glob("frame_*.png"):
+        picture.unlink()
+    if folder.name in (EARLIER, FAILED):
+        (folder / LOCK).unlink(missing_ok=True)  # of `magmpm render`
+    for empty in (frames, folder):
+        if empty.name in (FRAMES, EARLIER, FAILED) and empty.is_dir() and not any(empty.iterdir()):
+            empty.rmdir()
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """A JSON file's mapping; empty where it can't be read."""
+    try:
+        known = json.loads(read_regular(path, MOST))
+    except (OSError, ValueError):
+        return {}
+    return known if isinstance(known, dict) else {}
+
+
+def _write(folder: Path, name: str, about: dict[str, Any]) -> None:
+    with whole_file(folder / name) as part:
+        part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,144 @@
+"""Whether a body's strain is still what the material law and the grid carry, and what to say where it is not.
+
+Three limits, each with its reason:
+
+* STRETCH: the neo-Hookean law follows rubber in tension to a stretch of about 1.5. Beyond, rubber is first softer than it, by up to a
+  fifth, and from about 5 on far stiffer (Treloar, The Physics of Rubber Elasticity, chapter 5); filled silicone stiffens sooner.
+* VOLUME: silicone's own K/G is near 1000, and its volume hardly changes. K = 20 G stands in for that while changes stay at per cents:
+  at 20 % the pressure is 4 G. And the law's K/2 (J - 1)^2 resists by no more than K/2 however small J gets.
+* BEND: an axis bent to a radius of less than the thickness has its outer side stretched to 1.5 and its inner one crushed to a half. With
+  two cells across, the fewest there are, a cell then turns by half a radian, as much as the one curvature that the quadratic splines
+  have in a cell should stand for: so the grid needs no limit of its own.
+
+What less than SHARE of the volume does is let pass: at the rim of a clamp, and where materials meet, strain is singular, and finer cells
+only see more of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.compiled.jit import compiled
+from magmpm.materials import determinant
+from magmpm.model import Model
+
+STRETCH = 1.5
+VOLUME = 0.2
+BEND = 1.0  # thicknesses
+SHARE = 0.005
+REMEDY = "check the units of loads and of shear_modulus"
+
+
+@dataclass(frozen=True)
+class Strain:
+    """The largest stretch, the shares of the volume (0 to 1) beyond STRETCH and beyond VOLUME, and the least and largest det F.
+
+    radius: m, of the axis where it is bent most (inf: straight, or there is none); time: s, of the worst moment.
+    """
+
+    stretch: float = 1.0
+    stretched: float = 0.0
+    swollen: float = 0.0
+    min_det_F: float = 1.0
+    max_det_F: float = 1.0
+    radius: float = np.inf
+    time: float | None = None
+
+    def worst(self, other: Strain) -> Strain:
+        """What either has seen; the time is that of the larger stretch."""
+        return Strain(
+            stretch=max(self.stretch, other.stretch),
+            stretched=max(self.stretched, other.stretched),
+            swollen=max(self.swollen, other.swollen),
+            min_det_F=min(self.min_det_F, other.min_det_F),
+            max_det_F=max(self.max_det_F, other.max_det_F),
+            radius=min(self.radius, other.radius),
+            time=other.time if other.stretch > self.stretch else self.time,
+        )
+
+    def warnings(self, model: Model) -> list[str]:
+        """One sentence for each limit that is passed."""
+        when = "" if self.time is None else f", at {self.time:.3g} s"
+        found = []
+        if self.stretched > SHARE:
+            found.append(
+                f"strain: {100 * self.stretched:.3g} % of the volume is stretched to more than {STRETCH:g} times its length (at most "
+                f"{self.stretch:.3g} times{when}), where the neo-Hookean law no longer follows silicone; {REMEDY}"
+            )
+        if self.swollen > SHARE:
+            found.append(
+                f"strain: {100 * self.swollen:.3g} % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is "
+                f"{self.min_det_F:.3g} to {self.max_det_F:.3g}), where silicone would keep its volume; raise bulk_to_shear, or {REMEDY}"
+            )
+        thickness = model.scene.thickness
+        if model.line is not None and self.radius < BEND * thickness:
+            found.append(
+                f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
+                f"mm: its inner side is crushed; {REMEDY}"
+            )
+        return found
+
+    def state(self) -> dict[str, float]:
+        """Plain numbers, by which `restored` makes the same again."""
+        return {f"strain_{name}": value for name, value in vars(self).items() if value is not None and np.isfinite(value)}
+
+    @classmethod
+    def restored(cls, state: Mapping[str, float]) -> Strain:
+        """What `state` told of, among other numbers."""
+        return cls(**{key.removeprefix("strain_"): value for key, value in state.items() if key.startswith("strain_")})
+
+
+def strain_of(model: Model, position: Array, F: Array, time: float | None = None) -> Strain:
+    """The strain of a model's particles at positions (n, 3) m with F (n, 3, 3), at a time (s; None: equilibrium).
+
+    Stretches are found where they may be beyond the limit; else only that of the particle with the largest tr F^T F.
+    """
+    volume = model.particles.volume
+    J, squares = np.empty(len(F)), np.empty(len(F))
+    _invariants(F, J, squares)
+    least = STRETCH**2 + 2.0 * J / STRETCH  # of tr F^T F where the stretch is STRETCH: the other two are alike
+    some = np.union1d(np.flatnonzero(squares >= least * (1 - 1e-12)), [int(np.argmax(squares))])
+    stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F[some], F[some]))[:, 2])
+    whole = float(volume.sum())
+    return Strain(
+        stretch=float(stretch.max()),
+        stretched=float(volume[some[stretch > STRETCH]].sum()) / whole,
+        swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole,
+        min_det_F=float(J.min()),
+        max_det_F=float(J.max()),
+        radius=np.inf if model.line is None else tightest_radius(_slices(model, position)),
+        time=time,
+    )
+
+
+@compiled
+def _invariants(F, J, squares):  # type: ignore[no-untyped-def]
+    """det F and tr F^T F (n,) of F (n, 3, 3)."""
+    for p in range(len(F)):
+        J[p] = determinant(F[p])
+        squares[p] = 0.0
+        for i in range(3):
+            for j in range(3):
+                squares[p] += F[p, i, j] ** 2
+
+
+def _slices(model: Model, position: Array) -> Array:
+    """Mean position (cells, 3) m of what is in each slice of cells along a straight body."""
+    of, volume = model.particles.cell[:, 0], model.particles.volume
+    whole = np.bincount(of, volume)
+    return np.stack([np.bincount(of, volume * x) / whole for x in position.T], axis=1)
+
+
+def tightest_radius(points: Array) -> float:
+    """Least radius (m) of the circles through three neighbours of points (m, 3) on a curve; inf where it is straight."""
+    if len(points) < 3:
+        return np.inf
+    a, b = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+    double = np.linalg.norm(np.cross(a, b), axis=1)
+    sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(a + b, axis=1)
+    bent = double > 1e-9 * sides ** (2 / 3)
+    return float(np.min(sides[bent] / (2.0 * double[bent]), initial=np.inf))

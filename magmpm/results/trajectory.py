@@ -1,0 +1,335 @@
+"""What a motion leaves behind: `motion.vtkhdf`, which ParaView opens, `energies.csv` and `contacts.csv`.
+
+All three grow frame by frame while the run goes on, and can be read at any moment (vtkhdf, motion_tables).
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array
+from magmpm.errors import BudgetError, InputError, report
+from magmpm.results import vtkhdf
+from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
+from magmpm.results.motion_files import ABOUT, CONTACTS, ENERGIES, MOTION
+from magmpm.results.motion_tables import (
+    GrowingTable,
+    contact_row,
+    energy_row,
+    must_have,
+    read_contacts,
+    read_energies,
+)
+
+_KEEP_FREE = 16_000_000  # bytes of the disk left to others
+_OVERHEAD = (
+    65_536  # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
+)
+
+
+class MotionWriter:
+    """Writes a motion frame by frame into a folder; a context manager, though every frame is whole on disk by itself.
+
+    model: anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment (n,), magnet (n, 3) T, and
+    optionally scene, which is stored for the pictures. quantities: names from QUANTITIES [all]. max_disk: bytes that the motion's
+    files may take. resume_at: s, time of a checkpoint: frames after it are dropped and the motion goes on, so that its files hold
+    what an unbroken run's do; resume_frames: how many there must be up to then, each with its energies, and with contacts of the effects
+    resume_contacts.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        model: Any,
+        quantities: Sequence[str] | None = None,
+        *,
+        max_disk: float | None = None,
+        resume_at: float | None = None,
+        resume_frames: int | None = None,
+        resume_contacts: Iterable[str] = (),
+    ) -> None:
+        self.folder = Path(folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.path = self.folder / MOTION
+        self.max_disk = max_disk
+        self.quantities = tuple(QUANTITIES if quantities is None else quantities)
+        unknown = [name for name in self.quantities if name not in QUANTITIES]
+        if unknown:
+            raise InputError(f"quantities: received {unknown[0]!r}; must be among {', '.join(QUANTITIES)}")
+        particles = model.particles
+        reference, magnet = np.array(particles.position, dtype=float), np.array(model.magnet[:, :3], dtype=float)
+        self._arrays = FrameArrays(reference, magnet)
+        self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
+        if resume_at is not None:
+            self._must_exist()
+            if resume_frames is not None:
+                self._must_hold(resume_frames, resume_at, resume_contacts)
+            self._file = vtkhdf.FrameFile.resume(self.path, len(reference), self.quantities, resume_at)
+            self._energies.cut(self._file.last)
+            self._contacts.cut(self._file.last)
+            self._tell_about(model)
+            return
+        for name in (MOTION, ENERGIES, CONTACTS):
+            (self.folder / name).unlink(missing_ok=True)
+        static = {
+            "part": np.asarray(particles.segment, dtype=np.int32),
+            "volume": np.asarray(particles.volume, dtype=np.float32),
+            "remanence": magnet.astype(np.float32),
+            "reference": reference.astype(np.float32),
+        }
+        self._tell_about(model)
+        self._file = vtkhdf.FrameFile.create(self.path, self.quantities, static)
+
+    @property
+    def frames(self) -> int:
+        """Frames written so far."""
+        return self._file.frames
+
+    def __enter__(self) -> MotionWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    @property
+    def size(self) -> int:
+        """Bytes the motion's files take now."""
+        files = (self.folder / name for name in (MOTION, ENERGIES, CONTACTS, ABOUT))
+        return sum(path.stat().st_size for path in files if path.exists())
+
+    @property
+    def frame_size(self) -> int:
+        """Bytes a frame adds, at most."""
+        components = 3 + sum(QUANTITIES[name] for name in self.quantities)
+        return 4 * len(self._arrays.reference) * components + _OVERHEAD
+
+    def frame(
+        self,
+        time: float,
+        x: Array,
+        v: Array,
+        F: Array,
+        stress: Array,
+        energies: Mapping[str, float],
+        contacts: Mapping[str, Any] | None = None,
+        field: Array | None = None,
+    ) -> None:
+        """Add a frame.
+
+        time: s, later than the last frame's; x (n, 3) m; v (n, 3) m/s; F (n, 3, 3); stress (n, 3, 3) Pa: first Piola-Kirchhoff stress,
+        the effects' part included; energies: J, kinetic, elastic and each effect's potential; `total` is their sum unless given,
+        `dissipated` is not part of it. contacts: effect -> {force: (3,) N on the body, count: particles touching, depth: m, deepest
+        penetration}, or an object with these attributes, or the force alone. field: (3,) T, the outside field at the body, for pictures.
+        Raises BudgetError, before anything is written, if the frame would not fit into max_disk or on the disk.
+        """
+        self._afford(time)
+        arrays = self._arrays.of(x, v, F, stress)
+        self._reserve()
+        self._file.append(time, arrays, np.full(3, np.nan) if field is None else np.asarray(field, dtype=float))
+        self._energies.add(energy_row(time, energies))
+        for effect, contact in (contacts or {}).items():
+            self._contacts.add(contact_row(time, effect, contact))
+
+    def _afford(self, time: float) -> None:
+        needed = _OVERHEAD if self.frames < self._file.places else self.frame_size
+        at = f"after {self.frames} frames, before the one at t = {time:g} s"
+        remedy = (
+            "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across make them smaller; "
+            f"what was written so far is whole: {self.path}"
+        )
+        if self.max_disk is not None and self.size + needed > self.max_disk:
+            raise BudgetError(
+                f"solver.dynamic.max_disk: received {_bytes(self.max_disk)}; the motion takes {_bytes(self.size)} {at}, "
+                f"which would add {_bytes(needed)}\n  rule: the motion's files must stay within max_disk\n"
+                f"  {remedy}; or raise max_disk"
+            )
+        free = shutil.disk_usage(self.folder).free
+        if free < needed + _KEEP_FREE:
+            raise BudgetError(
+                f"{self.folder}: the disk is full: {_bytes(free)} are free {at}, which would add {_bytes(needed)}\n"
+                f"  rule: {_bytes(_KEEP_FREE)} of the disk are left to others\n  {remedy}"
+            )
+
+    def _reserve(self) -> None:
+        """Have the disk keep the room a frame takes: HDF5 does not get over a write that fails. Raises BudgetError.
+
+        A quota, or a limit on a file's size, shows only now. What of the room is not used HDF5 gives back as it closes the file.
+        """
+        if not hasattr(os, "posix_fallocate"):
+            return
+        with self.path.open("r+b") as file:
+            size = os.fstat(file.fileno()).st_size
+            try:
+                os.posix_fallocate(file.fileno(), size, self.frame_size)
+            except OSError as error:
+                file.truncate(size)
+                if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):
+                    return  # a file system that can't
+                raise BudgetError(
+                    f"{self.path}: {error.strerror} after {self.frames} frames, before one more of up to {_bytes(self.frame_size)}\n"
+                    "  rule: the motion must fit on the disk, and within the system's limits for this user\n"
+                    f"  remedy: a larger output_every writes fewer frames; what was written so far is whole: {self.path}"
+                ) from error
+
+    def _tell_about(self, model: Any) -> None:
+        scene: Any = getattr(model, "scene", None)
+        about = {"scene": scene.to_si() if hasattr(scene, "to_si") else scene, "name": getattr(scene, "name", "")}
+        unfinished = self.folder / f".{ABOUT}"
+        unfinished.write_text(json.dumps(about) + "\n", encoding="utf-8")
+        unfinished.replace(self.folder / ABOUT)
+
+    def _must_hold(self, frames: int, until: float, contacts: Iterable[str]) -> None:
+        """Raises InputError unless the files hold what a motion has written until a time (s)."""
+        vtkhdf.mend(self.path)
+        with vtkhdf.opened(self.path) as file:
+            times = vtkhdf.read_moments(file)[0]
+        times = times[times <= until * (1 + 1e-12)]
+        if len(times) != frames:
+            raise InputError(
+                report(
+                    str(self.path),
+                    received=f"{len(times)} frames up to the checkpoint",
+                    rule=f"a motion goes on from the {frames} frames it had then, all of them",
+                    remedy="put back the file that belongs to the checkpoint, or run again without --resume",
+                )
+            )
+        must_have(self._energies.path, read_energies(self._energies.path), times)
+        found = read_contacts(self._contacts.path)
+        for effect in contacts:
+            must_have(self._contacts.path, found.get(effect, {}), times)
+
+    def _must_exist(self) -> None:
+        if not self.path.exists():
+            raise InputError(
+                f"{self.path}: is missing, while the folder holds a checkpoint of this motion\n"
+                "  rule: a motion goes on from the frames it has\n  remedy: run again without --resume"
+            )
+
+
+def _bytes(size: float) -> str:
+    for unit, name in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if size >= unit:
+            return f"{size / unit:.4g} {name}"
+    return f"{size:.0f} bytes"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One moment: number k, time s, position (n, 3) m, field (3,) T or None, and the stored quantities by name."""
+
+    number: int
+    time: float
+    position: Numbers
+    field: Array | None
+    quantities: dict[str, Numbers]
+
+
+def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
+    """Name and scene of a motion. Raises InputError."""
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        name, scene = about["name"], about["scene"]
+        if not isinstance(name, str) or not isinstance(scene, dict | None):
+            raise ValueError("it holds no name and scene")
+        return name, scene
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        rule, remedy = "must be as the motion's run wrote it", "run the scene again with --resume, which writes it anew, or without"
+        raise InputError(report(f"{path}: can't be read ({error})", rule=rule, remedy=remedy)) from None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that was written; `motion[k]` reads a frame, `motion.position(k)` its positions alone.
+
+    times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
+    (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
+    depth} -> (rows,). scene: Scene.to_si() or None.
+    """
+
+    folder: Path
+    name: str
+    scene: dict[str, Any] | None
+    times: Array
+    fields: Array
+    part: NDArray[np.int32]
+    volume: Numbers
+    remanence: Numbers
+    reference: Numbers
+    energies: dict[str, Array]
+    contacts: dict[str, dict[str, Array]]
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Motion:
+        """The motion in a folder, also an unfinished one. Raises InputError if it holds none, or one that can't be read."""
+        folder = Path(folder)
+        path = folder / MOTION
+        if not path.exists():
+            raise InputError(
+                f"{folder}: holds no motion ({MOTION} is missing); give the folder that `magmpm run` named for a dynamic scene"
+            )
+        try:
+            vtkhdf.mend(path)
+            with vtkhdf.opened(path) as file:
+                times, fields = vtkhdf.read_moments(file)
+                vtkhdf.check(path, file, range(len(times)))
+                static = vtkhdf.read_static(file)
+            name, scene = _read_about(folder / ABOUT)
+            energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
+            must_have(folder / ENERGIES, energies, times, lacking=1)
+            for found in contacts.values() if scene is not None else ():
+                must_have(folder / CONTACTS, found, times, lacking=1)
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{folder}: the motion can't be read ({error}); run the scene again") from None
+        return cls(
+            folder=folder,
+            name=name,
+            scene=scene,
+            times=times,
+            fields=fields,
+            energies=energies,
+            contacts=contacts,
+            **static,
+        )
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, number: int) -> Frame:
+        """Frame k; negative numbers count from the end. Raises IndexError."""
+        k = range(len(self))[number]
+        path = self.folder / MOTION
+        with vtkhdf.opened(path) as file:
+            quantities = vtkhdf.read_arrays(path, file, k)
+        field = self.fields[k]
+        return Frame(
+            number=k,
+            time=float(self.times[k]),
+            position=quantities.pop("Points"),
+            field=None if np.isnan(field).any() else field,
+            quantities=quantities,
+        )
+
+    def position(self, number: int) -> Numbers:
+        """Positions (n, 3) m of frame k alone."""
+        k, path = range(len(self))[number], self.folder / MOTION
+        with vtkhdf.opened(path) as file:
+            return vtkhdf.read_arrays(path, file, k, ["Points"])["Points"]
+
+    def nearest(self, time: float) -> int:
+        """Number of the frame nearest to a time in s."""
+        return int(np.argmin(np.abs(self.times - time)))

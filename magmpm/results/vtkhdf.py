@@ -1,0 +1,329 @@
+"""A file of frames, `motion.vtkhdf`, that ParaView opens, that grows while it can be read, and whose frames can tell that they are whole.
+
+Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html, PolyData of one vertex a particle, whose points
+move: vertices and what does not change in time are stored once. Beside VTK's group stands `magmpm`, with a checksum (CRC-32) of each
+array of each frame, in the order time and field, Points, quantities; and one of what is stored once.
+
+The file is closed between frames, and while it is open HDF5 writes in an order in which it can be read at any moment (single writer,
+multiple readers). A frame is counted only after all of it was handed to the disk. Arrays and rows are made longer for many frames at a
+time, and a frame's arrays go to their place as they are, past HDF5's cache: a hundred calls less a frame.
+"""
+
+from __future__ import annotations
+
+import time as clock
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array
+from magmpm.errors import InputError, report
+from magmpm.results.frame_arrays import QUANTITIES, Numbers
+from magmpm.results.hdf5_mark import marked_in_order, unmark
+
+STATIC = ("part", "volume", "remanence", "reference")
+# Readable by HDF5 1.10 and later, and so by ParaView 5.6 and later, whatever is installed here.
+_FORMAT = ("v110", "v110")
+_TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
+_AHEAD = 64  # frames for which arrays and rows are made longer at a time: a chunk of the rows
+_PATIENCE = 2.0  # s after which a file still marked as being written was left by a killed run
+_TIMES, _FIELD, _COUNT = "VTKHDF/Steps/Values", "VTKHDF/FieldData/field", "NSteps"
+_SUMS = "magmpm/checksum"
+
+
+class FrameFile:
+    """A file of frames that grows; it is open only while a frame is written.
+
+    n: particles; quantities: names of arrays besides Points; frames: written so far; places: frames whose room on the disk is taken.
+    """
+
+    def __init__(self, path: Path, n: int, quantities: Sequence[str], frames: int = 0, places: int = 0) -> None:
+        self.path, self.n, self.quantities = path, n, tuple(quantities)
+        self.frames, self.places = frames, places
+        self.last = -np.inf  # s, time of the last frame
+        self._rows = frames  # rows that the file has
+
+    @classmethod
+    def create(cls, path: Path, quantities: Sequence[str], static: Mapping[str, NDArray[Any]]) -> FrameFile:
+        """A file without frames; static: the arrays of STATIC, (n, ...) each."""
+        n = len(static["part"])
+        unfinished = path.with_name(f".{path.name}")
+        with h5py.File(unfinished, "w", libver=_FORMAT, locking=False) as file:
+            _write_head(file, n, quantities, static)
+        unfinished.replace(path)
+        return cls(path, n, quantities)
+
+    @classmethod
+    def resume(cls, path: Path, n: int, quantities: Sequence[str], until: float) -> FrameFile:
+        """A file that was written before, without its frames after a time (s).
+
+        They are no longer counted, and what follows is written over them. Raises InputError where the file is another motion's, or where
+        a frame that is to be kept is not whole.
+        """
+        mend(path)
+        with opened(path) as file:
+            stored, particles = _quantities(file), int(file["VTKHDF/NumberOfPoints"][0])
+            if particles != n or set(stored) != set(quantities):
+                raise InputError(
+                    f"{path}: holds another motion ({particles} particles, {', '.join(stored)}), not "
+                    f"this one's ({n} particles, {', '.join(quantities)}); resume with the scene it began with"
+                )
+            count = int(file["VTKHDF/Steps"].attrs[_COUNT])
+            kept = int(np.count_nonzero(file[_TIMES][:count] <= until * (1 + 1e-12)))
+            check(path, file, range(kept))
+            last = float(file[_TIMES][kept - 1]) if kept else -np.inf
+            rows = len(file[_SUMS])
+        _count_only(path, kept)
+        resumed = cls(path, n, quantities, kept, count)
+        resumed.last, resumed._rows = last, rows
+        return resumed
+
+    def append(self, time: float, arrays: Mapping[str, Numbers], field: Array) -> None:
+        """Add a frame: time s, later than the last; Points (n, 3) m and every quantity; field (3,) T. Raises ValueError, OSError."""
+        if time <= self.last:
+            raise ValueError(f"frame at t = {time} s, but the last one is at {self.last} s")
+        k, names = self.frames, ("Points", *self.quantities)
+        moment = np.array([time, *field], dtype=float)
+        sums = [_sum(moment), *(_sum(arrays[name]) for name in names)]
+        identifier = _open_for_growth(self.path)
+        try:
+            if k >= self._rows:  # but not of the times: VTK's reader takes all there are, into room for those that are counted
+                self._lengthen(identifier)
+            for name in names:
+                dataset = h5py.h5d.open(identifier, _place(name).encode())
+                dataset.write_direct_chunk((k * self.n, 0)[: arrays[name].ndim], arrays[name])
+            _write_row(identifier, _FIELD, k, moment[1:])
+            _write_row(identifier, _SUMS, k, np.array(sums, dtype=np.uint32))
+            h5py.h5f.flush(identifier)  # the frame is on its way to the disk before the number of frames counts it
+            _write_row(identifier, _TIMES, k, moment[0], grow=True)
+            steps = h5py.h5g.open(identifier, b"VTKHDF/Steps")
+            h5py.h5a.open(steps, _COUNT.encode()).write(np.array(k + 1, dtype=np.int64))
+        finally:
+            identifier.close()
+        self.frames, self.last, self.places = k + 1, time, max(k + 1, self.places)
+
+    def _lengthen(self, identifier: Any) -> None:
+        """Room for more frames, and the rows that can be written before them."""
+        file, first, n = h5py.File(identifier), self._rows, self.n
+        count = first + _AHEAD
+        steps = np.arange(first, count)
+        points = steps * n
+        steps_group = file["VTKHDF/Steps"]
+        rows: list[tuple[Any, Any]] = [
+            (steps_group["NumberOfParts"], 1),
+            (steps_group["PartOffsets"], 0),
+            (steps_group["PointOffsets"], points),
+            (steps_group["CellOffsets"], 0),
+            (steps_group["ConnectivityIdOffsets"], 0),
+            (steps_group["FieldDataOffsets/field"], steps),
+            (steps_group["FieldDataSizes/field"], (3, 1)),
+            *((steps_group["PointDataOffsets"][name], points) for name in self.quantities),
+            *((steps_group["PointDataOffsets"][name], 0) for name in STATIC),
+            (file[_FIELD], np.nan),
+            (file[_SUMS], 0),
+        ]
+        for dataset, values in rows:
+            dataset.resize(count, axis=0)
+            dataset[first:] = values
+        for name in ("Points", *self.quantities):
+            file[_place(name)].resize(count * n, axis=0)
+        self._rows = count
+
+
+def _write_head(file: h5py.File, n: int, quantities: Sequence[str], static: Mapping[str, NDArray[Any]]) -> None:
+    integer, number = np.dtype(np.int64), np.dtype(float)
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = np.array([2, 1])
+    root.attrs.create("Type", np.bytes_("PolyData"))
+    root["NumberOfPoints"] = np.array([n])
+    _growing(file, "Points", n, 3)
+    for name in _TOPOLOGIES:
+        topology = root.create_group(name)
+        cells = n if name == "Vertices" else 0
+        topology["NumberOfCells"] = topology["NumberOfConnectivityIds"] = np.array([cells])
+        topology["Offsets"] = np.arange(cells + 1)
+        topology["Connectivity"] = np.arange(cells)
+    steps = root.create_group("Steps")
+    steps.attrs[_COUNT] = np.int64(0)
+    _row_of(steps, "Values", (), number)
+    for name in ("NumberOfParts", "PartOffsets", "PointOffsets"):
+        _row_of(steps, name, (), integer)
+    for name in ("CellOffsets", "ConnectivityIdOffsets"):
+        _row_of(steps, name, (len(_TOPOLOGIES),), integer)
+    data, offsets = root.create_group("PointData"), steps.create_group("PointDataOffsets")
+    for name in quantities:
+        _growing(file, name, n, QUANTITIES[name])
+    for name in STATIC:
+        data[name] = static[name]
+    for name in (*quantities, *STATIC):
+        _row_of(offsets, name, (), integer)
+    _row_of(root.create_group("FieldData"), "field", (3,), number)
+    _row_of(steps.create_group("FieldDataOffsets"), "field", (), integer)
+    _row_of(steps.create_group("FieldDataSizes"), "field", (2,), integer)
+    own = file.create_group("magmpm")
+    _row_of(own, "checksum", (2 + len(quantities),), np.dtype(np.uint32))
+    own.attrs["quantities"] = list(quantities)
+    own.attrs["static"] = np.uint32(_sum_of_static(static))
+
+
+def _place(name: str) -> str:
+    return "VTKHDF/Points" if name == "Points" else f"VTKHDF/PointData/{name}"
+
+
+def _growing(file: h5py.File, name: str, n: int, components: int) -> None:
+    """An array with one chunk a frame."""
+    tail = (components,) if components > 1 else ()
+    file.create_dataset(
+        _place(name), (0, *tail), np.float32, chunks=(n, *tail), maxshape=(None, *tail), fillvalue=np.nan
+    )
+
+
+def _row_of(group: Any, name: str, tail: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """A table with a row a frame."""
+    group.create_dataset(name, (0, *tail), dtype, chunks=(_AHEAD, *tail), maxshape=(None, *tail))
+
+
+def _write_row(identifier: Any, name: str, k: int, values: Any, *, grow: bool = False) -> None:
+    dataset, row = h5py.h5d.open(identifier, name.encode()), np.atleast_1d(values)[None]
+    if grow:
+        dataset.set_extent((k + 1,))
+    space = dataset.get_space()
+    shape = (1, *space.shape[1:])
+    space.select_hyperslab((k, *(0 for _ in shape[1:])), shape)
+    dataset.write(h5py.h5s.create_simple(shape), space, np.ascontiguousarray(row.reshape(shape)))
+
+
+def _sum(array: NDArray[Any], before: int = 0) -> int:
+    """CRC-32 of an array's bytes, or of those and what was summed before."""
+    return zlib.crc32(array.data, before)
+
+
+def _sum_of_static(static: Mapping[str, NDArray[Any]]) -> int:
+    total = 0
+    for name in STATIC:
+        total = _sum(np.ascontiguousarray(static[name]), total)
+    return total
+
+
+def _open_for_growth(path: Path) -> Any:
+    """The file, in the mode in which what HDF5 writes can be read at every moment.
+
+    It enters that mode as it is opened: between `h5py.File(path, "r+")` and `swmr_mode = True` the file would be marked as written in
+    no readable order, and a run killed there would leave a file that nothing opens any more.
+    """
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
+    access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
+    access.set_file_locking(False, False)
+    flags = h5py.h5f.ACC_RDWR | h5py.h5f.ACC_SWMR_WRITE
+    return h5py.h5f.open(bytes(path), flags, access)
+
+
+def _count_only(path: Path, frames: int) -> None:
+    """Drop the frames after these."""
+    with h5py.File(_open_for_growth(path)) as file:
+        steps = file["VTKHDF/Steps"]
+        steps.attrs.modify(_COUNT, frames)
+        steps["Values"].resize(frames, axis=0)
+
+
+def _quantities(file: h5py.File) -> list[str]:
+    return [name for name in file["VTKHDF/PointData"] if name not in STATIC]
+
+
+def read_static(file: h5py.File) -> dict[str, Any]:
+    """What is stored once: the arrays of STATIC."""
+    return {name: file["VTKHDF/PointData"][name][()] for name in STATIC}
+
+
+def read_moments(file: h5py.File) -> tuple[Array, Array]:
+    """Times (frames,) s and fields (frames, 3) T of all frames."""
+    count = int(file["VTKHDF/Steps"].attrs[_COUNT])
+    return file[_TIMES][:count], file[_FIELD][:count]
+
+
+def read_arrays(path: Path, file: h5py.File, k: int, names: Iterable[str] | None = None) -> dict[str, Numbers]:
+    """Points and quantities of frame k by name, or those named. Raises InputError where they are not as they were written."""
+    n, stored = int(file["VTKHDF/NumberOfPoints"][0]), [str(name) for name in file["magmpm"].attrs["quantities"]]
+    sums = file[_SUMS][k]
+    found = {}
+    for name in ("Points", *stored) if names is None else names:
+        found[name] = file[_place(name)][k * n : (k + 1) * n]
+        if _sum(found[name]) != sums[1 + ("Points", *stored).index(name)]:
+            raise damaged(path, file, k, name)
+    return found
+
+
+def check(path: Path, file: h5py.File, frames: Iterable[int]) -> None:
+    """Raises InputError where a frame, or what is stored once, is not as it was written."""
+    if "magmpm" not in file:
+        raise _unreadable(path, "a motion without checksums, as an earlier version of magmpm wrote it")
+    if _sum_of_static(read_static(file)) != file["magmpm"].attrs["static"]:
+        raise _unreadable(path, "particles (part, volume, remanence, reference) that are not as they were written")
+    for k in frames:
+        moment = np.array([file[_TIMES][k], *file[_FIELD][k]])
+        if _sum(moment) != file[_SUMS][k][0]:
+            raise damaged(path, file, k, "time and field")
+        read_arrays(path, file, k)
+
+
+def damaged(path: Path, file: h5py.File, k: int, name: str) -> InputError:
+    count = int(file["VTKHDF/Steps"].attrs[_COUNT])
+    return _unreadable(path, f"frame {k} of {count} with {name} not as it was written (its checksum is another)")
+
+
+def _unreadable(path: Path, received: str) -> InputError:
+    return InputError(
+        report(
+            str(path),
+            received=received,
+            rule="must be the whole motion that a run here wrote",
+            remedy="run the scene again, without --resume, or put back a copy of the file",
+        )
+    )
+
+
+def opened(path: Path) -> h5py.File:
+    """The file to read, waiting for a frame that is being written. Raises OSError if it can't be opened."""
+    patience = clock.monotonic() + _PATIENCE
+    while True:
+        waiting = marked_in_order(path) and clock.monotonic() < patience
+        try:
+            return h5py.File(path, "r", locking=False)
+        except OSError:
+            if not waiting:
+                raise
+            clock.sleep(0.02)
+
+
+def mend(path: Path) -> None:
+    """Make a file usable that a killed run left marked as being written: nothing is lost but the mark. Raises InputError.
+
+    While a run is writing a frame its file is marked as well, so the mark must stay for a while to count.
+    """
+    try:
+        opened(path).close()
+        return
+    except OSError as error:
+        reason: Exception = error
+    if unmark(path):
+        try:
+            with opened(path) as file:
+                times, _ = read_moments(file)
+            _count_only(path, len(times))
+            return
+        except (OSError, KeyError) as error:
+            reason = error
+    cause = f"{path.stat().st_size} bytes that can't be opened as HDF5 ({_first_words(reason)})"
+    raise _unreadable(path, cause) from reason
+
+
+def _first_words(error: Exception) -> str:
+    """What HDF5 says, without the addresses and names of its own functions around it."""
+    text = str(error)
+    return text[text.find("(") + 1 : text.rfind(")")] if "(" in text else text

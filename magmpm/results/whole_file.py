@@ -1,0 +1,50 @@
+"""Files that appear whole or not at all, and what to say where the disk does not take them."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from magmpm.errors import report
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, or within the system's limit for a file
+REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EISDIR)  # the place is wrong, not the moment
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write to, which takes its place at the end, or goes with what went wrong. An OSError names `path`."""
+    part = path.with_name(f".{path.name}")
+    with naming(path):
+        try:
+            yield part
+            part.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)  # half a file would take room on a full disk
+            raise
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """An OSError says which file it is about: of a write that fails, the system does not."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = str(path)
+        raise
+
+
+def explained(error: OSError, kept: str = "") -> str:
+    """What to say of a file that can't be read or written; kept: what is not lost."""
+    place = f"{error.filename or 'the system'}: {error.strerror or error}"
+    if error.errno in FULL:
+        rule = "what is written needs room on the disk, within the system's limits for this user"
+        remedy = "free room, or write to another disk"
+    elif error.errno in REFUSED:
+        rule, remedy = "it must be possible to write there", "use another folder, or see to its permissions"
+    else:
+        rule, remedy = "files must stay within reach while a command runs", "see that the disk is there and healthy, then run it again"
+    return report(place, rule=rule, remedy=f"{remedy}{kept}")

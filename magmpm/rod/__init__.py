@@ -1,0 +1,1 @@
+"""The Cosserat rod: fast estimates, and where statics begins."""

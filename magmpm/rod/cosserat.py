@@ -1,0 +1,228 @@
+"""Cosserat rod: an independent low-order model of a catheter or strip that solves in milliseconds.
+
+It gives the 3D solver its start and the branch to be on, checks it on slender scenes, and advises.
+
+The rod is a chain of orthonormal frames R_0 .. R_n (R_0 clamped); the columns of R are the tangent and the section's two axes. Energy:
+bending and twist between neighbouring frames, and a potential at each frame that is local in R, because the force in a section does
+not depend on the shape when field and weight are uniform:
+
+    E = sum_elements 1/2 kappa^T D kappa l + sum_frames U(R)
+    U = -[ b.(m x-axis and transverse) + 1/2 f^T C f ] l,   b = R^T B, f = R^T (force in the section)
+
+The last term is the work of stretch and shear, which follow the frames without delay: v = e_1 + C f with
+C = diag(1/EA, 1/(k GA), 1/(k GA)). In a magnet the force in the section includes A/mu0 B Br_1 (the first column of the magnetic
+stress), so a rod magnetised along its axis and pulled by the field stretches and shears.
+
+kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l; its exact Hessian makes Newton's method see
+buckling and twist. Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold, Multibody Syst. Dyn. 25 (2011);
+for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from magmpm.bodies.assembly import Parts
+from magmpm.bodies.grid import Array
+from magmpm.effects.magnetic_torque import MU0
+from magmpm.errors import SolveError
+from magmpm.fields import outside_field as fields
+from magmpm.rod.kernels import frames_of, relax
+from magmpm.rod.sections import section_of
+from magmpm.scene import Scene
+
+ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
+LEAST_FOLLOWED = 6  # load steps in a field that depends on the shape
+MOST_TURNS = 40  # of a fixed point
+FOLLOWED = 1e-4  # of the length: as near as a start has to be
+Surroundings = Callable[[Array, Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class RodShape:
+    """Equilibrium of the rod at the n + 1 frames.
+
+    s (n + 1,) m; position (n + 1, 3) m; frames (n + 1, 3, 3), columns tangent and section axes; curvature (n + 1, 3) 1/m in the
+    frame (twist, two bendings); stretch (n + 1, 3): material strain v (1 and 0, 0 when unloaded); iterations; stable: whether the
+    energy is a minimum there.
+    """
+
+    s: Array
+    position: Array
+    frames: Array
+    curvature: Array
+    strain: Array
+    iterations: int
+    stable: bool
+    energy: float
+
+    def at(self, s: Array) -> Array:
+        """Positions (k, 3) m at arc lengths s (k,) m of the undeformed rod."""
+        return np.stack([np.interp(s, self.s, self.position[:, i]) for i in range(3)], axis=1)
+
+
+@dataclass(frozen=True)
+class RodModel:
+    """A scene as a rod: per element (n) lengths, stiffnesses and loads. SI.
+
+    twist_bend (n, 3) N m^2; compliance (n, 3) 1/N; moment (n, 3) A m: A Br/mu0 per length in the frame; axial_moment (n,) A m;
+    weight (n + 1, 3) N: weight beyond each frame; field (n + 1, 3) T: at each frame.
+    """
+
+    length: Array
+    twist_bend: Array
+    compliance: Array
+    moment: Array
+    weight: Array
+    field: Array
+
+
+def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodModel:
+    """The rod of a scene. Elements end where segments do. extensible False leaves out stretch and shear (the pure elastica)."""
+    body = scene.body.shape
+    if isinstance(body, Parts):
+        raise SolveError("parts are no rod")
+    lengths = np.array(body.segment_lengths())
+    counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
+    of = np.repeat(np.arange(len(lengths)), counts)
+    materials = [scene.segment_material(k) for k in range(len(lengths))]
+    G = np.array([material.shear_modulus for material in materials])
+    section = section_of(body, G, G * [material.bulk_to_shear for material in materials])
+    area = section.area
+    density = np.array([material.density or 0.0 for material in materials])
+    torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
+    magnetised = scene.segment_remanence() * (0.0 if torque is None else area / MU0)
+    length = (lengths / counts)[of]
+    acceleration = np.zeros(3) if gravity is None else np.array(gravity.acceleration)
+    mass = (density * area)[of] * length
+    beyond = np.concatenate([np.cumsum(mass[::-1])[::-1], [0.0]])
+    return RodModel(
+        length=length,
+        twist_bend=section.twist_bend[of],
+        compliance=section.compliance[of] if extensible else np.zeros((len(of), 3)),
+        moment=magnetised[of],
+        weight=beyond[:, None] * acceleration,
+        field=np.tile(fields.places(scene.field)[0]["uniform"], (len(of) + 1, 1)),
+    )
+
+
+def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodShape:
+    """Equilibrium of the scene's rod on the branch that grows from zero load.
+
+    Field and weight grow together from zero; at every step Newton's method with an energy line search goes to a minimum, down the
+    direction of negative curvature where the straight continuation has become unstable.
+    Raises SolveError if a step does not converge.
+    """
+    rod = rod_model(scene, elements, extensible=extensible)
+    surroundings = _surroundings(scene, rod) if scene.field.varies and scene.effects.in_a_field else None
+    return solve_rod_model(rod, surroundings=surroundings)
+
+
+def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
+    """Field and pull of a field that varies, along the rod's axis. Within a section it is taken as the same everywhere."""
+    source = fields.of(scene)
+    line = scene.body.shape.line
+    assert line is not None  # only straight bodies are rods
+    base = np.array(line.base)
+    pulls = scene.effects.magnetic_force is not None
+
+    def along(position: Array, frames: Array) -> tuple[Array, Array]:
+        field, force = source.at(base + position), np.zeros((len(rod.length), 3))
+        if pulls:
+            gradient = source.gradient(base + position)
+            for side in (slice(None, -1), slice(1, None)):
+                moment = np.einsum("kij,kj->ki", frames[side], rod.moment)
+                force += np.einsum("kji,kj->ki", gradient[side], moment) * rod.length[:, None] / 2
+        return field, force
+
+    return along
+
+
+def solve_rod_model(
+    rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None
+) -> RodShape:
+    """Equilibrium at the last of the load factors `loads` (default: as many equal steps as the load asks for).
+
+    surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
+    where these depend on the shape: they are held while the rod relaxes, and found again, until the shape stays (FOLLOWED of its length).
+    """
+    if surroundings is not None:
+        return _follow(rod, surroundings)
+    n = len(rod.length)
+    quaternions = np.zeros((n + 1, 4))
+    quaternions[:, 0] = 1.0
+    if loads is None:
+        loads = np.linspace(0.0, 1.0, _steps(rod) + 1)[1:]
+    total = 0
+    for factor in loads:
+        status, steps, energy, stable = relax(
+            quaternions,
+            rod.length,
+            rod.twist_bend,
+            rod.compliance,
+            rod.moment,
+            factor * rod.field,
+            factor * rod.weight,
+        )
+        total += steps
+        if status != 0:
+            raise SolveError(
+                f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps"
+            )
+    position, frames, curvature, strain = frames_of(
+        quaternions, rod.length, rod.compliance, rod.moment, loads[-1] * rod.field, loads[-1] * rod.weight
+    )
+    s = np.concatenate([[0.0], np.cumsum(rod.length)])
+    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)
+
+
+def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
+    """Equilibrium where field and pull depend on the shape: a fixed point at each step of the load."""
+    n = len(rod.length)
+    s = np.concatenate([[0.0], np.cumsum(rod.length)])
+    position, frames = s[:, None] * np.array([1.0, 0.0, 0.0]), np.tile(np.eye(3), (n + 1, 1, 1))
+    field, force = surroundings(position, frames)
+    first = replace(rod, field=field, weight=rod.weight + _beyond(force))
+    quaternions = np.zeros((n + 1, 4))
+    quaternions[:, 0] = 1.0
+    loads, total = np.linspace(0.0, 1.0, max(_steps(first), LEAST_FOLLOWED) + 1)[1:], 0
+    for factor in loads:
+        for turn in range(MOST_TURNS):
+            here = replace(rod, field=factor * field, weight=factor * (rod.weight + _beyond(force)))
+            status, steps, energy, stable = relax(
+                quaternions, rod.length, rod.twist_bend, rod.compliance, rod.moment, here.field, here.weight
+            )
+            total += steps
+            before = position
+            position, frames, curvature, strain = frames_of(
+                quaternions, rod.length, rod.compliance, rod.moment, here.field, here.weight
+            )
+            if status != 0 or not np.isfinite(position).all():
+                break
+            new_field, new_force = surroundings(position, frames)
+            share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # a rod that swings from side to side is stopped half-way
+            field, force = field + share * (new_field - field), force + share * (new_force - force)
+            if np.abs(position - before).max() < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
+                break
+        else:
+            status = 1
+        if status != 0:
+            raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies")
+    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)
+
+
+def _beyond(force: Array) -> Array:
+    """Sum of the elements' forces (n, 3) beyond each frame, (n + 1, 3)."""
+    return np.concatenate([np.cumsum(force[::-1], axis=0)[::-1], np.zeros((1, 3))])
+
+
+def _steps(rod: RodModel) -> int:
+    """Load steps: one for each unit of load over bending stiffness, B A Br L^2/(mu0 E I) + rho g A L^3/(E I), within 3 to 30."""
+    total = rod.length.sum()
+    bending = rod.twist_bend[:, 1].min()
+    magnetic = np.linalg.norm(rod.moment, axis=1).max() * np.linalg.norm(rod.field, axis=1).max() * total**2
+    load = (magnetic + np.linalg.norm(rod.weight[0]) * total**2) / bending
+    return int(np.clip(np.ceil(load), 3, 30))

@@ -1,0 +1,373 @@
+"""Compiled parts of the rod: energy, derivatives, block-tridiagonal Newton. The formulas stand in magmpm.rod.cosserat.
+
+Unknowns are rotations d_k (3) of frames 1 .. n about their own axes, q_k -> q_k exp(d_k / 2). Shapes: q (n + 1, 4) unit quaternions, scalar
+first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.compiled.jit import compiled
+
+MAX_STEPS = 200
+LARGEST_TURN = 0.6  # rad a Newton step may turn a frame
+
+
+@compiled
+def _matrix(q, R):
+    """Rotation matrix of a unit quaternion into R (3, 3)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@compiled
+def _relative(a, b, z):
+    """z = conj(a) b, with z[0] >= 0."""
+    z[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    z[1] = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
+    z[2] = a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1]
+    z[3] = a[0] * b[3] - a[1] * b[2] + a[2] * b[1] - a[3] * b[0]
+    if z[0] < 0:
+        for i in range(4):
+            z[i] = -z[i]
+
+
+@compiled
+def _turn(q, d, out):
+    """out = q exp(d / 2), normalised."""
+    angle = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+    s = 0.5 if angle < 1e-8 else np.sin(angle / 2) / angle
+    w, x, y, z = np.cos(angle / 2), s * d[0], s * d[1], s * d[2]
+    a, b, c, e = q[0], q[1], q[2], q[3]
+    out[0], out[1] = a * w - b * x - c * y - e * z, a * x + b * w + c * z - e * y
+    out[2], out[3] = a * y - b * z + c * w + e * x, a * z + b * y - c * x + e * w
+    size = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
+    for i in range(4):
+        out[i] /= size
+
+
+@compiled
+def _to_frame(R, v, out):
+    """out = R^T v."""
+    for i in range(3):
+        out[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+
+
+@compiled
+def _energy(q, length, D, C, moment, field, weight):
+    """Energy of the rod, J."""
+    R, z, b, w = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3)
+    total = 0.0
+    for e in range(len(length)):
+        _relative(q[e], q[e + 1], z)
+        for i in range(3):
+            total += 2.0 / length[e] * D[e, i] * z[i + 1] ** 2
+        for side in range(2):
+            _matrix(q[e + side], R)
+            _to_frame(R, field[e + side], b)
+            _to_frame(R, weight[e + side], w)
+            density = b[0] * moment[e, 0] + b[1] * moment[e, 1] + b[2] * moment[e, 2] + w[0]
+            for i in range(3):
+                density += 0.5 * C[e, i] * (w[i] + moment[e, 0] * b[i]) ** 2
+            total -= 0.5 * length[e] * density
+    return total
+
+
+@compiled
+def _add_potential(h, b, w, m, c, g, H):
+    """Gradient and Hessian, times h, of a frame's potential; b, w: field and weight in the frame; m: moment; c: compliance."""
+    f, Cf = np.empty(3), np.empty(3)
+    for i in range(3):
+        f[i] = w[i] + m[0] * b[i]
+        Cf[i] = c[i] * f[i]
+    bm = b[0] * m[0] + b[1] * m[1] + b[2] * m[2] + w[0]
+    fCf = f[0] * Cf[0] + f[1] * Cf[1] + f[2] * Cf[2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ej, ek = (1.0 if j == 0 else 0.0), (1.0 if k == 0 else 0.0)
+        g[i] += h * (b[j] * m[k] - b[k] * m[j] + w[j] * ek - w[k] * ej + f[j] * Cf[k] - f[k] * Cf[j])
+        for n in range(3):
+            en, ei = (1.0 if n == 0 else 0.0), (1.0 if i == 0 else 0.0)
+            value = -0.5 * (b[i] * m[n] + m[i] * b[n] + w[i] * en + ei * w[n] + Cf[i] * f[n] + f[i] * Cf[n])
+            H[i, n] += h * (value + (bm + fCf if i == n else 0.0))
+    # -[f]^T C [f], with [f] the cross-product matrix
+    H[0, 0] -= h * (c[1] * f[2] ** 2 + c[2] * f[1] ** 2)
+    H[1, 1] -= h * (c[0] * f[2] ** 2 + c[2] * f[0] ** 2)
+    H[2, 2] -= h * (c[0] * f[1] ** 2 + c[1] * f[0] ** 2)
+    H[0, 1] += h * c[2] * f[0] * f[1]
+    H[1, 0] += h * c[2] * f[0] * f[1]
+    H[0, 2] += h * c[1] * f[0] * f[2]
+    H[2, 0] += h * c[1] * f[0] * f[2]
+    H[1, 2] += h * c[0] * f[1] * f[2]
+    H[2, 1] += h * c[0] * f[1] * f[2]
+
+
+@compiled
+def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
+    """Gradient and Hessian of an element's bending and twist with respect to the turns of its two frames."""
+    _relative(a, b, z)
+    w = z[0]
+    Ba, Bb, M = work[0], work[1], work[2, 0]
+    for i in range(3):
+        M[i] = 4.0 / length * D[i] * z[i + 1]
+        Ba[i, i], Bb[i, i] = -0.5 * w, 0.5 * w
+        j, k = (i + 1) % 3, (i + 2) % 3
+        Ba[i, j], Bb[i, j] = -0.5 * z[k + 1], -0.5 * z[k + 1]
+        Ba[i, k], Bb[i, k] = 0.5 * z[j + 1], 0.5 * z[j + 1]
+    Mv = M[0] * z[1] + M[1] * z[2] + M[2] * z[3]
+    for i in range(3):
+        for n in range(3):
+            ga[i] += Ba[n, i] * M[n]
+            gb[i] += Bb[n, i] * M[n]
+            aa, bb, ab = 0.0, 0.0, 0.0
+            for k in range(3):
+                s = 4.0 / length * D[k]
+                aa += s * Ba[k, i] * Ba[k, n]
+                bb += s * Bb[k, i] * Bb[k, n]
+                ab += s * Ba[k, i] * Bb[k, n]
+            Haa[i, n] += aa
+            Hbb[i, n] += bb
+            Hab[i, n] += ab + 0.25 * (M[i] * z[n + 1] + z[i + 1] * M[n])
+        Haa[i, i] -= 0.25 * Mv
+        Hbb[i, i] -= 0.25 * Mv
+        Hab[i, i] -= 0.25 * Mv
+        j, k = (i + 1) % 3, (i + 2) % 3
+        Hab[i, j] -= 0.25 * w * M[k]
+        Hab[i, k] += 0.25 * w * M[j]
+
+
+@compiled
+def _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
+    """Gradient g (n + 1, 3), Hessian blocks Hd (n + 1, 3, 3) and Ho (n, 3, 3): row frame e, column frame e + 1."""
+    R, z, b, w, work = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3), np.empty((3, 3, 3))
+    g[:], Hd[:], Ho[:] = 0.0, 0.0, 0.0
+    for e in range(len(length)):
+        _add_bending(q[e], q[e + 1], length[e], D[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e], work)
+        for side in range(2):
+            _matrix(q[e + side], R)
+            _to_frame(R, field[e + side], b)
+            _to_frame(R, weight[e + side], w)
+            _add_potential(0.5 * length[e], b, w, moment[e], C[e], g[e + side], Hd[e + side])
+
+
+@compiled
+def _cholesky3(A):
+    """Cholesky of a 3 x 3 block in place (lower). Returns False where it is not positive definite."""
+    for j in range(3):
+        d = A[j, j]
+        for k in range(j):
+            d -= A[j, k] ** 2
+        if not d > 0.0:
+            return False
+        A[j, j] = np.sqrt(d)
+        for i in range(j + 1, 3):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            A[i, j] = s / A[j, j]
+    return True
+
+
+@compiled
+def _factor(Hd, Ho, shift, Ld, Lo):
+    """Block Cholesky of the Hessian of frames 1 .. n plus shift: Ld (n + 1, 3, 3) lower, Lo (n, 3, 3). False: not positive definite."""
+    n = len(Ho)
+    for k in range(1, n + 1):
+        for i in range(3):
+            for j in range(3):
+                Ld[k, i, j] = Hd[k, i, j]
+            Ld[k, i, i] += shift
+        if k > 1:
+            for row in range(3):  # Lo[k-1] = L[k-1]^-1 Ho[k-1]
+                for col in range(3):
+                    s = Ho[k - 1, row, col]
+                    for t in range(row):
+                        s -= Ld[k - 1, row, t] * Lo[k - 1, t, col]
+                    Lo[k - 1, row, col] = s / Ld[k - 1, row, row]
+            for i in range(3):
+                for j in range(3):
+                    for t in range(3):
+                        Ld[k, i, j] -= Lo[k - 1, t, i] * Lo[k - 1, t, j]
+        if not _cholesky3(Ld[k]):
+            return False
+    return True
+
+
+@compiled
+def _solve(Ld, Lo, x):
+    """x (n + 1, 3) in place: right-hand side -> solution; frame 0 stays at rest."""
+    n = len(Lo)
+    x[0] = 0.0
+    for k in range(1, n + 1):
+        for i in range(3):
+            s = x[k, i]
+            if k > 1:
+                for t in range(3):
+                    s -= Lo[k - 1, t, i] * x[k - 1, t]
+            for t in range(i):
+                s -= Ld[k, i, t] * x[k, t]
+            x[k, i] = s / Ld[k, i, i]
+    for k in range(n, 0, -1):
+        for i in range(2, -1, -1):
+            s = x[k, i]
+            if k < n:
+                for t in range(3):
+                    s -= Lo[k, i, t] * x[k + 1, t]
+            for t in range(i + 1, 3):
+                s -= Ld[k, t, i] * x[k, t]
+            x[k, i] = s / Ld[k, i, i]
+
+
+@compiled
+def _dot(a, b):
+    """Sum of the products of two (n, 3) arrays. (Array expressions would take seconds to compile.)"""
+    total = 0.0
+    for k in range(len(a)):
+        total += a[k, 0] * b[k, 0] + a[k, 1] * b[k, 1] + a[k, 2] * b[k, 2]
+    return total
+
+
+@compiled
+def _scaled(a, factor, out):
+    """out = factor a, (n, 3)."""
+    for k in range(len(a)):
+        for i in range(3):
+            out[k, i] = factor * a[k, i]
+
+
+@compiled
+def _copy(a, out):
+    """out = a, quaternions (n, 4)."""
+    for k in range(len(a)):
+        for i in range(4):
+            out[k, i] = a[k, i]
+
+
+@compiled
+def _softest(Ld, Lo, d):
+    """Direction (n + 1, 3) of least curvature by inverse iteration from a fixed vector, so that the answer is the same every time."""
+    for k in range(len(d)):
+        d[k, 0], d[k, 1], d[k, 2] = 1e-5, -1.0, 1e-5  # a turn about -y: a straight rod buckles towards +z
+    for _ in range(60):
+        _solve(Ld, Lo, d)
+        _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
+
+
+@compiled
+def relax(q, length, D, C, moment, field, weight):
+    """Newton's method to a minimum of the energy, from q (in place).
+
+    Returns status (0 found, 1 not within MAX_STEPS), steps, energy, stable (the Hessian is positive definite there).
+    """
+    n = len(length)
+    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    Ld, Lo = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    d, turn, trial = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 4))
+    _copy(q, trial)
+    energy = _energy(q, length, D, C, moment, field, weight)
+    scale, total = 0.0, 0.0
+    for e in range(n):
+        scale += 0.5 * length[e] * D[e, 1]
+        total += length[e]
+    scale /= total**2  # energy of bending by one radian
+    noise = 1e-14 * (abs(energy) + scale)  # rounding of the sum: below it, energies can't be told apart
+    for step in range(MAX_STEPS):
+        _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+        shift, least = 0.0, 1e-4 * scale / n
+        while not _factor(Hd, Ho, shift, Ld, Lo):
+            shift = max(least, 4.0 * shift)
+        _scaled(g, -1.0, d)
+        _solve(Ld, Lo, d)
+        decrement = -_dot(g, d)
+        if decrement < 1e-14 * scale:
+            if shift == 0.0:
+                for k in range(1, n + 1):
+                    _turn(q[k], d[k], trial[k])
+                _copy(trial, q)
+                return 0, step + 1, _energy(q, length, D, C, moment, field, weight), True
+            _softest(Ld, Lo, d)  # an unstable equilibrium: leave it
+            if _dot(g, d) > 0.0:
+                _scaled(d, -1.0, d)
+            decrement = 0.0
+        largest = 0.0
+        for k in range(1, n + 1):
+            largest = max(largest, np.sqrt(d[k, 0] ** 2 + d[k, 1] ** 2 + d[k, 2] ** 2))
+        a = LARGEST_TURN / largest if largest > LARGEST_TURN or decrement == 0.0 else 1.0
+        while True:
+            _scaled(d, a, turn)
+            for k in range(1, n + 1):
+                _turn(q[k], turn[k], trial[k])
+            reached = _energy(trial, length, D, C, moment, field, weight)
+            if reached <= energy - 1e-4 * a * decrement + noise:
+                break
+            a *= 0.5
+            if a < 1e-10:
+                return 1, step + 1, energy, False
+        _copy(trial, q)
+        energy = reached
+    return 1, MAX_STEPS, energy, False
+
+
+@compiled
+def frames_of(q, length, C, moment, field, weight):
+    """Positions (n + 1, 3) m, frames (n + 1, 3, 3), curvature (n + 1, 3) 1/m and strain (n + 1, 3) of a rod's quaternions."""
+    n = len(length)
+    position, frames = np.zeros((n + 1, 3)), np.empty((n + 1, 3, 3))
+    curvature, strain, count = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1)
+    R, z, b, w, v, mid, pull, around = (
+        np.empty((3, 3)),
+        np.empty(4),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(4),
+        np.empty(3),
+        np.empty(3),
+    )
+    for k in range(n + 1):
+        _matrix(q[k], frames[k])
+    for e in range(n):
+        _relative(q[e], q[e + 1], z)
+        dot, size = 0.0, 0.0
+        for i in range(4):
+            dot += q[e, i] * q[e + 1, i]
+        for i in range(4):
+            mid[i] = q[e, i] + (q[e + 1, i] if dot >= 0 else -q[e + 1, i])
+            size += mid[i] ** 2
+        for i in range(4):
+            mid[i] /= np.sqrt(size)
+        for part in range(3):  # Simpson's rule along the element: its two frames and the one half-way
+            if part == 1:
+                _matrix(mid, R)
+                side, other = e, e + 1
+            else:
+                side = other = e + part // 2
+                for i in range(3):
+                    for j in range(3):
+                        R[i, j] = frames[side, i, j]
+            for i in range(3):
+                pull[i] = 0.5 * (weight[side, i] + weight[other, i])
+                around[i] = 0.5 * (field[side, i] + field[other, i])
+            _to_frame(R, around, b)
+            _to_frame(R, pull, w)
+            for i in range(3):
+                v[i] = (1.0 if i == 0 else 0.0) + C[e, i] * (w[i] + moment[e, 0] * b[i])
+            share = length[e] * (4.0 if part == 1 else 1.0) / 6.0
+            for i in range(3):
+                position[e + 1, i] += share * (R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2])
+            if part != 1:
+                k = e + part // 2
+                count[k] += 1.0
+                for i in range(3):
+                    strain[k, i] += v[i]
+                    curvature[k, i] += 2.0 / length[e] * z[i + 1]
+        for i in range(3):
+            position[e + 1, i] += position[e, i]
+    for k in range(n + 1):
+        for i in range(3):
+            strain[k, i] /= count[k]
+            curvature[k, i] /= count[k]
+    return position, frames, curvature, strain

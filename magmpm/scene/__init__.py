@@ -1,0 +1,41 @@
+"""What a scene may say: `load_scene(path)` and the classes of which a Scene is made."""
+
+from magmpm.scene.scene import (
+    Angles,
+    Body,
+    Catheter,
+    Effects,
+    FieldSource,
+    Gravity,
+    MagneticTorque,
+    Material,
+    Piece,
+    Reference,
+    Resolution,
+    Scene,
+    Segment,
+    Solver,
+    StaticOptions,
+    Strip,
+    load_scene,
+)
+
+__all__ = [
+    "Angles",
+    "Body",
+    "Catheter",
+    "Effects",
+    "FieldSource",
+    "Gravity",
+    "MagneticTorque",
+    "Material",
+    "Piece",
+    "Reference",
+    "Resolution",
+    "Scene",
+    "Segment",
+    "Solver",
+    "StaticOptions",
+    "Strip",
+    "load_scene",
+]

@@ -1,0 +1,268 @@
+"""Robots of the magneticMPM format -> scenes.
+
+For each segment a robot file names an STL mesh (in millimetres, in the folder `meshes` beside it), a magnetisation vector, density
+(kg/m^3), shear modulus (Pa) and whether it is fixed, and one `remenance` (T, so spelled) for all. K = 20 G is implied. It says nothing of
+field, ground or damping: the scene that is written has a zero field to fill in, weight, and what the robot needs to run at all.
+Source: Davy, Lloyd, Chandler, Valdastri, A framework for simulation of magnetic soft robots using the material point
+method, IEEE Robotics and Automation Letters 8 (2023).
+"""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import math
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import Field, model_validator
+
+from magmpm.bodies.assembly import MAX_PARTS, MAY_OVERLAP
+from magmpm.bodies.surface_mesh import MeshError, overlap_of, pack_mesh, read_stl, unpack_mesh, volume_of
+from magmpm.errors import InputError, report
+from magmpm.inputs.regular_file import read_regular
+from magmpm.inputs.settings import Part, fault, read_yaml, validate
+from magmpm.inputs.vectors import three
+from magmpm.inputs.yaml_document import MAX_BYTES
+from magmpm.scene import Scene, load_scene
+
+BULK_TO_SHEAR = 20.0  # implied by the format
+UNIT = 0.1  # per cent that a vector's length may differ from one unnoticed: what three decimals leave
+APART = 0.01  # of the robot's size: a segment farther than this from all others hangs in the air
+FREE_CELLS, FIXED_CELLS = 2, 4  # cells through the thinnest part: motion is dear, and costs the fourth power of this
+
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class RobotSegment(Part):
+    """One mesh of a robot."""
+
+    mesh: str = Field(min_length=1, description="STL file in the folder `meshes`.", examples=["base.stl"])
+    magnetisation_vector: Annotated[tuple[_Number, _Number, _Number], three("[0, 0, 1]")] = Field(
+        description="Direction of magnetisation; zeros: unmagnetised.", examples=[[0, 0, 1]]
+    )
+    density: float = Field(strict=True, gt=0, le=30_000, description="kg/m^3", examples=[1882])
+    shear_modulus: float = Field(strict=True, gt=0, le=1e10, description="Pa", examples=[120000])
+    fixed: bool = Field(strict=True, description="Whether it is held.", examples=[False])
+
+
+class Robot(Part):
+    """A robot of the magneticMPM format."""
+
+    name: str = Field(min_length=1, max_length=100, description="Name.", examples=["Tentacle"])
+    n_segments: int = Field(strict=True, ge=1, description="Number of segments.", examples=[9])
+    remenance: float = Field(strict=True, ge=0, le=3, description="Remanent flux density, T.", examples=[0.138])
+    segments: tuple[RobotSegment, ...] = Field(
+        min_length=1, max_length=MAX_PARTS, description="Segments.", examples=[[{"mesh": "base.stl"}]]
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spelled_well(cls, data: Any) -> Any:
+        """`remanence` is taken for `remenance`, as the format spells it."""
+        if isinstance(data, Mapping) and "remanence" in data and "remenance" not in data:
+            return {("remenance" if key == "remanence" else key): value for key, value in data.items()}
+        return data
+
+    @model_validator(mode="after")
+    def _complete(self) -> Robot:
+        if self.n_segments != len(self.segments):
+            raise fault(
+                f"n_segments must be the number of segments, and there are {len(self.segments)}",
+                "correct it, or add what is missing",
+                ("n_segments",),
+            )
+        return self
+
+
+@dataclass
+class Imported:
+    """A scene that was made of a robot: its text, and what its author may not have meant."""
+
+    text: str
+    warnings: list[str] = field(default_factory=list)
+
+
+def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: bool = False) -> tuple[Scene, list[str]]:
+    """Make a scene file of a robot file. Returns the scene and warnings. overwrite: also in place of a file that says something else.
+
+    Raises InputError with everything that is wrong; then no scene is written.
+    """
+    path, target = Path(robot_file), Path(scene_file)
+    robot = validate(Robot, read_yaml(path))
+    made = _scene_text(path, robot, target)
+    if not overwrite:
+        _spare(target, made.text)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = target.with_name(f".{target.name}.part")
+        part.write_text(made.text, encoding="utf-8")
+        scene = load_scene(part)
+        part.replace(target)
+    except OSError as error:
+        raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
+    finally:
+        with suppress(OSError):  # where nothing can be written, nothing was
+            target.with_name(f".{target.name}.part").unlink(missing_ok=True)
+    return scene, made.warnings
+
+
+def _spare(target: Path, text: str) -> None:
+    """Raises InputError where a file is that an import would change: somebody may have worked on it."""
+    try:
+        same = not target.exists() or read_regular(target, MAX_BYTES) == text.encode()
+    except OSError as error:
+        raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
+    if not same:
+        raise InputError(report(
+            "-o", received=str(target), rule="a file that is there already, and says something else than this import, is left as it is",
+            remedy="name another file, or add --overwrite to lose what it says",
+        ))  # fmt: skip
+
+
+def _scene_text(path: Path, robot: Robot, target: Path) -> Imported:
+    found, texts = _meshes(path, robot)
+    warnings = [*_odd_vectors(robot), *_unused(path, found), *_apart(robot, texts)]
+    _refuse_overlaps(path, robot, texts)
+    if all(segment.fixed for segment in robot.segments):
+        raise InputError(report(
+            f"{path}: segments", received="fixed: true in all", rule="one segment at least must be free to move",
+            remedy="set `fixed: False` on those that are",
+        ))  # fmt: skip
+    if not any(any(s.magnetisation_vector) for s in robot.segments) or robot.remenance == 0.0:
+        warnings.append("no segment is magnetised: a field will do nothing, and the scene does not name magnetic_torque")
+    folder = target.resolve().parent
+    relative = [Path(os.path.relpath(mesh.resolve(), folder)).as_posix() for mesh in found]
+    low = min(float(unpack_mesh(text).vertices[:, 2].min()) for text in texts)
+    content = _scene(robot, relative, low)
+    head = (
+        f"# {robot.name}, made by `magmpm import` from {path.name}, a robot of the magneticMPM format, which says nothing of field,\n"
+        "# surroundings or time: set `field` (zero here), and look through `effects`, `solver` and `resolution`.\n"
+    )
+    return Imported(head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True), warnings)
+
+
+def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
+    """The scene's content; low: z of the robot's lowest point, mm."""
+    materials: dict[str, Any] = {}
+    parts = []
+    for segment, mesh in zip(robot.segments, meshes, strict=True):
+        magnetised = any(segment.magnetisation_vector) and robot.remenance > 0
+        name = f"{'magnetic' if magnetised else 'plain'} {segment.shear_modulus:.9g} Pa, {segment.density:.9g} kg per m^3"
+        materials[name] = {
+            "shear_modulus": f"{segment.shear_modulus:.12g} Pa",
+            "bulk_to_shear": BULK_TO_SHEAR,
+            "density": f"{segment.density:.12g} kg/m^3",
+            **({"remanence": f"{robot.remenance:.12g} T"} if magnetised else {}),
+        }
+        part: dict[str, Any] = {"mesh": mesh, "material": name}
+        if magnetised:
+            part["magnetization"] = [float(x) for x in segment.magnetisation_vector]
+        parts.append({**part, "clamp": True} if segment.fixed else part)
+    held = any(segment.fixed for segment in robot.segments)
+    effects: dict[str, Any] = {"gravity": {}}
+    if any("magnetization" in part for part in parts):
+        effects["magnetic_torque"] = {}
+    solver: dict[str, Any] = {"static": {}}
+    if not held:
+        effects["ground"] = {"point": ["0 mm", "0 mm", f"{low:.9g} mm"], "friction": 0.5}
+        solver = {"dynamic": {"duration": "10 ms", "output_every": "1 ms"}}
+    return {
+        "name": _folder_name(robot.name),
+        "materials": materials,
+        "body": {"parts": {"unit": "mm", "meshes": parts}},
+        "field": {"uniform": ["0 mT", "0 mT", "0 mT"]},
+        "effects": effects,
+        "solver": solver,
+        "resolution": {"cells_across": FIXED_CELLS if held else FREE_CELLS},
+    }
+
+
+def _folder_name(name: str) -> str:
+    """The robot's name without what a scene's name may not hold."""
+    kept = "".join("-" if c in '/\\<>:"|?*' or not c.isprintable() else c for c in name).strip().lstrip(".")
+    return kept or "robot"
+
+
+def _meshes(path: Path, robot: Robot) -> tuple[list[Path], list[str]]:
+    """Each segment's file and its mesh as a scene keeps it. Raises InputError with all that is wrong with any of them."""
+    folder = path.parent / "meshes"
+    there = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
+    found, texts, wrong = [], [], []
+    for i, segment in enumerate(robot.segments):
+        file = folder / segment.mesh
+        place = f"{path}: segments[{i}].mesh"
+        if not file.is_file():
+            near = difflib.get_close_matches(segment.mesh, there, n=1, cutoff=0.8)
+            remedy = f'did you mean "{near[0]}"?' if near else "add the file, or correct the name"
+            rule = f"the file must be in {folder}" if folder.is_dir() else f"the folder {folder} must be there"
+            wrong.append(report(place, received=segment.mesh, rule=rule, remedy=remedy))
+            continue
+        try:
+            texts.append(pack_mesh(read_stl(file)))
+            found.append(file)
+        except MeshError as error:
+            wrong.append(report(place, received=segment.mesh, rule=error.rule, remedy=error.remedy))
+    if wrong:
+        head = f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else ""
+        raise InputError(head + "\n".join(wrong))
+    return found, texts
+
+
+def _odd_vectors(robot: Robot) -> list[str]:
+    """A warning for each vector that is neither of length one nor zero."""
+    found = []
+    for i, segment in enumerate(robot.segments):
+        length = math.hypot(*segment.magnetisation_vector)
+        if length > 0 and abs(length - 1) > UNIT / 100:
+            vector = ", ".join(f"{x:g}" for x in segment.magnetisation_vector)
+            found.append(
+                f"segments[{i}].magnetisation_vector: [{vector}] has length {length:.4g}; it is made one, so the remanence is "
+                f"{robot.remenance:g} T, not {length * robot.remenance:.4g} T"
+            )
+    return found
+
+
+def _unused(path: Path, found: list[Path]) -> list[str]:
+    """A warning for the meshes that no segment names."""
+    used = {file.name for file in found}
+    others = [p.name for p in sorted((path.parent / "meshes").iterdir()) if p.suffix.lower() == ".stl" and p.name not in used]
+    return [f"meshes: {', '.join(others)}: no segment uses {'it' if len(others) == 1 else 'them'}"] if others else []
+
+
+def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
+    """Segments may touch, not overlap: which of two materials fills the volume they share would be anyone's guess."""
+    wrong = []
+    for (i, one), (j, other) in itertools.combinations(enumerate(texts), 2):
+        shared = overlap_of(one, other)
+        smaller = min(volume_of(unpack_mesh(text).triangles) for text in (one, other))
+        if shared > MAY_OVERLAP * smaller:
+            wrong.append(report(
+                f"{path}: segments[{j}].mesh", received=robot.segments[j].mesh,
+                rule=f"segments must not overlap, and this one shares {shared:.3g} mm^3 with segments[{i}], "
+                f"{robot.segments[i].mesh}: {100 * shared / smaller:.3g} % of the smaller",
+                remedy="trim one of the meshes; faces may touch",
+            ))  # fmt: skip
+    if wrong:
+        raise InputError((f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else "") + "\n".join(wrong))
+
+
+def _apart(robot: Robot, texts: list[str]) -> list[str]:
+    """A warning for each segment that touches no other, judged by the boxes around them."""
+    boxes = np.array([[v.min(0), v.max(0)] for v in (unpack_mesh(text).vertices for text in texts)])
+    size = float((boxes[:, 1].max(0) - boxes[:, 0].min(0)).max())
+    found = []
+    for i in range(len(boxes) if len(boxes) > 1 else 0):
+        gap = np.maximum(boxes[:, 0] - boxes[i, 1], boxes[i, 0] - boxes[:, 1]).max(axis=1)
+        gap[i] = np.inf
+        if gap.min() > APART * size:
+            found.append(
+                f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away"
+            )
+    return found

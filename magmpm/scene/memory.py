@@ -1,0 +1,95 @@
+"""What a scene takes in memory, before any of it is allocated: one far too large is refused at once, not when it has filled the machine."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from magmpm.bodies.mesh_quadrature import grid_of_parts
+from magmpm.bodies.section_quadrature import rod_grid, rod_section, strip_grid
+from magmpm.bodies.surface_mesh import volume_of
+from magmpm.errors import SceneError
+from magmpm.scene import Scene
+
+# Bytes that a process grows by for a particle of a motion, its share of the grid included: 950 (total) to 1020 (updated), by `make bench`
+# (bytes_per_particle). Most of it is needed while the scene is built; a part of that may not be given back.
+GROWTH = 1000
+BYTES = 800  # the same at least, where only the number of particles is known, and that from below
+
+
+
+def fewest_particles(scene: Scene) -> float:
+    """How many particles the scene's body has at least.
+
+    Of catheters and strips it is the number, but for cells that two segments share, which have more; of STL parts it is that of their
+    volume in full cells, and cut cells have more for theirs.
+    """
+    body, across, count = scene.body, scene.resolution.cells_across, scene.resolution.particles_per_cell
+    if body.catheter is not None:
+        outer, inner = body.catheter.diameter / 2, body.catheter.inner_diameter / 2
+        grid = rod_grid(body.catheter.length, body.catheter.diameter, across)
+        return float(len(rod_section(grid, outer, inner, count)[1][0]) * grid.cells[0] * count)
+    if body.strip is not None:
+        strip = body.strip
+        size = np.array([strip.length, strip.width, strip.thickness])
+        grid = strip_grid(np.zeros(3), size, across, one_wide=strip.plane_strain)
+        return float(np.prod(grid.cells)) * count ** (2 if strip.plane_strain else 3)
+    parts = body.parts
+    assert parts is not None  # there is one body
+    triangles = parts.triangles()
+    grid, _ = grid_of_parts(triangles, [part.clamp for part in parts.meshes], parts.spacing or parts.thickness / across)
+    return float(sum(volume_of(t) for t in triangles) / np.prod(grid.spacing) * count**3)
+
+
+@contextmanager
+def within(scene: Scene) -> Iterator[None]:
+    """Around the building of a scene's model. Raises SceneError at once where it would take more than max_memory or than the machine has,
+    by a lower bound, and where an allocation fails."""
+    particles = fewest_particles(scene)
+    needed, dynamic = BYTES * particles, scene.solver.dynamic
+    estimate = f"{_in_words(needed)} for {particles:.3g} particles"
+    if dynamic is not None and dynamic.max_memory is not None and needed > dynamic.max_memory:
+        raise SceneError(
+            "solver.dynamic.max_memory",
+            received=f"{dynamic.max_memory / 1e6:.4g} MB",
+            rule=f"must be at least what this scene's particles and grid take, by an estimate at least {estimate}",
+            remedy="raise it, or use fewer cells_across",
+        )
+    if needed > machine():
+        raise _too_large(scene, f"particles and grid take at least {estimate}, and this machine has {_in_words(machine())}")
+    try:
+        yield
+    except MemoryError as error:
+        raise _too_large(scene, f"particles and grid take at least {estimate}, which could not be had ({error})") from None
+
+
+def machine() -> float:
+    """Memory of this machine, bytes; infinite where it does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return np.inf
+
+
+def _too_large(scene: Scene, found: str) -> SceneError:
+    parts = scene.body.parts
+    spacing = None if parts is None else parts.spacing
+    if spacing is not None:
+        key, received, change = "body.parts.spacing", f"{1e3 * spacing:.4g} mm", "a larger spacing"
+    else:
+        key, received, change = "resolution.cells_across", str(scene.resolution.cells_across), "fewer cells_across"
+    count = scene.resolution.particles_per_cell
+    return SceneError(
+        key,
+        received=received,
+        found=found,
+        rule="a scene's particles and grid must fit into memory",
+        remedy=f"use {change}" + (f", or fewer particles_per_cell ({count} now; 2 is the least)" if count > 2 else ""),
+    )
+
+
+def _in_words(size: float) -> str:
+    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"

@@ -1,0 +1,77 @@
+"""What a scene may say of motion in time: `solver: {dynamic: ...}`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from magmpm.inputs.settings import Part, Quantity, fault
+
+MOST_FRAMES = 100_000
+
+
+class DynamicOptions(Part):
+    """Motion in time by explicit steps."""
+
+    duration: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] = Field(
+        description="How long the motion is followed.", examples=["0.5 s"]
+    )
+    output_every: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] | None = Field(
+        default=None,
+        description="Time between frames on disk; a hundredth of the duration unless given.",
+        examples=["5 ms"],
+    )
+    time_step: Annotated[float, Quantity("time", above="0 s", at_most="1 s")] | None = Field(
+        default=None,
+        description="Time step; chosen below the stable bound unless given, and refused above it.",
+        examples=["10 us"],
+    )
+    safety: float = Field(
+        default=0.8,
+        gt=0,
+        le=1,
+        strict=True,
+        allow_inf_nan=False,
+        description="Chosen time step over the largest stable one; 0.8 unless given.",
+        examples=[0.8],
+    )
+    formulation: Literal["total", "updated"] | None = Field(
+        default=None,
+        description="total: grid in the undeformed body, no losses of its own; updated: grid in space (APIC), where bodies touch "
+        "themselves and each other. total unless self_contact is named.",
+        examples=["total"],
+    )
+    max_disk: Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")] | None = Field(
+        default=None, description="What the motion's files may take; all there is unless given.", examples=["2 GB"]
+    )
+    max_memory: Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")] | None = Field(
+        default=None,
+        description="What particles and grid may take in memory; all there is unless given.",
+        examples=["4 GB"],
+    )
+
+    @model_validator(mode="after")
+    def _frames_can_be_counted(self) -> DynamicOptions:
+        frames = self.duration / (self.output_every or self.duration)
+        if frames > MOST_FRAMES * (1 + 1e-9):
+            raise fault(
+                f"a motion has at most {MOST_FRAMES} frames, and this would have {frames:.4g}",
+                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or leave it out for a hundred frames, here "
+                f"`output_every: {10 * self.duration:.3g} ms`",
+                ("output_every",),
+            )
+        return self
+
+    @property
+    def frame_interval(self) -> float:
+        """Time between frames, s."""
+        return self.output_every or self.duration / 100
+
+    @property
+    def frame_times(self) -> list[float]:
+        """Times of the frames after the first, s: every `output_every`, and the end."""
+        every = self.frame_interval
+        count = int(self.duration / every * (1 + 1e-12))
+        times = [k * every for k in range(1, count + 1)]
+        return times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]

@@ -1,0 +1,99 @@
+"""A body of any shape as the static solver wants it: planes of unknowns across its longest side.
+
+The work of a factorisation goes with the cube of a plane's unknowns. Straight bodies have them across x as they are; for others the
+reference axes are renumbered in a cycle, (x, y, z) -> (y, z, x) or (z, x, y). The columns of F and the reference remanence go along, the
+deformed positions stay in x, y, z: energies, which see F only by F^T F, det F and F Br, do not notice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from magmpm.bodies.grid import Grid
+from magmpm.bodies.section_quadrature import Particles
+from magmpm.errors import SceneError
+from magmpm.model import Index, Model, make_layout, volume_modes
+
+MOST_MEMORY = 4e9  # bytes of the factored tangent
+
+
+def arranged(model: Model) -> tuple[Model, Index]:
+    """The model with renumbered axes, and where each of its particles is in the given one, (n,).
+
+    Raises SceneError where a piece hangs on nothing that is held, or the tangent would not fit.
+    """
+    of = np.arange(len(model.shear))
+    if model.line is None:
+        _all_hang_on_something(model)
+        model, of = _renumbered(model)
+    layout = model.layout
+    needed = 24.0 * layout.planes * layout.m**2
+    if needed > MOST_MEMORY:
+        raise SceneError(
+            "resolution",
+            found=f"statics of this body would take {needed / 1e9:.3g} GB for its tangent, {layout.planes} planes of {layout.m} unknowns",
+            rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
+            remedy="make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5 s}}` with damping",
+        )
+    return model, of
+
+
+def _renumbered(model: Model) -> tuple[Model, Index]:
+    """The model with its longest side as the grid's first axis, and the order its particles are then in."""
+    nodes, p = model.grid.nodes, model.particles
+    order = max([(0, 1, 2), (1, 2, 0), (2, 0, 1)], key=lambda cycle: nodes[cycle[0]])
+    axes = list(order)
+    cell = p.cell[:, axes]
+    cells = (model.grid.cells[axes[0]], model.grid.cells[axes[1]], model.grid.cells[axes[2]])
+    of = np.lexsort((np.arange(len(cell)), p.segment, np.ravel_multi_index(cell.T, cells)))
+    grid = Grid(model.grid.origin[axes], model.grid.spacing[axes], cells)
+    particles = Particles(p.position[of], p.volume[of], p.segment[of], cell[of])
+    weights, held = np.ascontiguousarray(model.weights[of][:, axes]), model.held[of]
+    layout = make_layout(grid, particles, weights, held, clamped_face=False, plane_strain=False)
+    ratio = (model.bulk / model.shear)[of]
+    return replace(
+        model,
+        grid=grid,
+        particles=particles,
+        layout=layout,
+        weights=weights,
+        slopes=np.ascontiguousarray(model.slopes[of][:, axes]),
+        shear=model.shear[of],
+        bulk=model.bulk[of],
+        magnet=np.ascontiguousarray(model.magnet[of][:, axes]),
+        density=model.density[of],
+        modes=volume_modes(particles, layout.cell_first, ratio) if model.modes.shape[1] else model.modes,
+        held=held,
+        order=order,
+    ), of
+
+
+def _all_hang_on_something(model: Model) -> None:
+    """Every piece must be held, or share grid nodes with one that hangs on something."""
+    pieces, particles, nodes = model.scene.pieces(), model.particles, model.grid.nodes
+    clamped = np.zeros(len(pieces), bool)
+    # Where a clamp plane changed a cell's splines they no longer sum to one.
+    changed = np.any(np.abs(model.weights.sum(axis=2) - 1) > 1e-6, axis=1)
+    clamped[particles.segment[changed | model.held]] = True
+    links = []
+    for shift in np.ndindex(3, 3, 3):
+        at = np.ravel_multi_index((particles.cell + shift).T, nodes)
+        links.append(np.unique(at * len(pieces) + particles.segment))
+    key = np.concatenate(links)
+    node = np.unique(key // len(pieces), return_inverse=True)[1]
+    count = len(pieces) + int(node.max()) + 1
+    graph = coo_matrix((np.ones(len(key)), (key % len(pieces), node + len(pieces))), shape=(count, count))
+    _, group = connected_components(graph, directed=False)
+    held_groups = set(group[: len(pieces)][clamped].tolist())
+    for k, piece in enumerate(pieces):
+        if group[k] not in held_groups:
+            raise SceneError(
+                f"body.{model.scene.body.kind}",
+                found=f"{piece.name} touches no part that is held",
+                rule="equilibrium needs every part to hang on something",
+                remedy="clamp it or what it touches, or move it: `solver: {dynamic: {duration: 0.5 s}}`",
+            )

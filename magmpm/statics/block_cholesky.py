@@ -1,0 +1,251 @@
+"""The tangent as a block-banded matrix, and its Cholesky factors.
+
+Unknowns are numbered plane by plane along the grid's first axis, m in each plane. A cell couples three planes, so block row j meets
+block columns j - 2 to j + 2. The matrix is eliminated from both ends at once, one thread each, towards two planes `split` and
+`split` + 1 in the middle; the halves do not touch. Panel j holds column block j as (m, 3 m), row index fastest:
+
+* forward half, j < split: rows of planes j, j + 1, j + 2;
+* backward half, j > split + 1: rows of planes j, j - 1, j - 2;
+* the middle: `split` holds rows of split and split + 1, `split` + 1 its own.
+
+Only the lower triangle of each diagonal block counts. Results do not depend on the number of threads.
+Count of operations: 19/3 m^3 a plane, nearly all of it in dtrsm, dsyrk and dgemm on blocks of m, against which a general banded
+solver of half-width 3 m works in strips of 32. Source: Golub and Van Loan, Matrix Computations, 4th ed., sections 4.3 and 4.5.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.lapack import addresses, call
+
+_ADDRESSES = addresses()
+
+
+def split_plane(planes: int) -> int:
+    """First of the two middle planes. Both halves are within one plane of the same length."""
+    return max((planes - 2) // 2, 0)
+
+
+def new_panels(planes: int, m: int) -> Array:
+    """Zeroed panels (planes + 2, m, 3 m): one a plane, and two for what the backward half adds to the middle."""
+    return np.zeros((planes + 2, m, 3 * m))
+
+
+def fix(panels: Array, split: int, fixed: NDArray[np.bool_]) -> None:
+    """Make unfactored panels hold these unknowns (planes, m) at zero: their rows and columns become those of a multiple of one.
+
+    The multiple is the largest diagonal entry, so that it changes neither scale nor definiteness.
+    """
+    planes, m = fixed.shape
+    largest = np.einsum("jaa->ja", panels[:planes, :, :m]).max()
+    at = [np.flatnonzero(row) for row in fixed]
+    for j in range(planes):
+        step = 1 if j < split + 2 else -1
+        panels[j, at[j]] = 0.0
+        for k in range(3):
+            if 0 <= j + step * k < planes and len(at[j + step * k]):
+                panels[j][:, k * m + at[j + step * k]] = 0.0
+        panels[j, at[j], at[j]] = largest
+
+
+@compiled
+def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
+    """Factor panel j in place and update panels `one` and `two` (its next two planes; -1: none). Returns LAPACK's info."""
+    potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
+    byte = 8
+    n, ld, two_n, info = (
+        sizes[0:].ctypes.data,
+        sizes[1:].ctypes.data,
+        sizes[2:].ctypes.data,
+        sizes[3:].ctypes.data,
+    )
+    right, lower, trans, plain = (
+        letters[0:].ctypes.data,
+        letters[1:].ctypes.data,
+        letters[2:].ctypes.data,
+        letters[3:].ctypes.data,
+    )
+    plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
+    top = panels[j].ctypes.data
+    call(potrf, (lower, n, top, ld, info))
+    if sizes[3] != 0 or one < 0:
+        return sizes[3]
+    rows = n if two < 0 else two_n
+    below = top + byte * m
+    call(trsm, (right, lower, trans, plain, rows, n, plus, top, ld, below, ld))
+    next_top = panels[one].ctypes.data
+    call(syrk, (lower, plain, n, n, minus, below, ld, plus, next_top, ld))
+    if two >= 0:
+        last = below + byte * m
+        call(gemm, (plain, trans, n, n, n, minus, last, ld, below, ld, plus, next_top + byte * m, ld))
+        call(syrk, (lower, plain, n, n, minus, last, ld, plus, panels[two].ctypes.data, ld))
+    return 0
+
+
+@kernel
+def _factor(panels, split, fortran):
+    """Cholesky in place. Returns -1, or the plane whose pivot block is not positive definite."""
+    planes = panels.shape[0] - 2
+    m = panels.shape[1]
+    failed = np.array([-1, -1])
+    panels[planes:] = 0.0
+    for half in prange(2):
+        sizes = np.array([m, 3 * m, 2 * m, 0], np.int32)
+        letters = np.array([82, 76, 84, 78], np.uint8)  # R L T N
+        work = np.array([1.0, -1.0])
+        if half == 0:
+            for j in range(split):
+                if _eliminate(panels, j, j + 1, j + 2, m, fortran, work, sizes, letters) != 0:
+                    failed[0] = j
+                    break
+        else:
+            for step in range(planes - split - 2):
+                j = planes - 1 - step
+                one, two = j - 1, j - 2
+                one = planes if one == split + 1 else one  # the middle planes: into this half's own copy
+                two = planes + (split + 1 - two) if two <= split + 1 else two
+                if _eliminate(panels, j, one, two, m, fortran, work, sizes, letters) != 0:
+                    failed[1] = j
+                    break
+    for half in range(2):
+        if failed[half] >= 0:
+            return failed[half]
+    for a in range(m):
+        for b in range(m):
+            panels[split + 1, a, b] += panels[planes, a, b]
+            panels[split, a, b] += panels[planes + 1, a, b]
+            panels[split, a, m + b] += panels[planes, b, m + a]
+    sizes = np.array([m, 3 * m, 2 * m, 0], np.int32)
+    letters = np.array([82, 76, 84, 78], np.uint8)
+    work = np.array([1.0, -1.0])
+    if _eliminate(panels, split, split + 1, -1, m, fortran, work, sizes, letters) != 0:
+        return split
+    if _eliminate(panels, split + 1, -1, -1, m, fortran, work, sizes, letters) != 0:
+        return split + 1
+    return -1
+
+
+@compiled
+def _reduce(panels, x, j, one, two, m, transpose, fortran, work, sizes, letters):
+    """One step of the substitution with panel j: forward (transpose False) or back. x (planes, m) in place."""
+    trsv, gemv = fortran[4], fortran[5]
+    n, ld, inc = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[4:].ctypes.data
+    lower, trans, plain = letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
+    plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
+    top, xj = panels[j].ctypes.data, x[j].ctypes.data
+    if transpose:
+        for k in range(2):
+            other = one if k == 0 else two
+            if other >= 0:
+                block = top + 8 * m * (k + 1)
+                call(gemv, (trans, n, n, minus, block, ld, x[other].ctypes.data, inc, plus, xj, inc))
+        call(trsv, (lower, trans, plain, n, top, ld, xj, inc))
+    else:
+        call(trsv, (lower, plain, plain, n, top, ld, xj, inc))
+        for k in range(2):
+            other = one if k == 0 else two
+            if other >= 0:
+                block = top + 8 * m * (k + 1)
+                call(gemv, (plain, n, n, minus, block, ld, xj, inc, plus, x[other].ctypes.data, inc))
+
+
+@kernel
+def _solve(panels, split, x, fortran):
+    """x (planes + 1, m) in place: right-hand side -> solution. The rows past `planes` are the backward half's copy of the middle."""
+    planes = panels.shape[0] - 2
+    m = panels.shape[1]
+    x[planes:] = 0.0
+    for half in prange(2):
+        sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
+        letters = np.array([82, 76, 84, 78], np.uint8)
+        work = np.array([1.0, -1.0])
+        if half == 0:
+            for j in range(split):
+                _reduce(panels, x, j, j + 1, j + 2, m, False, fortran, work, sizes, letters)
+        else:
+            for step in range(planes - split - 2):
+                j = planes - 1 - step
+                one, two = j - 1, j - 2
+                one = planes if one == split + 1 else one
+                two = planes + (split + 1 - two) if two <= split + 1 else two
+                _reduce(panels, x, j, one, two, m, False, fortran, work, sizes, letters)
+    for a in range(m):
+        x[split + 1, a] += x[planes, a]
+        x[split, a] += x[planes + 1, a]
+    sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
+    letters = np.array([82, 76, 84, 78], np.uint8)
+    work = np.array([1.0, -1.0])
+    _reduce(panels, x, split, split + 1, -1, m, False, fortran, work, sizes, letters)
+    _reduce(panels, x, split + 1, -1, -1, m, False, fortran, work, sizes, letters)
+    _reduce(panels, x, split + 1, -1, -1, m, True, fortran, work, sizes, letters)
+    _reduce(panels, x, split, split + 1, -1, m, True, fortran, work, sizes, letters)
+    for half in prange(2):
+        sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
+        letters = np.array([82, 76, 84, 78], np.uint8)
+        work = np.array([1.0, -1.0])
+        if half == 0:
+            for j in range(split - 1, -1, -1):
+                _reduce(panels, x, j, j + 1, j + 2, m, True, fortran, work, sizes, letters)
+        else:
+            for j in range(split + 2, planes):
+                _reduce(panels, x, j, j - 1, j - 2, m, True, fortran, work, sizes, letters)
+
+
+@compiled
+def multiply(panels, split, x, out):
+    """out = A x with the unfactored panels; x, out (planes, m). A plain reference beside the factors, and their residual check."""
+    planes = panels.shape[0] - 2
+    m = panels.shape[1]
+    out[:] = 0.0
+    for j in range(planes):
+        step = 1 if j < split + 2 else -1
+        for k in range(3):
+            row = j + step * k
+            if row < 0 or row >= planes or (split <= j < split + 2 and row >= split + 2):
+                continue
+            for a in range(m):
+                total = 0.0
+                for b in range(a + 1 if k == 0 else 0, m):
+                    value = panels[j, a, k * m + b]
+                    out[row, b] += value * x[j, a]
+                    total += value * x[row, b]
+                if k == 0:
+                    total += panels[j, a, a] * x[j, a]
+                out[j, a] += total
+
+
+def factor(panels: Array, split: int) -> int:
+    """Cholesky factors in place of panels (planes + 2, m, 3 m).
+
+    Returns -1, or the plane at which the matrix proved not positive definite (panels are then spoilt).
+    """
+    return int(_factor(panels, split, _ADDRESSES))
+
+
+def solve(panels: Array, split: int, right: Array) -> Array:
+    """Solution (planes, m) for a right-hand side (planes, m), from factored panels."""
+    x = np.zeros((len(right) + 2, right.shape[1]))
+    x[: len(right)] = right
+    _solve(panels, split, x, _ADDRESSES)
+    return x[: len(right)]
+
+
+def to_dense(panels: Array, split: int) -> NDArray[np.float64]:
+    """The symmetric matrix (planes m, planes m) that unfactored panels stand for. For tests: it is large."""
+    planes, m = panels.shape[0] - 2, panels.shape[1]
+    full = np.zeros((planes, m, planes, m))
+    for j in range(planes):
+        step = 1 if j < split + 2 else -1
+        for k in range(3):
+            row = j + step * k
+            if 0 <= row < planes and not (split <= j < split + 2 and row >= split + 2):
+                block = panels[j, :, k * m : (k + 1) * m].T
+                if k == 0:
+                    block = np.tril(block) + np.tril(block, -1).T
+                full[row, :, j, :] = block
+                full[j, :, row, :] = block.T
+    return full.reshape(planes * m, planes * m)

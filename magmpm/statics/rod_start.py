@@ -1,0 +1,97 @@
+"""Where the equilibrium solve starts: the rod's shape, dressed with the section's own deformation.
+
+Each section moves and turns with the rod's frame, and narrows and bends as Saint-Venant's solution says: with axial strain
+eps = eps0 + k2 z - k3 y the section's points move by
+u_y = -nu (eps0 y + k2 y z - k3 (y^2 - z^2)/2), u_z = -nu (eps0 z + k2 (z^2 - y^2)/2 - k3 y z).
+A section that is much wider than thick bends like a plate: u_y = 0, u_z = -nu/(1 - nu) (eps0 z + k2 z^2/2).
+Without this the start would carry a volume change that costs a Newton step or two.
+Source: Love, A Treatise on the Mathematical Theory of Elasticity, 4th ed., chapter 15.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.bodies.grid import Array
+from magmpm.materials import poisson_ratio
+from magmpm.model import Model
+from magmpm.rod.cosserat import RodShape
+
+FLAT = 3.0  # width over thickness from which the section is taken for a plate's
+
+
+def straight(model: Model) -> Array:
+    """Coefficients (planes, m) of the undeformed body."""
+    return np.zeros((model.layout.planes, model.layout.m))
+
+
+def from_rod(model: Model, rod: RodShape) -> Array:
+    """Coefficients (planes, m), m, of the displacement that carries the body onto the rod's shape."""
+    grid, layout = model.grid, model.layout
+    length = rod.s[-1]
+    assert model.line is not None  # only straight bodies are rods
+    x = model.plane_coordinates()  # plane 0 is node 1: node 0 is eliminated by the clamp
+    y = grid.node_coordinates(1)[layout.node_yz[:, 0]] - model.line.base[1]
+    z = grid.node_coordinates(2)[layout.node_yz[:, 1]] - model.line.base[2]
+
+    inside, frames = np.clip(x, 0.0, length), plane_frames(model, rod)
+    strain, curvature = _interpolate(rod.s, rod.strain, inside), _interpolate(rod.s, rod.curvature, inside)
+    overhang = (x - inside)[:, None] * np.einsum("pij,pj->pi", frames, strain)
+    axis = _interpolate(rod.s, rod.position, inside) + overhang
+
+    nu = poisson_ratio(model.shear.mean(), model.bulk.mean())
+    # Up to the clamp, which holds the section's shape: to let this grow with the distance from it costs more energy, not less.
+    e, k2, k3 = (c[:, None] for c in (strain[:, 0] - 1.0, curvature[:, 1], curvature[:, 2]))
+    in_plane = np.zeros((len(x), len(y), 3))
+    if _flat(model):
+        in_plane[:, :, 1] = y
+        in_plane[:, :, 2] = z - nu / (1 - nu) * (e * z + k2 * z * z / 2)
+    else:
+        in_plane[:, :, 1] = y - nu * (e * y + k2 * y * z - k3 * (y * y - z * z) / 2)
+        in_plane[:, :, 2] = z - nu * (e * z + k2 * (z * z - y * y) / 2 - k3 * y * z)
+    position = axis[:, None, :] + np.einsum("pij,pnj->pni", frames, in_plane)
+    undeformed = np.stack(np.broadcast_arrays(x[:, None], y, z), axis=-1)
+    u = position - undeformed
+
+    # Values at the nodes -> spline coefficients: c = f - h^2/8 f'', exact for quadratics. Along y and z the second derivatives of
+    # the field above cancel between its terms; along x they do not. Before plane 0 stands node 0, minus plane 0 (the clamp).
+    before = np.concatenate([-u[:1], u[:-1]])
+    after = np.concatenate([u[1:], 2 * u[-1:] - u[-2:-1]])
+    u = u - (before - 2 * u + after) / 8
+    out = np.ascontiguousarray(u.reshape(layout.planes, layout.m))
+    out[layout.fixed] = 0.0
+    return out
+
+
+def _flat(model: Model) -> bool:
+    """Whether the section keeps its width as it bends: in plane strain, and nearly so in a strip much wider than thick."""
+    strip = model.scene.body.strip
+    return strip is not None and (strip.plane_strain or strip.width > FLAT * strip.thickness)
+
+
+def plane_frames(model: Model, rod: RodShape) -> Array:
+    """The rod's frames at the planes of nodes, (planes, 3, 3)."""
+    inside = np.clip(model.plane_coordinates(), 0.0, rod.s[-1])
+    return _orthonormal(_interpolate(rod.s, rod.frames.reshape(-1, 9), inside).reshape(-1, 3, 3))
+
+
+def local_correction(model: Model, rod: RodShape, grid: Array) -> Array:
+    """What coefficients `grid` (planes, m) add to the rod's shape, in its frames: nearly the same for a neighbouring design."""
+    extra = (grid - from_rod(model, rod)).reshape(model.layout.planes, -1, 3)
+    return np.einsum("pij,pni->pnj", plane_frames(model, rod), extra).reshape(grid.shape)
+
+
+def with_correction(model: Model, rod: RodShape, local: Array) -> Array:
+    """Coefficients (planes, m) of the rod's shape with a neighbour's `local_correction` in this rod's frames."""
+    extra = np.einsum("pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3))
+    return from_rod(model, rod) + extra.reshape(local.shape)
+
+
+def _interpolate(s: Array, values: Array, at: Array) -> Array:
+    """Linear interpolation of (n, k) values at s (n,) to (m, k)."""
+    return np.stack([np.interp(at, s, column) for column in values.T], axis=1)
+
+
+def _orthonormal(frames: Array) -> Array:
+    """Nearest rotations to nearly orthonormal frames (n, 3, 3): one step of Newton's polar iteration, error squared."""
+    return (frames + np.linalg.inv(frames).transpose(0, 2, 1)) / 2

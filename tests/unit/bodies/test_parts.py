@@ -1,0 +1,353 @@
+"""Bodies of STL parts: exact quadrature of any closed mesh, clamps, statics along any axis, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.solids import ball, box, turned
+
+from magmpm.bodies.cut_cells import cell_moments
+from magmpm.bodies.grid import Grid
+from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
+from magmpm.bodies.shells import shells_of
+from magmpm.bodies.surface_mesh import (
+    Mesh,
+    MeshError,
+    _merged,
+    checked,
+    overlap_of,
+    pack_mesh,
+    read_stl,
+    thickness_of,
+    unpack_mesh,
+    volume_of,
+    write_stl,
+)
+from magmpm.errors import InputError
+from magmpm.model import build
+from magmpm.results.result import Result
+from magmpm.scene import Scene, load_scene
+from magmpm.simulate import run
+
+MATERIAL = {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1500.0, "remanence": 0.1}
+
+
+def parts_scene(*parts: dict[str, Any], field: tuple[float, ...] = (0.0, 0.0, 3e-3), **body: Any) -> Scene:
+    """A scene of meshes in mm."""
+    meshes = [{"material": "m", **part, "mesh": pack_mesh(part["mesh"])} for part in parts]
+    return Scene.from_si(
+        {
+            "name": "parts",
+            "materials": {"m": MATERIAL},
+            "body": {"parts": {"unit": "mm", "meshes": meshes, **body}},
+            "field": {"uniform": list(field)},
+            "effects": {"magnetic_torque": {}},
+            "resolution": {"cells_across": 2},
+        }
+    )
+
+
+SOLIDS = {
+    "box": box((-0.4, -0.3, -0.2), (0.8, 0.5, 0.7)),
+    "ball": ball((0.1, -0.2, 0.05), 1.0),
+    "turned box": turned(box((-1.0, -0.5, -0.15), (1.0, 0.5, 0.15)), (1, 2, 3), 0.7),
+    "thin plate": turned(box((-1.0, -1.0, -0.02), (1.0, 1.0, 0.02)), (3, -1, 1), 1.1),
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_moments_of_cut_cells_add_up_to_the_mesh(name: str) -> None:
+    """Volume and first and second moments over all cells are those of the mesh (divergence theorem), for 8 random offsets of the grid."""
+    triangles = SOLIDS[name].triangles
+    whole = cell_moments(triangles, Grid(np.full(3, -2.0), np.full(3, 4.0), (1, 1, 1)))[1][0]
+    assert whole[0] * 64 == pytest.approx(volume_of(triangles), rel=1e-12)
+    rng = np.random.default_rng(3)
+    for _ in range(8):
+        spacing = rng.uniform(0.2, 0.4, 3)
+        grid = Grid(np.full(3, -2.0) + rng.uniform(0, 0.4, 3), spacing, tuple(np.ceil(4.0 / spacing).astype(int)))
+        cell, m = cell_moments(triangles, grid)
+        assert m[:, 0].max() <= 1 + 1e-12
+        low = grid.origin + grid.spacing * cell
+        v = m[:, 0] * spacing.prod()
+        first = low * m[:, :1] + spacing * m[:, 1:4]
+        # Pieces below 1e-9 of a cell are dropped, and there are at most some hundreds of cells: 1e-7.
+        assert v.sum() == pytest.approx(volume_of(triangles), rel=1e-7)
+        mean = first.sum(0) * spacing.prod() / v.sum()
+        np.testing.assert_allclose(mean, -2 + 4 * whole[1:4] / whole[0], atol=1e-7)
+
+
+def test_moments_of_one_cell_of_a_known_piece() -> None:
+    """The tetrahedron x + y + z < 1 in the unit cell: integrals of x^a y^b z^c are a! b! c!/(a + b + c + 3)!."""
+    tetrahedron = checked(
+        np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    )
+    _, m = cell_moments(tetrahedron.triangles, Grid(np.zeros(3), np.ones(3), (1, 1, 1)))
+    want = [1 / 6, *[1 / 24] * 3, 1 / 60, 1 / 120, 1 / 120, 1 / 60, 1 / 120, 1 / 60]
+    np.testing.assert_allclose(m[0], want, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("name", "spacing"), [("box", 0.23), ("ball", 0.3), ("turned box", 0.12), ("ball", 0.11)])
+def test_particles_have_the_mesh_s_moments_and_are_sorted(name: str, spacing: float) -> None:
+    """Volume and centroid to 1e-7 (dropped slivers); second moments lose what skew slivers cost: less than 1e-4 at 2 cells and more."""
+    parts = [SOLIDS[name].triangles]
+    grid, _ = grid_of_parts(parts, [False], spacing)
+    particles = part_particles(grid, parts, 2)
+    errors = part_errors(particles, parts)
+    assert errors["volume_error"] < 1e-7
+    assert errors["centroid_error"] < 1e-7
+    assert errors["second_moment_error"] < 1e-4
+    assert np.all(particles.volume > 0)
+    assert np.all(np.diff(np.ravel_multi_index(particles.cell.T, grid.cells)) >= 0)
+    grid.locate(particles.position, particles.cell)  # raises where one lies outside its cell
+
+
+def test_stl_text_and_binary_say_the_same(tmp_path: Path) -> None:
+    solid = ball((1.0, 2.0, 3.0), 2.0)
+    write_stl(solid, tmp_path / "b.stl")
+    lines = ["solid b"]
+    for corners in solid.triangles.astype(np.float32):
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += [f"vertex {x!r} {y!r} {z!r}" for x, y, z in corners.tolist()]
+        lines += ["endloop", "endfacet"]
+    (tmp_path / "t.stl").write_text("\n".join([*lines, "endsolid b"]))
+    binary, text = read_stl(tmp_path / "b.stl"), read_stl(tmp_path / "t.stl")
+    np.testing.assert_array_equal(binary.triangles, text.triangles)
+    again = unpack_mesh(pack_mesh(text))
+    np.testing.assert_array_equal(again.vertices, text.vertices)
+    np.testing.assert_array_equal(again.faces, text.faces)
+
+
+def faces_changed(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    solid = box((0, 0, 0), (1, 2, 3))
+    faces = solid.faces.copy()
+    if kind == "hole":
+        faces = faces[1:]
+    elif kind == "one flipped":
+        faces[0] = faces[0, ::-1]
+    elif kind == "inverted":
+        faces = faces[:, ::-1]
+    else:
+        solid = box((0, 0, 0), (1, 2, 0))
+    return solid.vertices, faces
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("hole", "3 edges of this one have a hole"),
+        ("one flipped", "3 edges join two that face opposite ways"),
+        ("inverted", "face inward"),
+        ("flat", "encloses none"),
+    ],
+)
+def test_meshes_that_enclose_nothing_definite_are_refused(kind: str, says: str) -> None:
+    with pytest.raises(MeshError, match=says):
+        checked(*faces_changed(kind))
+
+
+def together(*solids: Mesh, inverted: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Solids as one mesh, as an STL file holds them: near vertices made one."""
+    corners = [s.triangles[:, ::-1] if k in inverted else s.triangles for k, s in enumerate(solids)]
+    return _merged(np.concatenate(corners))
+
+
+def other_diagonals(solid: Mesh) -> Mesh:
+    """A box whose faces are cut the other way."""
+    quads = [(a, b, c, d) for (a, b, c), (_, _, d) in solid.faces.reshape(-1, 2, 3)]
+    return Mesh(solid.vertices, np.array([t for a, b, c, d in quads for t in ((b, c, d), (b, d, a))]))
+
+
+BLOCK, SMALL = box((0, 0, 0), (4, 4, 4)), box((1, 1, 1), (3, 3, 3))
+APART = box((6, 0, 0), (9, 3, 3))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "says"),
+    [
+        (together(BLOCK, APART, inverted=(1,)), r"has 2 shells: shell 2 of volume 27 faces inward and is no cavity.*flip the normals"),
+        (together(BLOCK, BLOCK), "12 of this one stand again.*remove the doubled solid"),
+        (together(box((0, 0, 0), (10, 2, 2)), box((4, -4, 0), (6, 6, 2))),
+         "2 shells: shell 1 of volume 40 and shell 2 of volume 40 share 8 .*unite"),
+        (together(box((0, 0, 0), (6, 2, 2)), box((4, 0, 0), (9, 2, 2))), "shell 1 of volume 24 and shell 2 of volume 20 share 8 "),
+        (together(BLOCK, SMALL), "shell 2 of volume 8 lies in the material of another"),
+        (together(BLOCK, ball((2, 2, 2), 1)), "lies in the material of another"),
+        (together(BLOCK, other_diagonals(BLOCK)), "solids overlap or one is inverted.*unite what overlaps"),
+        (together(BLOCK, other_diagonals(box((0, 0, 0), (4, 4, 9)))), "solids overlap or one is inverted"),
+        (together(BLOCK, turned(BLOCK, (0, 0, 1), np.pi / 2)), None),
+        (together(BLOCK, SMALL, SMALL, inverted=(1, 2)), "stand again"),
+        (together(BLOCK, box((3, 1, 1), (5, 3, 3)), inverted=(1,)), "shell 1 of volume 64 and shell 2 of volume 8 share 4"),
+        (together(BLOCK, SMALL, inverted=(1,)), None),  # a cavity
+        (together(BLOCK, ball((2, 2, 2), 1), inverted=(1,)), None),
+        (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1,)), None),  # a stone in a cavity
+        (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1, 2)), "shell 3 of volume 0.125 faces inward"),
+        (together(BLOCK, APART), None),
+        (together(BLOCK, box((4, 0, 0), (8, 4, 4))), None),  # one face in common
+        (together(BLOCK, box((4, 4, 0), (8, 8, 4))), None),  # one edge in common
+        (together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4))), None),
+        (together(BLOCK, box((4, 4, 4), (8, 8, 8))), None),  # one corner in common
+    ],
+)  # fmt: skip
+def test_shells_of_a_mesh_cover_each_point_once(mesh: tuple[np.ndarray, np.ndarray], says: str | None) -> None:
+    """Pieces that share a volume, that face inward or lie in one another are refused; cavities, and pieces apart or that touch, are not."""
+    if says is None:
+        checked(*mesh)
+        return
+    with pytest.raises(MeshError, match=says):
+        checked(*mesh)
+
+
+def test_boxes_that_touch_are_shells_of_their_own() -> None:
+    vertices, faces = together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4)))
+    label, overlaps = shells_of(vertices, faces)
+    assert len(overlaps) == 0
+    assert [volume_of(vertices[faces[label == k]]) for k in range(3)] == pytest.approx([64.0, 64.0, 64.0])
+
+
+def test_thickness_and_overlap() -> None:
+    plate = box((0, 0, 0), (10, 6, 0.5))
+    assert thickness_of(pack_mesh(plate)) == pytest.approx(0.5)
+    assert thickness_of(pack_mesh(turned(plate, (1, 1, 0), 0.5))) == pytest.approx(0.5)
+    # A polyhedron within the ball: cos(pi/24)^2 of its diameter between opposite faces.
+    assert thickness_of(pack_mesh(ball((0, 0, 0), 2.0))) == pytest.approx(4.0, rel=0.03)
+    one, other = pack_mesh(plate), pack_mesh(box((9, 0, 0), (12, 6, 0.5)))
+    assert overlap_of(one, other) == pytest.approx(3.0, rel=1e-6)
+    assert overlap_of(one, pack_mesh(box((10, 0, 0), (12, 6, 0.5)))) == 0.0
+    assert overlap_of(pack_mesh(ball((0, 0, 0), 1)), pack_mesh(ball((0, 0, 0), 1))) == pytest.approx(
+        volume_of(ball((0, 0, 0), 1).triangles), rel=0.01
+    )  # 1600 lines
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_box_of_parts_is_the_strip(axis: int) -> None:
+    """Two boxes, one held, are the strip clamped at its base, whichever axis they lie along: same grid, same answer to 1e-9 m."""
+    strip = Scene.from_si(
+        {
+            "name": "strip",
+            "materials": {"m": MATERIAL},
+            "body": {
+                "strip": {
+                    "length": 6e-3, "width": 1e-3, "thickness": 1e-3, "material": "m",
+                    "segments": [{"magnetization": [1, 0, 0]}, {"magnetization": [0, 1, 1]}],
+                }
+            },
+            "field": {"uniform": [0.0, 2e-3, 4e-3]},
+            "effects": {"magnetic_torque": {}},
+            "resolution": {"cells_across": 2},
+        }
+    )  # fmt: skip
+
+    def along(vector: tuple[float, float, float]) -> Any:
+        return tuple(np.roll(vector, axis).tolist())
+
+    parts = parts_scene(
+        {"mesh": box(along((-1, -0.6, -0.6)), along((0, 0.6, 0.6))), "clamp": True, "name": "wall"},
+        {"mesh": box(along((0, -0.5, -0.5)), along((3, 0.5, 0.5))), "magnetization": along((1, 0, 0))},
+        {"mesh": box(along((3, -0.5, -0.5)), along((6, 0.5, 0.5))), "magnetization": along((0, 1, 1))},
+        field=along((0.0, 2e-3, 4e-3)),
+        spacing=0.5e-3,
+    )
+    want, found = run(strip), run(parts)
+    np.testing.assert_allclose(np.roll(found.segment_center[1:], -axis, axis=1), want.segment_center, atol=1e-9)
+    np.testing.assert_allclose(np.roll(found.segment_remanence[1:], -axis, axis=1), want.segment_remanence, atol=1e-7)
+    np.testing.assert_allclose(found.tip, found.segment_center[-1])
+    wall = found.particle_segment == 0
+    np.testing.assert_array_equal(found.particle_position[wall], found.particle_reference[wall])
+    assert found.dof == want.dof
+    assert found.centreline.shape == (0, 4)
+
+
+def test_a_result_of_parts_survives_being_saved(tmp_path: Path) -> None:
+    scene = parts_scene(
+        {"mesh": box((-1, 0, 0), (0, 1, 1)), "clamp": True}, {"mesh": box((0, 0, 0), (2, 1, 1)), "magnetization": [1, 0, 0]}
+    )
+    result = run(scene)
+    again = Result.load(result.save(tmp_path / "r"))
+    assert Scene.from_si(again.scene).hash() == scene.hash() == again.scene_hash
+    np.testing.assert_array_equal(again.particle_position, result.particle_position)
+
+
+def test_held_inside_its_neighbours_the_nodes_around_it_are_held() -> None:
+    """A core held in the middle of a bar: no plane does the holding, so every node that the core touches rests."""
+    model = build(
+        parts_scene(
+            {"mesh": box((2, 0, 0), (3, 1, 1)), "clamp": True},
+            {"mesh": box((0, 0, 0), (2, 1, 1))},
+            {"mesh": box((3, 0, 0), (5, 1, 1))},
+        )
+    )
+    assert model.held.sum() == model.held.size // 5
+    assert model.dof == 3 * 4 * 4 * (12 - 4)  # 10 cells of 0.5 mm along x; the core's two touch 4 planes of nodes
+    assert not model.free
+
+
+def test_parts_in_a_file_are_found_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    write_stl(box((-1, 0, 0), (0, 1, 1)), tmp_path / "meshes" / "base plate.stl")
+    write_stl(box((0, 0, 0), (2, 1, 1)), tmp_path / "meshes" / "arm.stl")
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "name: p\nmaterials:\n  m: {shear_modulus: 100 kPa, bulk_to_shear: 20, remanence: 100 mT}\n"
+        "body:\n  parts:\n    unit: mm\n    meshes:\n"
+        "      - {mesh: meshes/base plate.stl, material: m, clamp: true}\n"
+        "      - {mesh: meshes/arm.stl, material: m, magnetization: [1, 0, 0]}\n"
+        "field: {uniform: [0 mT, 0 mT, 1 mT]}\neffects: {magnetic_torque: {}}\n"
+    )
+    scene = load_scene(path)
+    assert [piece.name for piece in scene.pieces()] == ["base plate", "arm"]
+    assert scene.thickness == pytest.approx(1e-3)
+    assert build(scene).particles.volume.sum() == pytest.approx(3e-9, rel=1e-12)
+
+
+CUBE = box((0, 0, 0), (1, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("parts", "body", "says"),
+    [
+        ([{"mesh": CUBE, "name": "a"}, {"mesh": box((0.5, 0, 0), (2, 1, 1)), "name": "b"}], {}, r"b shares 0.5 mm\^3 with a, 50 %"),
+        ([{"mesh": CUBE, "name": "a"}], {"spacing": 0.8e-3}, r"a is 1 mm, 1.2 cells of 0.8 mm\n.*at most `spacing: 0.5 mm`"),
+        ([{"mesh": CUBE, "clamp": True}], {}, "one part at least must be free"),
+        ([{"mesh": CUBE, "material": "n"}], {}, "must be a name from `materials`"),
+    ],
+)
+def test_assemblies_that_make_no_body_are_refused(parts: list[dict[str, Any]], body: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        parts_scene(*parts, **body)
+
+
+def test_parts_that_nearly_touch_are_told_of() -> None:
+    """Half a millimetre apart, with cells of as much, they share grid nodes, and are joined, but where each has its own grid."""
+    near = [{"mesh": CUBE, "name": "a"}, {"mesh": box((1.5, 0, 0), (2.5, 1, 1)), "name": "b"}]
+    scene = parts_scene({"mesh": box((-1, 0, 0), (0, 1, 1)), "clamp": True, "name": "wall"}, *near)
+    told = [w for w in scene.warnings() if w.startswith("body.parts")]
+    assert len(told) == 1
+    assert "a and b are 0.5 mm apart, less than two cells of 0.5 mm" in told[0]
+    moving = {**scene.to_si(), "solver": {"dynamic": {"duration": 1.0}}}
+    moving["effects"] = {**moving["effects"], "self_contact": {}}
+    assert not [w for w in Scene.from_si(moving).warnings() if w.startswith("body.parts")]
+
+
+def test_parts_far_apart_are_refused_with_the_number_of_cells() -> None:
+    scene = parts_scene({"mesh": CUBE}, {"mesh": box((5000, 0, 5000), (5001, 1, 5001)), "clamp": True})
+    with pytest.raises(InputError, match=r"the box around all parts.*has 2e\+08 cells of 0.5 mm"):
+        build(scene)
+
+
+def test_equilibrium_needs_every_part_to_hang_on_something() -> None:
+    loose = {"mesh": box((5, 0, 0), (6, 1, 1)), "name": "loose"}
+    held = [{"mesh": box((-1, 0, 0), (0, 1, 1)), "clamp": True}, {"mesh": CUBE}]
+    with pytest.raises(InputError, match="loose touches no part that is held"):
+        run(parts_scene(*held, loose))
+    with pytest.raises(InputError, match="needs a body that is held"):
+        run(parts_scene({"mesh": CUBE}))
+
+
+def test_mesh_text_that_is_damaged_is_refused() -> None:
+    text = pack_mesh(CUBE)
+    with pytest.raises(MeshError, match="damaged"):
+        unpack_mesh(text[:-8])
+    assert isinstance(unpack_mesh(text), Mesh)

@@ -1,0 +1,174 @@
+"""Particles: exact volume and exact section moments, for any cell size, wall and split into segments.
+
+Exact: area pi (R^2 - r^2), second moments pi/4 (R^4 - r^4), first and mixed moments 0. The lattice of a usual
+MPM gets the second moments of a 4 mm disc at 0.5 mm wrong by 2 to 5 %, and bending with them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from reference.scenes import rod_scene
+
+from magmpm.bodies import section_quadrature as bodies
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.scene.memory import fewest_particles
+
+# Sections are differences of two discs: their rounding grows as the wall gets thin, 1e-16 / (1 - ratio).
+# Pieces below EMPTY of a cell are dropped; the walls here are thousands of times that.
+EXACT = 1e-11
+
+
+def rectangles(edges_y: np.ndarray, edges_z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners low, high (n, 2) of all rectangles between the edges."""
+    low = np.stack(np.meshgrid(edges_y[:-1], edges_z[:-1], indexing="ij"), -1).reshape(-1, 2)
+    high = np.stack(np.meshgrid(edges_y[1:], edges_z[1:], indexing="ij"), -1).reshape(-1, 2)
+    return low, high
+
+
+def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float, count: int) -> None:
+    points, areas, home = bodies.section_points(low, high, outer, inner, count)
+    area, moment = np.pi * (outer**2 - inner**2), np.pi / 4 * (outer**4 - inner**4)
+    y, z = points.T
+    assert areas.min() > 0
+    slack = 1e-9 * (high - low)[home]  # rounding of a point on a face; Grid.locate refuses more
+    assert np.all(points >= low[home] - slack)
+    assert np.all(points <= high[home] + slack)
+    assert np.all(np.diff(home) >= 0), "sorted by rectangle"
+    assert areas.sum() == pytest.approx(area, rel=EXACT)
+    assert areas @ y**2 == pytest.approx(moment, rel=EXACT)
+    assert areas @ z**2 == pytest.approx(moment, rel=EXACT)
+    assert areas @ (y * z) == pytest.approx(0, abs=EXACT * moment)
+    assert areas @ y == pytest.approx(0, abs=EXACT * area * outer)
+    assert areas @ z == pytest.approx(0, abs=EXACT * area * outer)
+
+
+@given(st.integers(2, 16), st.one_of(st.just(0.0), st.floats(1e-3, 0.999)), st.sampled_from([2, 3, 4]))
+@example(7, 0.999, 2)  # a wall of 1/285 of a cell
+@example(6, 0.0, 3)  # slivers at the corners
+@settings(max_examples=60)
+def test_section_is_exact(cells: int, ratio: float, count: int) -> None:
+    """Discs and tubes on the grid that a scene would use."""
+    edges = np.linspace(-2e-3, 2e-3, cells + 1)
+    check_section(*rectangles(edges, edges), 2e-3, 2e-3 * ratio, count)
+
+
+@given(
+    st.lists(st.floats(-1.2, 1.2), min_size=0, max_size=5, unique=True),
+    st.lists(st.floats(-1.2, 1.2), min_size=0, max_size=5, unique=True),
+    st.floats(0.0, 0.95),
+)
+@settings(max_examples=60)
+def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[float], ratio: float) -> None:
+    """Unequal rectangles that lie askew of the disc's centre: nothing hangs on symmetry."""
+    edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
+    check_section(*rectangles(*edges), 1.0, ratio, 2)
+
+
+@given(st.tuples(*[st.floats(-1.5, 1.5)] * 4))
+def test_disc_moments_against_a_fine_sum(corners: tuple[float, float, float, float]) -> None:
+    """Each rectangle on its own, against a midpoint sum over 1000 strips along y, closed in z."""
+    a, b, c, d = np.round(corners, 3)
+    low, high = np.array([[min(a, b), min(c, d)]]), np.array([[max(a, b), max(c, d)]])
+    y, dy = np.linspace(low[0, 0], high[0, 0], 1001), (high[0, 0] - low[0, 0]) / 1000
+    y = (y[1:] + y[:-1]) / 2
+    half = np.sqrt(np.maximum(1 - y**2, 0))
+    top = np.minimum(high[0, 1], half)
+    bottom = np.minimum(np.maximum(low[0, 1], -half), top)
+    m0, m1, m2 = ((top ** (k + 1) - bottom ** (k + 1)) / (k + 1) for k in range(3))
+    expected = dy * np.array([m0.sum(), y @ m0, m1.sum(), y**2 @ m0, y @ m1, m2.sum()])
+    # Midpoint sums of the circle's edge: error (dy)^(3/2) where its slope is infinite, dy <= 3e-3.
+    np.testing.assert_allclose(bodies.disc_moments(low, high, 1.0)[0], expected, atol=2e-4)
+
+
+@given(
+    st.lists(st.floats(0.05, 1.0), min_size=1, max_size=6),
+    st.integers(2, 5),
+    st.sampled_from([2, 3]),
+    st.sampled_from([0.0, 0.6, 0.95]),
+)
+@settings(max_examples=30)
+def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count: int, ratio: float) -> None:
+    """Segments of any length, whose ends cut cells: volume, centroid and axial second moment of each are
+    exact.
+    """
+    lengths = np.array(shares) / np.sum(shares) * 20e-3
+    ends = np.cumsum(lengths)
+    outer, inner = 2e-3, 2e-3 * ratio
+    grid = bodies.rod_grid(float(ends[-1]), 2 * outer, cells)
+    p = bodies.rod_particles(grid, outer=outer, inner=inner, segment_ends=ends, particles_per_cell=count)
+    grid.locate(p.position, p.cell)  # raises if a particle lies outside its cell
+    area = np.pi * (outer**2 - inner**2)
+    for k, length in enumerate(lengths):
+        mine = p.segment == k
+        x, v = p.position[mine, 0], p.volume[mine]
+        assert np.all((x > ends[k] - length) & (x < ends[k]))
+        assert v.sum() == pytest.approx(area * length, rel=EXACT)
+        assert v @ x == pytest.approx(area * (ends[k] ** 2 - (ends[k] - length) ** 2) / 2, rel=EXACT)
+        assert v @ x**2 == pytest.approx(area * (ends[k] ** 3 - (ends[k] - length) ** 3) / 3, rel=EXACT)
+    assert np.all(np.diff(p.cell[:, 0]) >= 0), "sorted along the axis: the kernels' slabs rely on it"
+
+
+def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
+    """0.1 + 0.2 is not 0.3: no cell may be cut into a whole and a rounding, which would be a cell without
+    stiffness.
+    """
+    grid = bodies.rod_grid(3e-3, 1e-3, 4)  # faces every 0.25 mm
+    ends = np.array([1e-3 * (1 + 4e-16), 2e-3 * (1 - 4e-16), 3e-3])
+    p = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends, particles_per_cell=2)
+    one = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends[-1:], particles_per_cell=2)
+    np.testing.assert_array_equal(p.position, one.position)
+    np.testing.assert_array_equal(np.bincount(p.segment), [len(p.volume) // 3] * 3)
+
+
+@pytest.mark.parametrize("cells", [2, 3, 4, 5, 6, 7, 8, 11, 16])
+@pytest.mark.parametrize("inner", [0.0, 2e-3, 3.9e-3])
+def test_section_printed_in_results(cells: int, inner: float) -> None:
+    """The issue asks for less than 0.1 % at any cell size; the rule is exact, so the test asks for rounding."""
+    model = build(rod_scene(length=8e-3, inner_diameter=inner, cells=cells))
+    assert set(model.section) == {"area_error", "second_moment_error"}
+    assert max(model.section.values()) < EXACT
+
+
+def test_section_errors_see_a_wrong_section() -> None:
+    """The figure that results print is measured on the particles: points pulled in by 1 % give moments 2 %
+    short.
+    """
+    grid = bodies.rod_grid(8e-3, 4e-3, 4)
+    p = bodies.rod_particles(grid, outer=2e-3, inner=0.0, segment_ends=np.array([8e-3]), particles_per_cell=2)
+    wrong = bodies.Particles(p.position * [1, 0.99, 0.99], p.volume * 1.003, p.segment, p.cell)
+    errors = bodies.section_errors(wrong, outer=2e-3, inner=0.0, length=8e-3)
+    assert errors["area_error"] == pytest.approx(0.003, rel=1e-9)
+    assert errors["second_moment_error"] == pytest.approx(1 - 1.003 * 0.99**2, rel=1e-9)
+
+
+def test_grid_has_knots_on_both_end_faces() -> None:
+    """The clamp is exact only on a face of the grid, and the free end needs no spline beyond its own."""
+    for length, diameter, cells in ((40e-3, 4e-3, 4), (10.3e-3, 4e-3, 3), (6e-3, 4e-3, 2)):
+        grid = bodies.rod_grid(length, diameter, cells)
+        assert grid.origin[0] == 0
+        assert grid.spacing[0] * grid.cells[0] == pytest.approx(length, rel=1e-15)
+        assert grid.cells[0] >= 3
+        assert grid.spacing[1] == grid.spacing[2] == diameter / cells
+        assert 0.7 < grid.spacing[0] / grid.spacing[1] < 1.5, "cells stay near cubes"
+
+
+@pytest.mark.parametrize("cells", [2, 3, 5])
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_no_body_has_fewer_particles_than_is_said_beforehand(cells: int, count: int) -> None:
+    """Tubes with thin and thick walls, strips, plane strain: the bound is below the number, and not by much where cells are full."""
+    rod, tube = {"length": 13e-3, "diameter": 4e-3}, {"length": 13e-3, "diameter": 4e-3, "inner_diameter": 3.5e-3}
+    strip = {"length": 13e-3, "width": 3e-3, "thickness": 1e-3}
+    kinds = [("catheter", rod), ("catheter", tube), ("strip", strip), ("strip", {**strip, "plane_strain": True})]
+    for kind, shape in kinds:
+        scene = Scene.from_si({
+            "name": "bound", "materials": {"m": {"shear_modulus": 1e5, "bulk_to_shear": 20.0}},
+            "body": {kind: {**shape, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}},
+            "resolution": {"cells_across": cells, "particles_per_cell": count},
+        })  # fmt: skip
+        number, bound = len(build(scene).density), fewest_particles(scene)
+        assert bound <= number * (1 + 1e-12)
+        assert bound > 0.99 * number

@@ -1,0 +1,129 @@
+"""Strips: exact quadrature, plane strain that is plane, profiles, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from magmpm.errors import InputError
+from magmpm.model import build
+from magmpm.results import measures
+from magmpm.rod.sections import torsion_constant
+from magmpm.scene import Scene
+from magmpm.simulate import run
+
+L, B, T = 8e-3, 3e-3, 1e-3
+
+
+def strip_scene(*, field: tuple[float, ...] = (0.0, 0.0, 3e-3), cells: int = 2, **strip: Any) -> Scene:
+    """A strip of 8 x 3 x 1 mm; strip: keys that are added or replaced."""
+    shape = {"length": L, "width": B, "thickness": T, "material": "m", **strip}
+    if "magnetization_profile" not in strip:
+        shape.setdefault("segments", [{"magnetization": [1, 0, 0]}])
+    return Scene.from_si(
+        {
+            "name": "strip",
+            "materials": {"m": {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1500.0, "remanence": 0.1}},
+            "body": {"strip": shape},
+            "field": {"uniform": list(field)},
+            "effects": {"magnetic_torque": {}},
+            "resolution": {"cells_across": cells},
+        }
+    )
+
+
+def test_volume_centroid_and_second_moments_are_exact_anywhere() -> None:
+    """Gauss points in full cells: everything of degree 2 is exact to rounding, wherever the strip is put."""
+    base = np.array([3e-3, -2e-3, 7e-3])
+    model = build(strip_scene(position=base.tolist(), cells=3))
+    p, v = model.particles.position - base, model.particles.volume
+    size = np.array([L, B, T])
+    centre, second = np.array([L / 2, 0, 0]), size**2 / 12
+    assert v.sum() == pytest.approx(size.prod(), rel=1e-13)
+    np.testing.assert_allclose(v @ p / v.sum(), centre, atol=1e-15)
+    np.testing.assert_allclose(v @ (p - centre) ** 2 / v.sum(), second, rtol=1e-12)
+    assert max(model.section.values()) < 1e-12
+
+
+@pytest.mark.parametrize("plane_strain", [False, True])
+def test_particles_are_sorted_by_cell_and_lie_in_it(plane_strain: bool) -> None:
+    model = build(strip_scene(plane_strain=plane_strain, segments=[{"length": 2.1e-3}, {}]))
+    cell = model.particles.cell
+    flat = np.ravel_multi_index(cell.T, model.grid.cells)
+    assert np.all(np.diff(flat) >= 0)
+    model.grid.locate(model.particles.position, cell)  # raises where one does not
+    assert model.grid.cells[1] == (1 if plane_strain else model.grid.cells[1])
+
+
+def test_where_it_stands_does_not_matter() -> None:
+    """The answer moves with the strip: to rounding of 1e-12 of its length."""
+    here = run(strip_scene())
+    there = run(strip_scene(position=[0.01, 0.02, -0.03]))
+    np.testing.assert_allclose(there.centreline[:, 1:] - [0.01, 0.02, -0.03], here.centreline[:, 1:], atol=1e-12)
+    np.testing.assert_allclose(there.tip - [0.01, 0.02, -0.03], here.tip, atol=1e-12)
+
+
+@pytest.mark.parametrize(("plane_strain", "y", "warned"), [(True, 9.81, True), (True, 0.0, False), (False, 9.81, False)])
+def test_gravity_across_a_plane_strain_strip_is_warned_of(plane_strain: bool, y: float, warned: bool) -> None:
+    """Nothing moves along y there, as with the field's y component."""
+    scene = strip_scene(plane_strain=plane_strain).with_effects(gravity={"acceleration": [0.0, y, -1.0]})
+    assert [text for text in scene.warnings() if "gravity" in text] == [
+        "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
+    ] * warned
+
+
+def test_plane_strain_is_plane() -> None:
+    """Nothing moves along y, nothing varies along it, and the strip is stiffer than one that is free to narrow."""
+    free = run(strip_scene(width=T))
+    plane = run(strip_scene(width=T, plane_strain=True))
+    moved = plane.particle_position - plane.particle_reference
+    assert not moved[:, 1].any()
+    assert plane.tip[2] < 0.95 * free.tip[2]  # E/(1 - nu^2) = 1.32 E, less what the clamp holds in both
+
+
+def test_clamped_at_both_ends_both_ends_stay() -> None:
+    result = run(strip_scene(clamp="both", segments=[{"magnetization": [1, 0, 0]}, {"magnetization": [-1, 0, 0]}]))
+    np.testing.assert_allclose(result.centreline[[0, -1], 1:], [[0, 0, 0], [L, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(result.tip, [L, 0, 0], atol=1e-15)
+    assert result.centreline[len(result.centreline) // 2, 3] > 1e-5  # the middle is lifted
+
+
+def test_a_profile_turns_at_every_particle() -> None:
+    profile = {"harmonic": {"periods": 1.0, "phase": np.pi / 2, "plane": "xz", "turn": "cw"}}
+    scene = strip_scene(magnetization_profile=profile, cells=4)
+    model = build(scene)
+    angle = np.pi / 2 - 2 * np.pi * model.particles.position[:, 0] / L
+    want = 0.1 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
+    np.testing.assert_allclose(model.magnet, want, atol=1e-15)
+    assert len(scene.pieces()) == 8
+    mean = measures.piece_means(model, model.magnet)
+    # Mean over an eighth of a turn: sin(pi/8)/(pi/8) = 0.974 of the piece's own direction.
+    np.testing.assert_allclose(mean, 0.974 * scene.segment_remanence(), atol=0.002)
+
+
+def test_a_profile_finer_than_the_grid_is_refused() -> None:
+    with pytest.raises(InputError, match=r"at least 8 cells long, and is 4[^\d]"):
+        strip_scene(magnetization_profile={"harmonic": {"periods": 4.0}}, cells=2)
+
+
+def test_a_free_body_has_no_equilibrium() -> None:
+    with pytest.raises(InputError, match="equilibrium needs a body that is held"):
+        run(strip_scene(clamp="none"))
+
+
+def test_axis_from_particles_is_the_axis() -> None:
+    """The mean of the sections of a displacement that the splines hold, to rounding."""
+    model = build(strip_scene())
+    x = model.particles.position
+    moved = x + np.outer(x[:, 0] ** 2, [1.0, 2.0, 30.0]) + np.outer(x[:, 2], [0.1, 0, 0])
+    rows = measures.axis_of_particles(model, moved)
+    s = rows[:, 0]
+    np.testing.assert_allclose(rows[:, 1:], np.outer(s, [1, 0, 0]) + np.outer(s**2, [1, 2, 30]), atol=1e-13)
+
+
+def test_torsion_constant_of_a_square_and_of_a_thin_strip() -> None:
+    """0.1406 a^4 and b t^3/3 (1 - 0.63 t/b). Source: Timoshenko and Goodier, Theory of Elasticity, section 109."""
+    assert torsion_constant(1.0, 1.0) == pytest.approx(0.1406, abs=5e-5)
+    assert torsion_constant(20.0, 1.0) == pytest.approx(20 / 3 * (1 - 0.63 / 20), rel=1e-4)

@@ -1,0 +1,103 @@
+"""Compiled functions are kept where that is possible; where it is not, they are compiled and it is said once."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import os
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from magmpm.compiled import cache as kernel_cache
+from magmpm.compiled import environment
+from magmpm.compiled.cache import KernelCache, kept_all
+
+MODULE = "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    return 2 * x\n@jit()\ndef thrice(x):\n    return 3 * x\n"
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Two functions in a file of their own, with a cache of their own."""
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(kernel_cache, "_told", set())
+    (tmp_path / "doubled.py").write_text(MODULE)
+    return loaded(tmp_path)
+
+
+def loaded(folder: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("doubled", folder / "doubled.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_function_is_kept_and_loaded(module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert module.twice(2.0) == 4.0
+    again = loaded(tmp_path)
+    assert again.twice(2.0) == 4.0
+    assert sum(again.twice.stats.cache_hits.values()) == 1
+    assert capsys.readouterr().err == ""
+    assert kept_all()
+
+
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+def test_one_bit_is_noticed(ending: str, module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Anywhere: content that still unpickles, but is not what was compiled, would be run."""
+    assert module.twice(2.0) == 4.0
+    (path,) = (tmp_path / "cache").rglob(f"*twice*{ending}")
+    content = bytearray(path.read_bytes())
+    content[-20] ^= 1
+    path.write_bytes(content)
+    again = loaded(tmp_path)
+    assert again.twice(2.0) == 4.0
+    assert sum(again.twice.stats.cache_misses.values()) == 1
+    assert capsys.readouterr().err == f"magmpm: compiled kernels on disk: {path}: damaged; what belongs there is compiled anew\n"
+    assert kept_all()
+    third = loaded(tmp_path)
+    assert third.twice(2.0) == 4.0
+    assert sum(third.twice.stats.cache_hits.values()) == 1
+
+
+def no_room(*_: Any, **__: Any) -> Any:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize(
+    "where", ["numba.core.caching._CacheLocator.ensure_cache_path", "magmpm.compiled.cache._SealedFiles._open_for_write"]
+)
+def test_a_full_disk_ends_nothing_and_is_said_once(
+    where: str, module: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(where, no_room)
+    assert module.twice(2.0) == 4.0
+    assert module.thrice(2.0) == 6.0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    for part in ("No space left on device", "every run waits", "free room, or set NUMBA_CACHE_DIR"):
+        assert part in said
+    assert not kept_all()
+
+
+def test_without_any_folder_functions_are_compiled(
+    tmp_path: Path, module: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As Numba says it: no locator available."""
+
+    def none(self: KernelCache, function: Any) -> None:
+        raise RuntimeError("cannot cache function")
+
+    monkeypatch.setattr(KernelCache, "__init__", none)
+    assert loaded(tmp_path).twice(2.0) == 4.0
+    assert "no folder can be written" in capsys.readouterr().err
+
+
+def test_neither_cache_nor_temporary_folder(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """magmpm can be imported all the same."""
+    monkeypatch.setattr(Path, "mkdir", no_room)
+    environment._cache_folder()
+    assert "every run compiles its own" in capsys.readouterr().err

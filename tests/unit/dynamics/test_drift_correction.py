@@ -1,0 +1,173 @@
+"""dynamics.drift_correction: places and F go to the fit of the undeformed body's splines, as in the plain reference."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference import dynamics as reference
+from reference.in_motion import advance, free_rod, quantities
+from reference.moving import moving_scene
+from reference.scenes import rod_scene
+from reference.solids import box
+
+from magmpm.bodies.surface_mesh import write_stl
+from magmpm.dynamics import drift_correction as anchor
+from magmpm.dynamics import energies
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.drift_correction import Anchor
+from magmpm.dynamics.time_loop import begin
+from magmpm.model import Model, build
+from magmpm.scene import Scene
+
+WHOLE = 10**9  # steps: all the way
+L = 8e-3
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return build(rod_scene(length=L))
+
+
+def bent(model: Model, angle: float = 0.8) -> np.ndarray:
+    """A part of a ring: its middle line keeps its length."""
+    x, y, z = model.particles.position.T
+    radius = L / angle
+    return np.column_stack([(radius - z) * np.sin(x / radius), 0.98 * y, radius - (radius - z) * np.cos(x / radius)])
+
+
+def relaxed(model: Model, x: np.ndarray, F: np.ndarray, steps: int, fits: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Places and F of a motion that is put there and relaxed; more fits come nearer to the least squares."""
+    motion, n = UpdatedMotion(model), len(x)
+    motion.place(x, np.zeros((n, 3)), F, np.zeros((n, 3, 3)))
+    assert motion.anchor is not None
+    for _ in range(fits - 1):
+        motion.anchor.fit(x - model.particles.position)
+    motion.since = steps
+    motion._relax()
+    found = motion.particles()
+    return found[0], found[2]
+
+
+@pytest.mark.parametrize("averaged", [True, False], ids=["f-bar", "plain"])
+def test_goes_to_the_fit_of_the_reference(model: Model, averaged: bool) -> None:
+    """A bent rod: places and F of the least-squares fit, in one fit from nothing, and nearer in more of them."""
+    if not averaged:
+        model = replace(model, modes=np.zeros((len(model.density), 0)))
+    x, start = bent(model), np.tile(np.eye(3), (len(model.density), 1, 1))
+    places, A = reference.anchor(model, x)
+    h = model.grid.spacing.min()
+    for fits, near in ((1, 1e-3), (40, 1e-5)):
+        found, F = relaxed(model, x, start, WHOLE, fits=fits)
+        assert np.abs(found - places).max() < near * h
+        assert np.abs(F - A).max() < 5 * near
+    assert np.abs(places - x).max() > 1e-4 * h
+    assert np.abs(A - start).max() > 0.3
+
+
+def test_goes_part_of_the_way(model: Model) -> None:
+    """1 - exp(-steps / SPAN) of it."""
+    x = bent(model)
+    start = np.tile(np.eye(3), (len(x), 1, 1))
+    _, whole = relaxed(model, x, start, WHOLE)
+    _, some = relaxed(model, x, start, round(anchor.SPAN / 2))
+    np.testing.assert_allclose(some - start, (1 - np.exp(-0.5)) * (whole - start), rtol=1e-9, atol=1e-12)
+
+
+def test_an_affine_deformation_is_its_own_fit(model: Model) -> None:
+    """x stays, and F becomes its gradient: rotations and uniform strains are in the splines' space."""
+    G = np.array([[0.9, -0.4, 0.1], [0.5, 1.1, 0.0], [0.2, 0.1, 1.05]])
+    x = model.particles.position @ G.T + 1e-3
+    found, F = relaxed(model, x, np.tile(np.eye(3), (len(x), 1, 1)), WHOLE, fits=10)
+    np.testing.assert_allclose(found, x, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(F, np.tile(G, (len(x), 1, 1)), rtol=0, atol=1e-5)
+
+
+def test_centre_momentum_and_spin_of_a_free_body_stay(rng: np.random.Generator) -> None:
+    model = build(free_rod(formulation="updated", length=L))
+    motion, n = UpdatedMotion(model), len(model.density)
+    x = bent(model) + 4e-5 * rng.standard_normal((n, 3))
+    motion.place(x, rng.standard_normal((n, 3)), np.tile(np.eye(3), (n, 1, 1)), 50 * rng.standard_normal((n, 3, 3)))
+    mass = model.density * model.particles.volume
+    before = quantities(motion)
+    assert motion.anchor is not None
+    for _ in range(20):  # scattered as these are, one fit is not good enough to be used
+        motion.anchor.fit(x - model.particles.position)
+    motion.since = WHOLE
+    motion._relax()
+    after = quantities(motion)
+    assert np.abs(motion.particles()[0] - x).max() > 1e-5
+    np.testing.assert_allclose(mass @ motion.particles()[0], mass @ x, rtol=0, atol=1e-12 * mass.sum() * L)
+    np.testing.assert_allclose(after.momentum, before.momentum, rtol=0, atol=1e-13 * np.abs(before.momentum).max())
+    np.testing.assert_allclose(after.spin, before.spin, rtol=0, atol=1e-12 * np.abs(before.spin).max())
+
+
+def test_what_touches_is_left_alone() -> None:
+    """A rod folded flat on itself: the halves' particles that share nodes stay, the hinge's and those far apart are relaxed."""
+    model = build(rod_scene(length=40e-3))
+    h = model.grid.spacing.min()
+    rest = model.particles.position
+    far = rest[:, 0] > 20e-3
+    folded = np.where(far[:, None], rest * [-1, 1, 1] + [40e-3, 0, 4e-3 + 0.5 * h], rest)
+    apart = np.where(far[:, None], rest * [-1, 1, 1] + [40e-3, 0, 4e-3 + 4 * h], rest)
+    found = []
+    for x in (folded, apart):
+        motion, n = UpdatedMotion(model), len(x)
+        motion.place(x, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+        found.append(motion.touching)
+    facing = np.where(far, rest[:, 2] < -1e-3, rest[:, 2] > 1e-3) & (np.abs(rest[:, 0] - 20e-3) > 4 * h)
+    assert found[0][facing].all()
+    assert not found[0][np.where(far, rest[:, 2] > 1e-3, rest[:, 2] < -1e-3)].any(), "the outer sides touch nothing"
+    assert not found[1].any()
+
+
+def test_a_torn_body_is_left_alone(model: Model) -> None:
+    """Two halves three cells apart: where the fit is off by a quarter of a cell, F stays what it was."""
+    x = model.particles.position.copy()
+    x[x[:, 0] > L / 2, 0] += 3 * model.grid.spacing[0]
+    start = np.tile(np.eye(3), (len(x), 1, 1))
+    places, F = relaxed(model, x, start, WHOLE)
+    at_crack = np.abs(model.particles.position[:, 0] - L / 2) < 0.5 * model.grid.spacing[0]
+    assert np.array_equal(F[at_crack], start[at_crack])
+    assert np.array_equal(places[at_crack], x[at_crack])
+
+
+def test_numbering_keeps_pieces_apart() -> None:
+    """Cells of two pieces have no node in common, cells of one share those between them."""
+    base = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    node, key = anchor._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
+    assert len(set(node[0]) & set(node[1])) == 18
+    assert not set(node[1]) & set(node[2])
+    assert len(key) == 36 + 27
+
+
+def cubes(tmp_path: Path, gap: float) -> Scene:
+    """Two free cubes of 8 mm, so far apart along z (mm), on cells of 2 mm."""
+    write_stl(box((0.0, 0.0, gap), (8.0, 8.0, 8.0 + gap)), tmp_path / "upper.stl")
+    write_stl(box((0.0, 0.0, -8.0), (8.0, 8.0, 0.0)), tmp_path / "lower.stl")
+    meshes = [{"mesh": str(tmp_path / f"{name}.stl"), "material": "m"} for name in ("upper", "lower")]
+    return moving_scene({"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes}}, {"self_contact": {}}, formulation="updated")
+
+
+@pytest.mark.parametrize(("gap", "count"), [(0.0, 1), (0.4, 2), (3.0, 2), (7.0, 2)])
+def test_parts_that_touch_are_one_piece(tmp_path: Path, gap: float, count: int) -> None:
+    """And others are not, though they share cells of the grid."""
+    assert len(np.unique(Anchor(build(cubes(tmp_path, gap))).piece)) == count
+
+
+def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:
+    """They begin 1.5 cells apart, where they still feel each other: the energy of both only falls, over ten fits."""
+    motion = begin(build(cubes(tmp_path, 3.0)))
+    state, model = motion.motion, motion.motion.model
+    assert isinstance(state, UpdatedMotion)
+    x, n = model.particles.position, len(model.density)
+    v = np.outer(np.where(model.particles.segment == 0, 0.2, -0.2), [0.0, 0.0, 1.0])
+    state.place(x, v, np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+    found = []
+    for _ in range(10):
+        advance(state, anchor.INTERVAL, motion.dt)
+        found.append(state.kinetic_energy() + energies.elastic_energy(model, state.particles()[2], False))
+    assert np.diff(found).max() < 0.01 * found[0]
+    assert (state.particles()[0] - x)[:, 2].max() > 10e-3, "they have flown apart"

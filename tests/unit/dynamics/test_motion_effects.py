@@ -1,0 +1,76 @@
+"""Effects of motion in the fast kernels, against the plain reference of one step, in both formulations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reference.dynamics import Total, Updated
+from reference.scenes import rod_scene
+
+from magmpm.bodies import signed_distance as distance
+from magmpm.bodies.curves import curve
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
+from magmpm.model import Model, build
+
+ROUNDING = (
+    1e-12  # of the largest value; stiff contact and viscosity magnify the last bits of places and rates
+)
+DT, STEPS = 1e-6, 3
+TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
+# As one set, so that one kernel a formulation is compiled: all kinds of hooks, and contact with a good part of the particles.
+EFFECTS = (
+    gravity.parameters(np.array([0.3, 0.2, -9.81]))
+    + viscosity.parameters(3.0)
+    + damping.parameters(300.0)
+    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, reach=1e-4)
+    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, reach=1e-4)
+    + feed.parameters(speed=0.02, exit=2e-3, radius=3e-3)
+)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return replace(build(rod_scene(length=8e-3)), effects=EFFECTS, clamped_face=True)
+
+
+def touching(model: Model, x: np.ndarray) -> None:
+    """The comparison means something: some particles touch each obstacle, and some do not."""
+    mass = model.density * model.particles.volume
+    for module, at in ((ground, 6), (walls, 8)):
+        told = module.report(*EFFECTS[at : at + 2], x, 0 * x, mass, DT)
+        assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
+
+
+def test_total(model: Model, rng: np.random.Generator) -> None:
+    reference, motion = Total.of(model), TotalMotion(model)
+    c, v = np.zeros((2, *reference.X.shape))
+    on = motion.packed.inverse_mass.reshape(-1, 3).all(axis=1)
+    c[on], v[on] = 3e-5 * rng.standard_normal((on.sum(), 3)), rng.standard_normal((on.sum(), 3))
+    motion.restore({"u": c.ravel(), "v": v.ravel()})
+    touching(model, motion.particles()[0])
+    for _ in range(STEPS):
+        c, v = reference.step(c, v, DT)
+    assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
+    np.testing.assert_allclose(motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max())
+    np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=ROUNDING * np.abs(v).max())
+
+
+def test_updated(model: Model, rng: np.random.Generator) -> None:
+    model = replace(model, modes=np.zeros((len(model.density), 0)))
+    n = len(model.density)
+    x = model.particles.position + 1e-4 * rng.standard_normal((n, 3))
+    v, C = 0.5 * rng.standard_normal((n, 3)), 100.0 * rng.standard_normal((n, 3, 3))
+    F = np.eye(3) + 0.05 * rng.standard_normal((n, 3, 3))
+    touching(model, x)
+    reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
+    motion.place(x, v, F, C)
+    for _ in range(STEPS):
+        reference.step(DT)
+    assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
+    found = (*motion.particles(), motion.affine())
+    for a, b in zip(found, (reference.x, reference.v, reference.F, reference.C), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=ROUNDING * np.abs(b).max())

@@ -1,0 +1,106 @@
+"""Loads that change while steps are taken are those of their step: against the plain reference, which is handed them one by one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.dynamics import Total, Updated
+from reference.in_motion import free_rod, moving
+from reference.scenes import rod_scene
+
+from magmpm.dynamics import time_loop as run
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.steps import take
+from magmpm.dynamics.time_loop import begin, interval
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting as effects
+from magmpm.effects import magnetic_torque
+from magmpm.model import Model, build
+from magmpm.scene import Scene
+
+ROUNDING = 1e-9  # of the largest value: some ten steps, in which a load of another step would be off by a tenth
+
+
+def plain(model: Model) -> Model:
+    """As the updated formulation takes it: the volume is not averaged."""
+    return replace(model, modes=np.zeros((len(model.density), 0)))
+
+
+def ramped(formulation: str, duration: float) -> Scene:
+    """A short clamped catheter in a field that rises from zero in `duration` (s)."""
+    data = moving(rod_scene(length=8e-3, field=(0, 0, 20e-3)), formulation=formulation).to_si()
+    return Scene.from_si({**data, "field": {"uniform": (0, 0, 20e-3), "over_time": {"ramp": {"duration": duration}}}})
+
+
+@pytest.mark.parametrize("formulation", ["total", "updated"])
+def test_a_schedule_goes_on_within_a_chunk_of_steps(formulation: str) -> None:
+    """A dozen steps, far fewer than a chunk, in which the field rises. At zero field the body is at rest in its own shape, so that the
+    velocities begin at zero half a step earlier as well.
+    """
+    model = build(ramped(formulation, 1e-3))
+    moved = begin(model)
+    interval(moved, 12 * moved.control.step)
+    named = effects.collect(model.scene, times=moved.dt * np.arange(moved.steps, dtype=float))
+    assert moved.steps == 12
+    if isinstance(moved.motion, TotalMotion):
+        total = Total.of(replace(model, effects=named))
+        c, v = np.zeros((2, *total.X.shape))
+        for step in range(moved.steps):
+            c, v = total.step(c, v, moved.dt, step)
+        found, wanted = moved.motion.u.reshape(-1, 3), c
+    else:
+        updated = Updated.of(replace(plain(model), effects=named))
+        for step in range(moved.steps):
+            updated.step(moved.dt, step)
+        found, wanted = moved.motion.particles()[0] - model.particles.position, updated.x - model.particles.position
+    assert np.abs(wanted).max() > 1e-9  # m
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=ROUNDING * np.abs(wanted).max() + 1e-16)
+
+
+def test_a_schedule_goes_on_after_particles_are_sorted() -> None:
+    """A body that flies a cell in 3.3 steps is sorted every 4: the field of step 5 is that of step 5."""
+    model = replace(plain(build(rod_scene(length=8e-3))), clamped_face=False)
+    n = len(model.density)
+    x, v = model.particles.position, np.tile([0.0, 20.0, -10.0], (n, 1))
+    eye, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
+    named = magnetic_torque.parameters(np.outer(np.arange(12.0), [0.0, 10e-3, 20e-3]))  # T, of 12 steps
+    motion, dt = UpdatedMotion(replace(model, effects=named)), 0.3 * model.grid.spacing[1] / 20.0
+    motion.place(x, v, eye, zero)
+    reference = Updated(replace(model, effects=named), x.copy(), v.copy(), eye.copy(), zero.copy(), zero.copy())
+    once, _ = motion.advance(12, dt, named)
+    assert once < 12, "a sort ends the steps early"
+    motion.place(x, v, eye, zero)
+    assert take(motion, named, 12, dt) == (12, False)
+    for step in range(12):
+        reference.step(dt, step)
+    moved = reference.v - v
+    assert np.abs(moved).max() > 1e-3  # m/s, by the field
+    np.testing.assert_allclose(motion.particles()[1] - v, moved, rtol=0, atol=ROUNDING * np.abs(moved).max())
+
+
+def test_what_segments_do_to_each_other_is_found_anew_before_every_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunks of 4 steps: the fields of the body as it is then, of which those of the body as it was made would be off by a thousandth."""
+    monkeypatch.setattr(run, "CHUNK", 4)
+    body: dict[str, Any] = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
+    model = build(free_rod({"magnetic_interaction": {}}, **body))
+    moved = begin(model)
+    interval(moved, 12 * moved.control.step)
+    assert moved.steps == 12
+    found = {}
+    for every in (4, 12):
+        total, dt = Total.of(model), moved.dt
+        c, v = np.zeros((2, *total.X.shape))
+        for step in range(12):
+            if step % every == 0:
+                effects.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
+            if step == 0:
+                v = -total.step(c, v, dt / 2)[1]  # a load that acts at once: velocities are those of half a step before
+            c, v = total.step(c, v, dt)
+        found[every] = c
+    size = np.abs(found[4]).max()
+    assert isinstance(moved.motion, TotalMotion)
+    np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), found[4], rtol=0, atol=ROUNDING * size)
+    assert np.abs(found[12] - found[4]).max() > 1e3 * ROUNDING * size

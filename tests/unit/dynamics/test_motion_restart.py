@@ -1,0 +1,73 @@
+"""A motion that is ended late and taken up again, after fits of the updated formulation, equals one that was never ended, bit for bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.moving import FORMULATIONS, moving_scene
+
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.checkpoint import Checkpoint
+from magmpm.dynamics.drift_correction import INTERVAL
+from magmpm.dynamics.time_loop import begin, follow
+from magmpm.model import build
+from magmpm.scene import Scene
+
+BODY = {"catheter": {"length": 8e-3, "diameter": 4e-3, "material": "m", "clamp": "base", "segments": [{"magnetization": [0.0, 0.0, 0.0]}]}}
+# All of motion: a viscous stress, which needs the velocity's gradient; contact with the ground; a guide that pushes.
+EFFECTS: dict[str, Any] = {
+    "gravity": {"acceleration": [0.0, 0.0, -9.81]},
+    "viscosity": {"viscosity": 5.0},
+    "damping": {"rate": 5.0},
+    "ground": {"point": [0.0, 0.0, -2.0e-3], "friction": 0.2},
+    "walls": {"tube": {"radius": 3e-3, "path": [[-5e-3, 0, 0], [20e-3, 0, 0]]}},
+    "feed": {"speed": 20e-3, "exit": 6e-3},
+}
+FRAMES, STEPS = 8, 230  # so many frames, of at least so many steps each
+
+
+class Interrupted(Exception):
+    """In place of a kill: what follows it on disk is what a kill just after the last checkpoint leaves."""
+
+
+def scene(formulation: str) -> Scene:
+    """A catheter pushed through a guide over the ground, for FRAMES times STEPS steps."""
+    data = moving_scene(BODY, EFFECTS, formulation=formulation, duration=1e-3).to_si()
+    step = begin(build(Scene.from_si(data))).control.step
+    data["solver"]["dynamic"] |= {"duration": FRAMES * STEPS * step, "output_every": STEPS * step}
+    return Scene.from_si(data)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
+    given = scene(formulation)
+    whole = follow(begin(build(given)))
+
+    def interrupt(at: float, steps: int) -> None:
+        if steps > 2 * INTERVAL + STEPS:
+            raise Interrupted
+
+    ended = begin(build(given))
+    with pytest.raises(Interrupted):
+        follow(ended, folder=tmp_path, on_progress=interrupt)
+    assert whole.steps > 3 * INTERVAL > ended.steps > 2 * INTERVAL
+    saved = Checkpoint.load(tmp_path, given)
+    assert saved is not None
+    assert saved.steps > 2 * INTERVAL
+    again = follow(begin(build(given)), folder=tmp_path, resume=True)
+    assert again.steps == whole.steps
+    assert again.energies == whole.energies
+    kept, found = whole.motion.state(), again.motion.state()
+    assert kept.keys() == found.keys()
+    for name, values in kept.items():
+        assert found[name].tobytes() == values.tobytes(), name
+    if isinstance(whole.motion, UpdatedMotion):
+        assert {"L", "fit", "since"} <= kept.keys()
+        assert saved.state["since"] > 0, "it was ended between two fits"
+        assert np.abs(kept["fit"]).max() > 1e-6, "m: there was something to fit"
+        assert np.abs(kept["L"] - kept["C"]).max() > 1e-3 * np.abs(kept["C"]).max(), "1/s: C would not do in place of L"
+    assert np.abs(whole.x - whole.motion.model.particles.position).max() > 1e-6

@@ -1,0 +1,179 @@
+"""The time step follows the body: shorter where large strain makes it stiffer or where it moves too quickly, and long again after."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference.in_motion import free_rod, moving
+from reference.scenes import rod_scene
+
+from magmpm import materials
+from magmpm.dynamics import stable_step, step_control
+from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.stable_step import stiffness
+from magmpm.dynamics.step_control import StepControl
+from magmpm.dynamics.time_loop import Moved, begin, follow, interval
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.errors import SolveError
+from magmpm.kernels.watch import HIGHEST
+from magmpm.model import Model, build
+
+KINDS = pytest.mark.parametrize("kind", [TotalMotion, UpdatedMotion])
+FORMULATIONS = pytest.mark.parametrize("formulation", ["total", "updated"])
+
+
+def crushed(formulation: str, *, ratio: float = 20.0, to: float = 0.2) -> Moved:
+    """A free body at rest whose det F is `to`: let go, it swells at the speed of its waves."""
+    moved = begin(build(free_rod(formulation=formulation, length=8e-3, bulk_to_shear=ratio)))
+    motion, size = moved.motion, to ** (1 / 3)
+    if isinstance(motion, TotalMotion):
+        motion.u[:] = (size - 1) * motion.packed.node_place.ravel()
+    else:
+        n = len(motion.model.density)
+        zero = np.zeros((n, 3))
+        motion.place(size * motion.model.particles.position, zero, np.tile(size * np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+    return moved
+
+
+def strained(motion: TotalMotion | UpdatedMotion, rng: np.random.Generator) -> None:
+    """Random strains of some ten per cent, another for each particle."""
+    model = motion.model
+    if isinstance(motion, TotalMotion):
+        motion.u[:] = 5e-5 * rng.standard_normal(len(motion.u)) * (motion.packed.inverse_mass > 0)
+    else:
+        n = len(model.density)
+        F = np.eye(3) + 0.1 * rng.standard_normal((n, 3, 3))
+        motion.place(model.particles.position, np.zeros((n, 3)), F, np.zeros((n, 3, 3)))
+
+
+@KINDS
+def test_kernels_and_formula_agree_on_the_stiffness(kind: type[TotalMotion] | type[UpdatedMotion], rng: np.random.Generator) -> None:
+    """What the kernels compare with the watch's limit is stable_step.stiffness of the stiffest particle."""
+    motion = kind(build(rod_scene(length=8e-3, shear=[120e3, 60e3], directions=[(1, 0, 0)] * 2)))
+    strained(motion, rng)
+    wanted = stiffness(motion.model, motion.particles()[2], motion.formulation).max()
+    motion.advance(1, 1e-12, ())
+    assert motion.watch[HIGHEST] == pytest.approx(wanted, rel=1e-12)  # sums of some ten products
+
+
+@pytest.mark.parametrize("ratio", [5.0, 20.0, 500.0])
+@FORMULATIONS
+def test_the_stiffness_is_an_upper_bound(formulation: str, ratio: float, rng: np.random.Generator) -> None:
+    """Of the largest eigenvalue of dP/dF, or dP/dF F^T, over the density; at rest 3 K + 6 G, where that is 3 K."""
+    model = build(rod_scene(length=8e-3, bulk_to_shear=ratio))
+    model = replace(model, modes=np.zeros((len(model.density), 0)))
+    n, G = len(model.density), model.shear[0]
+    K, rho = ratio * G, model.density[0]
+    rest = stiffness(model, np.tile(np.eye(3), (n, 1, 1)), formulation)
+    np.testing.assert_allclose(rest, (3 * K + 6 * G) / rho, rtol=1e-12)
+    F = np.eye(3) + 0.4 * rng.uniform(-1, 1, (n, 3, 3))
+    F = F[np.linalg.det(F) > 0.05]
+    told = stiffness(replace_count(model, len(F)), F, formulation)
+    for p, one in enumerate(F):
+        cof, A = np.empty((3, 3)), np.empty((9, 9))
+        materials.cofactor(one, cof)
+        J = materials.determinant(one)
+        materials.tangent(one, cof, J, G, materials.volume_pressure(J, K), K, A)
+        moved = np.kron(np.eye(3), np.eye(3) if formulation == "total" else one)
+        true = np.linalg.eigvalsh(moved @ A @ moved.T)[-1] / rho
+        assert true <= told[p] * (1 + 1e-12)
+        assert told[p] <= 6 * true, "and not so far above that the bound would be looked for at every step"
+
+
+def replace_count(model: Model, n: int) -> Model:
+    """The first n particles of a model of one material: what `stiffness` looks at."""
+    names = ("shear", "bulk", "density", "modes")
+    return replace(model, **{name: getattr(model, name)[:n] for name in names})
+
+
+@KINDS
+def test_going_back_gives_the_same_bits(kind: type[TotalMotion] | type[UpdatedMotion], rng: np.random.Generator) -> None:
+    motion = kind(build(rod_scene(length=8e-3, gravity=(0, 0, -9.81))))
+    strained(motion, rng)
+    motion.advance(600, 1e-6, motion.model.effects)  # with a fit of the updated formulation (dynamics.drift_correction)
+    kept, found = motion.kept(), []
+    for _ in range(2):
+        motion.advance(600, 1e-6, motion.model.effects)
+        found.append([a.tobytes() for a in (*motion.particles(), motion.stiffness)])
+        motion.rewind(kept)
+    assert found[0] == found[1]
+
+
+@FORMULATIONS
+def test_a_body_let_go_from_a_large_strain_takes_short_steps_and_long_ones_again(formulation: str) -> None:
+    """Let go at det F = 0.2 it would turn particles inside out in its first steps; with damping it comes to rest in steps as at first."""
+    moved = crushed(formulation)
+    first = moved.control.step
+    interval(moved, 4 * first)
+    assert moved.control.shortest <= first / 8
+    told = moved.control.warnings()
+    assert len(told) == 1
+    assert f"to as little as {moved.control.shortest:.3g} s: the body moves too quickly" in told[0]
+    calm = begin(build(moved.motion.model.scene))
+    moved.motion.restore(calm.motion.state())
+    for k in range(20):
+        interval(moved, moved.time + (300 + k) * first)
+        moved.control.at_frame()
+    assert moved.control.step == first
+
+
+def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bound is looked for again where the stiffness has grown by what the step has in reserve, and not in a body that bends."""
+    found: list[float] = []
+
+    def noted(motion: TotalMotion) -> float:
+        found.append(stable_step.body_step(motion))
+        return found[-1]
+
+    monkeypatch.setattr(step_control, "present_bound", noted)
+    bent = begin(build(moving(rod_scene(length=16e-3, field=(0.0, 0.0, 10e-3)))))
+    interval(bent, 2e-3)
+    assert not found, "bending makes it no stiffer"
+    pulled = begin(build(moving(rod_scene(length=8e-3, shear=30e3, bulk_to_shear=5.0, gravity=(3e3, 0, 0)))))
+    first = pulled.control.step
+    interval(pulled, 6e-3)
+    assert found
+    assert pulled.control.step < first
+    assert pulled.control.step <= min(found) * step_control.RESERVE
+
+
+@FORMULATIONS
+def test_a_step_of_the_scene_is_kept_or_refused(formulation: str) -> None:
+    """It is never changed: a motion it is too long for ends, with the key to change."""
+    moved = crushed(formulation)
+    scene = moved.motion.model.scene
+    options = scene.solver.dynamic.model_copy(update={"time_step": moved.control.step})
+    moved.control = StepControl(moved.motion, moved.stable, options)
+    remedy = r"remedy: lower solver\.dynamic\.time_step, or leave it out"
+    with pytest.raises(SolveError, match=rf"(changes too much within a step|has become stiffer).*{remedy}"):
+        interval(moved, 1e-3)
+
+
+@FORMULATIONS
+def test_shortened_steps_are_resumed(formulation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion that shortens and lengthens its steps, resumed from a checkpoint among them, equals an unbroken one bit for bit."""
+    monkeypatch.setattr(step_control, "CHANGE", 1e-5)  # of a calm motion; a violent one would be as good, and slower
+    monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
+    rod = rod_scene(length=8e-3, field=(0.0, 0.0, 20e-3))
+    scene = moving(rod, formulation=formulation, duration=2e-3, output_every=2e-4)
+    whole = follow(begin(build(scene)))
+    assert whole.control.shortest < 0.6 * whole.control._longest
+
+    class Interrupted(Exception):
+        pass
+
+    def interrupt(at: float, steps: int) -> None:
+        if at > 1.1e-3:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        follow(begin(build(scene)), folder=tmp_path, on_progress=interrupt)
+    again = follow(begin(build(scene)), folder=tmp_path, resume=True)
+    assert again.steps == whole.steps
+    assert again.control.state() == whole.control.state()
+    assert again.x.tobytes() == whole.x.tobytes()
+    assert again.v.tobytes() == whole.v.tobytes()
+    assert again.F.tobytes() == whole.F.tobytes()

@@ -1,0 +1,314 @@
+"""Contact with ground and walls: the distances, the laws' numbers, and what begins in the wrong place."""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.moving import block, moving_scene
+from reference.scenes import G, rod_scene
+
+from magmpm.bodies import signed_distance as distance
+from magmpm.bodies.curves import curve, tightest_bend
+from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.effects import contact_law as contact
+from magmpm.effects import ground, self_contact, walls
+from magmpm.errors import InputError
+from magmpm.inputs.settings import validate
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.scene.options import Effects
+
+STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
+
+
+# distances
+
+
+def test_a_straight_tube(rng: np.random.Generator) -> None:
+    """Along x the distance is radius - r, near the wall within what the module says; its slope points to the axis."""
+    radius = 5e-3
+    path = curve(np.array([[-5e-3, 0, 0], [20e-3, 0, 0]]), 1e-4)
+    table = distance.tube(path, radius, radius / 6)
+    angle, r = 2 * np.pi * rng.random(500), radius * rng.uniform(0.8, 1.2, 500)
+    x = np.column_stack([rng.uniform(-5e-3, 20e-3, 500), r * np.cos(angle), r * np.sin(angle)])
+    d, slope = table.at(x)
+    np.testing.assert_allclose(d, radius - r, rtol=0, atol=0.02 * (radius / 6) ** 2 / radius)
+    inwards = -x * [0, 1, 1] / r[:, None]
+    np.testing.assert_allclose(slope, inwards, rtol=0, atol=0.01)
+
+
+def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
+    """A quarter of a circle: distances to it are known; past its ends they are those of its tangents."""
+    t = np.linspace(0, np.pi / 2, 30)
+    path = curve(20e-3 * np.column_stack([np.sin(t), 1 - np.cos(t), 0 * t]), 1e-5)
+    assert tightest_bend(path) == pytest.approx(20e-3, rel=2e-2)
+    x = np.column_stack([rng.uniform(0, 10e-3, (100, 2)), rng.uniform(-2e-3, 2e-3, 100)])
+    ring = np.hypot(np.hypot(x[:, 0], x[:, 1] - 20e-3) - 20e-3, x[:, 2])
+    np.testing.assert_allclose(distance.to_path(x, path), ring, rtol=0, atol=5e-6)
+    before = np.column_stack([-rng.uniform(1e-3, 5e-3, 50), rng.uniform(-2e-3, 2e-3, (50, 2))])
+    np.testing.assert_allclose(
+        distance.to_path(before, path), np.hypot(before[:, 1], before[:, 2]), rtol=0, atol=3e-5
+    )
+
+
+def box(low: list[float], high: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """A box as 12 triangles."""
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    return corners, np.array(faces)
+
+
+def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
+    """A box: exact beside its faces; its edges rounded off by at most 0.2 of the table's spacing; the sign right everywhere."""
+    size, spacing = np.array([20e-3, 10e-3, 8e-3]), 0.5e-3
+    table = distance.surface(*box([0, 0, 0], size.tolist()), spacing)
+    x = rng.uniform(-0.1, 1.1, (2000, 3)) * size
+    beyond = np.maximum(-x, x - size)
+    exact = -(np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0))
+    d, slope = table.at(x)
+    near = np.isfinite(d) & (np.abs(exact) < 3 * spacing)
+    assert near.sum() > 1000
+    assert np.abs(d - exact)[near].max() < 0.2 * spacing
+    second = np.sort(beyond, axis=1)[:, 1]
+    face = (
+        near
+        & (second < beyond.max(axis=1) - 4 * spacing)
+        & (second < -4 * spacing)
+        & (np.abs(exact) < 1.5 * spacing)
+    )
+    assert face.sum() > 100
+    np.testing.assert_allclose(d[face], exact[face], rtol=0, atol=3e-3 * spacing)  # the band's end rings
+    np.testing.assert_allclose(np.linalg.norm(slope[face], axis=1), 1.0, rtol=0, atol=1e-2)
+    away = np.isfinite(d) & (np.abs(exact) > 0.2 * spacing)
+    assert np.array_equal(d[away] > 0, exact[away] > 0)
+
+
+def test_outside_the_table_nothing_touches() -> None:
+    table = distance.surface(*box([0, 0, 0], [8e-3, 8e-3, 8e-3]), 0.5e-3)
+    named = walls.parameters(table, friction=0.3, stiffness=STIFFNESS)
+    for far in ([1.0, 0, 0], [-1.0, 0, 0], [4e-3, 4e-3, 1.0], [4e-3, -1.0, 4e-3]):
+        f = np.zeros(3)
+        walls.contact(named[0][0], named[1], np.array(far), np.ones(3), MASS, 1e-6, f)
+        assert not f.any()
+
+
+# forces
+
+
+def test_push_and_friction_have_the_numbers_of_their_formulas() -> None:
+    """m w^2 depth up, mu times that against the sliding; nothing above the plane; less than mu where that would turn the sliding back."""
+    named = ground.parameters(
+        point=[0, 0, 1e-3], normal=[0, 0, 2], friction=0.4, stiffness=STIFFNESS, reach=1e-4
+    )
+
+    def force(z: float, v: list[float]) -> np.ndarray:
+        f = np.zeros(3)
+        ground.contact(named[0][0], named[1], np.array([5.0, -3.0, z]), np.array(v), MASS, 1e-6, f)
+        return f
+
+    assert not force(1.2e-3, [1, 0, 0]).any()
+    normal = MASS * STIFFNESS * 3e-4
+    np.testing.assert_allclose(
+        force(0.8e-3, [3.0, 4.0, 0.1]), normal * np.array([-0.24, -0.32, 1]), rtol=1e-12
+    )
+    gentle = 1e-3 * 0.4 * normal * 1e-6 / MASS  # a thousandth of the speed that friction takes in a step
+    np.testing.assert_allclose(force(0.8e-3, [gentle, 0, 0]), [-MASS * gentle / 1e-6, 0, normal], rtol=1e-12)
+
+
+def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
+    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w."""
+    named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS)
+    step = ground.stable_step(*named, None)
+    assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
+
+    def fastest(dt: float) -> float:
+        x, v, most = np.zeros(3), np.zeros(3), 0.0
+        for _ in range(2000):
+            f = np.array([0.0, 0.0, -MASS * 1e3])  # pressed on, so that it stays in touch
+            ground.contact(named[0][0], named[1], x, v, MASS, dt, f)
+            v = v + dt * f / MASS
+            x = x + dt * v
+            most = max(most, abs(v[2]))
+        return most
+
+    gentle = fastest(0.1 * step)
+    assert fastest(step) < 3 * gentle
+    assert fastest(1.1 * 2 / np.sqrt(STIFFNESS)) > 10 * gentle
+
+
+def test_stiffness_is_that_of_the_stiffest_material() -> None:
+    """(K + 4/3 G) / rho / h^2: a wave through a cell."""
+    scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
+    assert contact.penalty(scene, 2.0) == pytest.approx(2 * 3 * G * (20 + 4 / 3) / 1882 / (1e-3) ** 2)
+    data = scene.to_si()
+    data["materials"]["steel"] = {"shear_modulus": 8e9, "bulk_to_shear": 2.0, "density": 7850.0}
+    assert contact.penalty(Scene.from_si(data), 2.0) == contact.penalty(scene, 2.0), "of what the body is made of"
+
+
+def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
+    """All ways the least; towards a plane, what the body's and its particles' extents that way differ by."""
+    for cells in (2, 3, 4):
+        scene = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
+        x = build(scene).particles.position
+        assert contact.reach(scene) == pytest.approx(
+            2e-3 - np.hypot(x[:, 1], x[:, 2]).max(), abs=2e-6
+        )  # whole degrees
+        for way in (np.eye(3)[2], -np.eye(3)[1], np.eye(3)[0], np.array([0.6, 0.0, -0.8])):
+            body = 2e-3 * np.hypot(way[1], way[2]) + 12e-3 * way[0]
+            # two axes at once: the outermost particle of the one need not be that of the other
+            assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-9)
+
+
+def test_reach_of_a_strip_is_exact_in_every_direction(rng: np.random.Generator) -> None:
+    size = (9e-3, 6e-3, 3e-3)
+    for plane_strain in (False, True):
+        scene = moving_scene(block(size, plane_strain=plane_strain), {})
+        x = build(scene).particles.position
+        for way in rng.standard_normal((5, 3)):
+            way = way / np.linalg.norm(way)
+            low, high = np.array([0, -size[1] / 2, 0]), np.array([size[0], size[1] / 2, size[2]])
+            if plane_strain:
+                low[1] = high[1] = 0.0
+            body = np.where(way > 0, high, low) @ way
+            assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-12)
+
+
+def test_reach_of_parts_is_the_least_of_the_free_ones(tmp_path: Path) -> None:
+    """A free box, whose Gauss points lie 0.21 cells deep on its grid's faces, over a held one, which does not count."""
+    meshes = []
+    for name, low, high in (("free", [0, 0, 0], [3, 2, 1]), ("held", [0, 0, -1], [3, 2, 0])):
+        vertices, faces = box(low, high)
+        write_stl(Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / name)
+        meshes.append({"mesh": str(tmp_path / name), "material": "m", "clamp": name == "held"})
+    scene = moving_scene({"parts": {"unit": "mm", "meshes": meshes}}, {})
+    x = build(scene).particles.position
+    assert contact.reach(scene) == 0.0
+    for way in np.eye(3):
+        free = 1e-3 * np.array([3, 2, 1]) @ way - (x @ way).max()
+        assert contact.reach(scene, way) == pytest.approx(free, abs=1e-12)
+        assert 0.1e-3 < free < 0.12e-3  # of cells of 0.5 mm
+
+
+# what begins in the wrong place
+
+
+def scene(**effects: dict[str, Any]) -> Scene:
+    named = validate(Effects, effects, "example.yaml")
+    return rod_scene(length=12e-3, cells=4).model_copy(update={"effects": named})
+
+
+@pytest.mark.parametrize("normal", [[0, 0, 1], [0, 0.3, 1], [0, 1, 1], [0, 0.5, -1]])
+def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
+    """Laid on the plane with its surface touching, at any angle of the section's cells: it is not thrown off."""
+    point = [f"{-2 * c / np.linalg.norm(normal)} mm" for c in normal]
+    build(scene(ground={"point": point, "normal": normal}))
+
+
+def test_a_body_in_the_ground_is_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"effects.ground: the body begins 0\.\d+ mm inside.*\n.*rule.*\n.*remedy.*point"
+    ):
+        build(scene(ground={"point": ["0 mm", "0 mm", "-1.5 mm"]}))
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "inside", "at"),
+    [
+        ({"ground": {"point": ["0 mm", "0 mm", "-2 mm"], "normal": [-0.2, 0, 1]}}, "the ground", lambda x: x[0] > 0 and x[2] < 0),
+        ({"walls": {"tube": {"radius": "3 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["30 mm", "0 mm", "3 mm"]]}}},
+         "the wall", lambda x: x[0] > 6 and x[2] < 0),
+    ],
+    ids=["ground", "walls"],
+)  # fmt: skip
+def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
+    """Which obstacle, which segment by its key, and where: the tip's lower side in both, whose plane or tube rises along x."""
+    named = validate(Effects, obstacle, "example.yaml")
+    with pytest.raises(InputError) as caught:
+        build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))
+    found = re.search(rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at \(([^)]*)\) mm", str(caught.value))
+    assert found is not None, str(caught.value)
+    assert at([float(c) for c in found[1].split(", ")])
+
+
+def test_a_body_outside_its_tube_is_refused() -> None:
+    def tube(radius: str, height: str) -> dict[str, Any]:
+        ends = [["-10 mm", "0 mm", height], ["30 mm", "0 mm", height]]
+        return {"tube": {"radius": radius, "path": ends}}
+
+    build(scene(walls=tube("3 mm", "0 mm")))
+    build(scene(walls=tube("3 mm", "-1 mm")))  # just touching
+    with pytest.raises(
+        InputError, match=r"effects.walls: the body begins .* mm outside the lumen, farthest with segment 1 \(.*\), at \(.*\n.*\n.*remedy"
+    ):
+        build(scene(walls=tube("3 mm", "60 mm")))
+    with pytest.raises(
+        InputError,
+        match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider",
+    ):
+        build(scene(walls=tube("3 mm", "1.4 mm")))
+
+
+def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
+    """A box of STL around the catheter: the same laws, from the file's unit; too small or elsewhere, it is refused."""
+
+    def lumen(low: list[float], high: list[float], unit: str = "mm") -> dict[str, Any]:
+        vertices, faces = box(low, high)
+        write_stl(
+            Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / "box.stl"
+        )
+        return {"surface": {"mesh": str(tmp_path / "box.stl"), "unit": unit}}
+
+    model = build(scene(walls=lumen([-5, -3, -3], [20, 3, 3])))
+    record, data = model.effects
+    x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
+    told = [
+        walls.report(record, data, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)
+    ]
+    assert [t["count"] for t in told] == [0, 1, 1]
+    depth = 0.2e-3 + contact.reach(model.scene)
+    pushes = MASS * contact.penalty(model.scene, 1.0) * depth
+    np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
+    np.testing.assert_allclose(told[2]["force"], [0, pushes, 0], rtol=0, atol=0.02 * pushes)
+    with pytest.raises(InputError, match=r"the body begins .*outside the lumen"):
+        build(scene(walls=lumen([-5, -3, -3], [20, 3, 3], "um")))
+
+
+def outward(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)))
+
+
+# gaps
+
+
+def test_gap_of_two_folds(rng: np.random.Generator) -> None:
+    """Two layers of a folded strip: their distance less a particle's size; neighbours in the body do not count."""
+    x = np.arange(100) * 0.5e-3
+    flat = np.column_stack([x, 0 * x, 0 * x])
+    folded = np.where(x[:, None] < 25e-3, flat, np.column_stack([50e-3 - x, 0 * x, 0 * x + 2e-3]))
+    gap = self_contact.gap(folded, flat, size=0.5e-3, apart=5e-3, within=4e-3)
+    assert gap == pytest.approx(1.5e-3)
+    assert self_contact.gap(flat, flat, size=0.5e-3, apart=5e-3, within=4e-3) == np.inf
+
+
+def test_what_a_motion_tells_of_a_fold() -> None:
+    """A catheter bent by hand into a hairpin whose legs are 0.3 cells apart; straight, nothing is near."""
+    model = build(rod_scene(cells=2))
+    cell, X = 2e-3, model.particles.position
+    straight = self_contact.observe(model, X)
+    assert (straight["depth"], straight["count"]) == (-self_contact.WITHIN * cell, 0)
+    far = X[:, 0] > 24e-3  # the far leg lies on the near one, turned round, so that x and z mirror it
+    legs = np.where(far[:, None], np.column_stack([40e-3 - X[:, 0], X[:, 1], 4e-3 + 0.3 * cell - X[:, 2]]), X)
+    folded = self_contact.observe(model, legs)
+    top = 2 * (2e-3 - X[:, 2].max()) - 2 * contact.reach(
+        model.scene
+    )  # a round body's particles lie deeper on top
+    assert folded["depth"] == pytest.approx(-(0.3 * cell + top), abs=1e-9)
+    assert folded["count"] > 0
+    assert not folded["force"].any()

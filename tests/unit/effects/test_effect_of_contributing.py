@@ -1,0 +1,130 @@
+"""The worked example of CONTRIBUTING.md, one file and one line, taken from its text and run."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.dynamics import Total, Updated
+from reference.scenes import rod_scene
+
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting as effects
+from magmpm.effects import hooks
+from magmpm.errors import InputError
+from magmpm.inputs.settings import validate
+from magmpm.model import build
+from magmpm.scene import options as parts
+
+ROOT = Path(__file__).resolve().parents[3]
+RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that nothing but the drag acts on a body of no stiffness
+
+
+@pytest.fixture
+def drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The example's file as a module among the effects, and its line among their keys, for one test."""
+    file, line = example()
+    return joined(file, line, tmp_path, monkeypatch)
+
+
+def example() -> tuple[str, str]:
+    """The file and the line, as CONTRIBUTING.md has them."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    file, line = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert file.startswith("# magmpm/effects/drag.py")
+    return file, line
+
+
+def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """A file as the module of the effect `drag`, named by a line of parts.Effects."""
+    (tmp_path / "drag.py").write_text(file)
+    monkeypatch.setattr(hooks, "_registry", {hook: dict(table) for hook, table in hooks._registry.items()})
+    spec = importlib.util.spec_from_file_location("magmpm.effects.drag", tmp_path / "drag.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "magmpm.effects.drag", module)
+    spec.loader.exec_module(module)
+    body = "".join(f"    {part}" for part in line.splitlines(keepends=True))
+    space: dict[str, Any] = {**vars(parts), "Base": parts.Effects, "__name__": parts.__name__}
+    exec(f"class Effects(Base):\n{body}", space)
+    monkeypatch.setattr(effects, "Effects", space["Effects"])
+    effects._modules.cache_clear()
+    return module
+
+
+def named(settings: dict[str, Any]) -> tuple[np.ndarray, ...]:
+    found = validate(effects.Effects, settings, "example.yaml")
+    return effects.collect(rod_scene(length=12e-3).model_copy(update={"effects": found}))
+
+
+def test_the_line_names_it(drag: ModuleType) -> None:
+    """Found by its key, with a unit; refused with a wrong one; left out at no strength; called in its phase."""
+    (record, data) = named({"drag": "5 1/s"})
+    assert record["drag_rate"] == RATE
+    assert not len(data)
+    assert named({"drag": "0 1/s"}) == ()
+    assert [r.dtype.names[0] for r in named({"drag": "5 1/s", "gravity": {}})[::2]] == [
+        "gravity",
+        "drag_rate",
+    ]
+    with pytest.raises(InputError, match=r"drag: received \"5 mm\"[^@]*is not a unit of rate"):
+        named({"drag": "5 mm"})
+
+
+def test_the_file_brakes(drag: ModuleType) -> None:
+    """A free body of no stiffness slows by 1 - rate dt a step, in both formulations; and its step is stable."""
+    scene = rod_scene(length=12e-3).model_copy(
+        update={"effects": validate(effects.Effects, {"drag": "5 1/s"}, "example.yaml")}
+    )
+    model = build(scene)
+    model = replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)
+    assert drag.stable_step(*model.effects, model) == 1 / RATE
+    start = np.array([0.1, 0.0, -0.2])  # m/s
+    updated = Updated.of(model)
+    updated.v[:] = start
+    for _ in range(3):
+        updated.step(DT)
+    slower = np.tile((1 - RATE * DT) ** 3 * start, (len(updated.x), 1))
+    np.testing.assert_allclose(updated.v, slower, rtol=0, atol=1e-12)
+    total = Total.of(build(scene))
+    v = np.where(total.mass[:, None] > 0, start, 0.0)
+    c = np.zeros_like(v)
+    P = total.force(c, v, DT)  # at rest in shape: no stress, and the clamp, which brakes nothing, left out
+    mass = total.model.density * total.model.particles.volume
+    np.testing.assert_allclose(P, -RATE * total.N.T @ (mass[:, None] * (total.N @ v)), rtol=0, atol=1e-18)
+
+
+def test_the_file_brakes_in_a_compiled_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three steps of the solver's own kernel, which was compiled with the example in it, are those of the plain reference.
+
+    Compiled kernels are kept on disk by the names of their effects' fields: with a name that changes with the text, none is a stale one.
+    """
+    file, line = example()
+    stamp = hashlib.sha256(file.encode()).hexdigest()[:8]
+    joined(file.replace("drag_rate", f"drag_rate_{stamp}"), line, tmp_path, monkeypatch)
+    settings = validate(effects.Effects, {"drag": "500 1/s"}, "example.yaml")
+    model = build(rod_scene(length=6e-3).model_copy(update={"effects": settings}))
+    found = {}
+    for loads in (model.effects, ()):
+        total, motion = Total.of(replace(model, effects=loads)), TotalMotion(model)
+        c, v = np.zeros((2, *total.X.shape))
+        on = motion.packed.inverse_mass.reshape(-1, 3).all(axis=1)
+        v[on] = np.random.default_rng(5).standard_normal((on.sum(), 3))
+        motion.restore({"u": c.ravel(), "v": v.ravel()})
+        for _ in range(3):
+            c, v = total.step(c, v, 1e-6)
+        assert motion.advance(3, 1e-6, loads) == (3, False)
+        np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=1e-12 * np.abs(v).max())  # sums over some hundred particles
+        found[bool(loads)] = v
+    assert np.abs(found[True] - found[False]).max() > 1e-4 * np.abs(v).max(), "the drag is felt"

@@ -1,0 +1,386 @@
+"""Fields in space: closed forms against magpylib, derivatives against differences, tables against what they stand for."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from reference.taylor import slopes
+
+from magmpm.errors import InputError
+from magmpm.fields import dipole_cloud as lattice
+from magmpm.fields import domain as region
+from magmpm.fields import kernels as evaluate
+from magmpm.fields import magnets as solids
+from magmpm.fields import spline, table
+from magmpm.fields.dipole import POINT
+from magmpm.fields.domain import Box
+from magmpm.fields.schedule import places
+from magmpm.fields.sources import FieldSource
+
+magpylib = pytest.importorskip("magpylib")
+
+POSITION, MOMENT = np.array([50e-3, 10e-3, 20e-3]), np.array([1.0, 2.0, -1.0])
+M = np.array([0.3, 0.2, -0.5])  # A m^2, what a field pulls at
+CYLINDER = {"cylinder": {"diameter": 20e-3, "length": 16e-3}, "position": (60e-3, 5e-3, 8e-3), "remanence": 1.3}
+BLOCK = {"cuboid": {"size": (20e-3, 16e-3, 12e-3)}, "position": (60e-3, 5e-3, 8e-3), "remanence": 1.3}
+TILTED = {"axis": (0.6, 0.0, 0.8), "magnetization": (0.0, 1.0, 0.0)}
+BOX = Box(np.full(3, -20e-3), np.full(3, 20e-3))
+
+
+def place(frame: np.ndarray | None = None, strength: float = 1.0, origin: object = (0, 0, 0), uniform: object = (0, 0, 0)) -> np.void:
+    record = np.zeros(1, np.dtype(evaluate.PLACE))
+    record["frame"] = (np.eye(3) if frame is None else frame).ravel()
+    record["strength"], record["origin"], record["uniform"] = strength, origin, uniform
+    return record[0]
+
+
+def dipoles(*rows: np.ndarray) -> np.ndarray:
+    return np.concatenate([[len(rows), 0], *rows])
+
+
+def tabulated(packed: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0, 1], packed])
+
+
+ONE = dipoles(np.concatenate([POSITION, MOMENT, [POINT]]))
+
+
+def at(where: np.void, data: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """B (n, 3) and grad B (n, 3, 3)."""
+    B, G = np.empty((len(x), 3)), np.empty((len(x), 3, 3))
+    evaluate.fields_at(where, data, x, B)
+    evaluate.gradients_at(where, data, x, G)
+    return B, G
+
+
+def some_points(rng: np.random.Generator, count: int = 200) -> np.ndarray:
+    return rng.uniform(-19e-3, 19e-3, (count, 3))
+
+
+@pytest.fixture
+def turned(rng: np.random.Generator) -> np.void:
+    """A frame that is turned, moved, and at part of its strength, over a uniform field."""
+    Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return place(Q * np.linalg.det(Q), 0.7, (1e-3, 2e-3, -1e-3), (1e-3, 0, 2e-3))
+
+
+@pytest.fixture(scope="module")
+def spline_data() -> np.ndarray:
+    """A dipole's field on a table."""
+    spacing, shape = np.full(3, 2.5e-3), (17, 17, 17)
+    nodes = table.grid_points(BOX.lower, spacing, shape)
+    B, _ = at(place(), ONE, nodes)
+    return tabulated(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)))
+
+
+# closed form
+
+
+def test_dipole_is_magpylibs(rng: np.random.Generator) -> None:
+    """To 2e-10: mu0 has been a measured number since 2019, and magpylib uses it; ours is 4 pi 1e-7."""
+    x = some_points(rng)
+    exact = magpylib.misc.Dipole(moment=MOMENT, position=POSITION).getB(x)
+    np.testing.assert_allclose(at(place(), ONE, x)[0], exact, rtol=0, atol=2e-10 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("source", ["dipole", "table"])
+def test_derivatives_are_those_of_the_field(
+    source: str, spline_data: np.ndarray, turned: np.void, rng: np.random.Generator
+) -> None:
+    """Taylor: B less its slope falls at order 2, m . B less slope and curvature at order 3, in a frame turned and moved."""
+    data = ONE if source == "dipole" else spline_data
+    for x in rng.uniform(-9e-3, 9e-3, (4, 3)):
+        d = 1e-3 * rng.standard_normal(3)
+        B, G = (a[0] for a in at(turned, data, x[None]))
+        H = np.zeros((3, 3))
+        evaluate.curvature(turned, data, x, *M, 1.0, H)
+        f = np.array(evaluate.pull(turned, data, x, *M))
+        np.testing.assert_allclose(f, G.T @ M, rtol=0, atol=1e-13 * np.abs(f).max())
+        np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
+
+        def moved(t: float, x: np.ndarray = x, d: np.ndarray = d) -> np.ndarray:
+            return np.array(evaluate.field(turned, data, x + t * d))
+
+        steps = [0.2, 0.1, 0.05, 0.025]
+        first = slopes(lambda t: moved(t) - B - t * G @ d, steps)  # noqa: B023
+        second = slopes(lambda t: M @ (moved(t) - B) - t * f @ d - t**2 * d @ H @ d / 2, steps)  # noqa: B023
+        assert first[-1] == pytest.approx(2.0, abs=0.05)
+        # the third derivative of a cubic spline jumps from cell to cell, that of the dipole is smooth
+        assert second[-1] == pytest.approx(3.0, abs=0.1 if source == "dipole" else 0.5)
+
+
+def test_dipole_has_no_curl_and_no_divergence(turned: np.void, rng: np.random.Generator) -> None:
+    _, G = at(turned, ONE, some_points(rng))
+    size = np.abs(G).max()
+    np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=0, atol=1e-14 * size)
+    np.testing.assert_allclose(np.trace(G, axis1=1, axis2=2), 0.0, atol=1e-14 * size)
+
+
+def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generator) -> None:
+    """B(x) = uniform + s R B0(R^T (x - o)), spelled out."""
+    x, R = some_points(rng), turned["frame"].reshape(3, 3)
+    local = (x - turned["origin"]) @ R
+    want = turned["uniform"] + 0.7 * at(place(), ONE, local)[0] @ R.T
+    np.testing.assert_allclose(at(turned, ONE, x)[0], want, rtol=1e-12)
+
+
+def test_inside_a_dipoles_sphere_all_is_finite() -> None:
+    """The inner field of a magnetised sphere, 2/3 mu0 M; nothing pulls."""
+    radius = 5e-3
+    data = dipoles(np.concatenate([POSITION, MOMENT, [radius]]))
+    B, G = at(place(), data, np.stack([POSITION, POSITION + 1e-3]))
+    np.testing.assert_allclose(B, np.tile(2e-7 * MOMENT / radius**3, (2, 1)), rtol=1e-14)
+    assert not G.any()
+    assert np.isfinite(at(place(), ONE, POSITION[None])[0]).all()
+
+
+# splines
+
+
+def cubic(x: np.ndarray) -> np.ndarray:
+    """A cubic polynomial in each coordinate, three components."""
+    a, b, c = (x / 10e-3).T
+    return np.stack([a**3 - 2 * a * b**2 * c, b**3 * c**2 + 1.0, a**2 * b * c**3 - b], axis=1)
+
+
+def test_spline_meets_cubics_exactly(rng: np.random.Generator) -> None:
+    """Up to the faces of the box: the not-a-knot ends. Value, slope and curvature."""
+    lower, spacing, shape = np.array([-20e-3, -10e-3, 5e-3]), np.array([4e-3, 3e-3, 2e-3]), (9, 7, 6)
+    nodes = table.grid_points(lower, spacing, shape)
+    data = tabulated(spline.packed(lower, spacing, cubic(nodes).reshape(*shape, 3)))
+    upper = lower + spacing * (np.array(shape) - 1)
+    x = lower + rng.random((100, 3)) * (upper - lower)
+    B, G = at(place(), data, x)
+    size = np.abs(cubic(x)).max()
+    np.testing.assert_allclose(B, cubic(x), rtol=0, atol=1e-12 * size)
+    h = 1e-6
+    for k in range(3):
+        step = h * np.eye(3)[k]
+        differences = (cubic(x + step) - cubic(x - step)) / (2 * h)
+        np.testing.assert_allclose(G[:, :, k], differences, rtol=0, atol=1e-7 * np.abs(differences).max())
+
+
+def test_spline_converges_at_fourth_order(rng: np.random.Generator) -> None:
+    x, errors = some_points(rng, 500), []
+    exact, slope = at(place(), ONE, x)
+    for cells in (8, 16, 32):
+        spacing, shape = np.full(3, 40e-3 / cells), (cells + 1,) * 3
+        B, _ = at(place(), ONE, table.grid_points(BOX.lower, spacing, shape))
+        found = table.evaluate(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)), x)
+        errors.append([np.abs(found[0] - exact).max(), np.abs(found[1] - slope).max()])
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    # A dipole's higher derivatives grow so fast that the orders are still falling towards 4 and 3 on these grids.
+    assert 3.9 < orders[-1, 0] < 5.5
+    assert 2.9 < orders[-1, 1] < 4.5
+
+
+def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
+    """As at the nearest point of the box, with no slope across: finite, for a check to complain about."""
+    x = np.array([[30e-3, 1e-3, 2e-3], [20e-3, 1e-3, 2e-3], [-50e-3, 90e-3, 2e-3], [-20e-3, 20e-3, 2e-3]])
+    B, G = at(place(), spline_data, x)
+    np.testing.assert_allclose(B[[0, 2]], B[[1, 3]], rtol=1e-12)
+    assert not G[0, :, 0].any()
+    assert G[0, :, 1].any()
+
+
+def test_a_spline_needs_four_nodes() -> None:
+    with pytest.raises(ValueError, match="needs 4 nodes along each axis, got 3"):
+        spline.coefficients(np.zeros((5, 5, 3, 3)))
+
+
+# magnets and coils
+
+
+def source(**given: object) -> FieldSource:
+    return FieldSource.model_validate(given)
+
+
+COILS = {"position": (0, 0, -50e-3), "diameter": 60e-3, "current": 5.0, "turns": 200}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"magnet": CYLINDER}, {"magnet": {**BLOCK, **TILTED}}, {"coils": COILS}, {"magnet": [CYLINDER], "coils": [COILS]}],
+    ids=["cylinder", "block", "coil", "both"],
+)
+def test_table_is_as_exact_as_it_says(given: dict[str, object], rng: np.random.Generator) -> None:
+    """At points that its own check has not seen. Curl and divergence as well, which the exact field has not."""
+    exact, tolerance = solids.exact(source(**given)), 2e-3
+    packed, errors = table.tabulate(exact, BOX, tolerance, "field.magnet")
+    x = some_points(rng, 1000)
+    B, G = table.evaluate(packed, x)
+    want = exact(x)
+    assert errors.within(tolerance)
+    # 2: the largest of a thousand points may lie a little above the largest of the fifteen hundred of the check
+    assert (np.linalg.norm(B - want, axis=1) / np.linalg.norm(want, axis=1)).max() <= 2 * tolerance
+    size = np.linalg.norm(G, axis=(1, 2)).max()
+    assert np.abs(G - G.transpose(0, 2, 1)).max() <= 2 * table.GRADIENT * tolerance * size
+    assert np.abs(np.trace(G, axis1=1, axis2=2)).max() <= 2 * table.GRADIENT * tolerance * size
+
+
+def test_orientation_and_magnetisation_of_a_magnet(rng: np.random.Generator) -> None:
+    """Far away any magnet is the dipole Br V/mu0; a coil is the dipole I N A."""
+    x = 0.5 * np.array([1.0, 0.2, -0.3]) + 0.01 * rng.standard_normal((5, 3))
+    block = source(magnet={**BLOCK, **TILTED, "position": (0, 0, 0)})
+    volume = 20e-3 * 16e-3 * 12e-3
+    far = dipoles(np.concatenate([np.zeros(3), np.array([0, 1, 0]) * 1.3 * volume / (4e-7 * np.pi), [POINT]]))
+    np.testing.assert_allclose(solids.exact(block)(x), at(place(), far, x)[0], rtol=0, atol=2e-3 * np.abs(at(place(), far, x)[0]).max())
+    coil = source(coils={**COILS, "position": (0, 0, 0), "axis": (1, 0, 0), "diameter": 20e-3})
+    ring = dipoles(np.concatenate([np.zeros(3), np.array([1, 0, 0]) * 1000 * np.pi * 1e-4, [POINT]]))
+    np.testing.assert_allclose(solids.exact(coil)(x), at(place(), ring, x)[0], rtol=0, atol=2e-3 * np.abs(at(place(), ring, x)[0]).max())
+
+
+def test_frame_carries_z_onto_the_axis(rng: np.random.Generator) -> None:
+    for axis in [*np.eye(3), *-np.eye(3), *rng.standard_normal((5, 3))]:
+        unit = axis / np.linalg.norm(axis)
+        frame = solids.frame_of(unit)
+        np.testing.assert_allclose(frame[:, 2], unit, atol=1e-15)
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(frame) > 0
+
+
+def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table, "MAX_NODES", 40_000)
+    near = Box(np.array([-10e-3, -10e-3, -10e-3]), np.array([49.9e-3, 10e-3, 10e-3]))
+    with pytest.raises(InputError, match=r"field.magnet: a table over .* can't be as exact as 0.2 %.*\n.*\n.*smaller box"):
+        table.tabulate(solids.exact(source(magnet=CYLINDER)), near, 2e-3, "field.magnet")
+
+
+@pytest.mark.parametrize("given", [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}], ids=["cylinder", "block", "tilted"])
+def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
+    """As exact as asked, at the asked distance and beyond, at points its own check has not seen; its moment is the magnet's."""
+    field = source(magnet=given)
+    assert field.magnet is not None
+    exact, solid = solids.exact(field), solids.taken(field)[0]
+    rows = lattice.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)
+    x = solid.position + rng.uniform(-50e-3, 50e-3, (3000, 3))
+    x = x[solid.depth(x) < -8e-3]
+    B, want = at(place(), dipoles(*rows), x)[0], exact(x)
+    assert (np.linalg.norm(B - want, axis=1) / np.linalg.norm(want, axis=1)).max() <= 2 * 2e-3
+    volume = 20e-3 * 16e-3 * 12e-3 if "cuboid" in given else np.pi * 10e-3**2 * 16e-3
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 3:6].sum(axis=0)), 1.3 * volume / (4e-7 * np.pi), rtol=1e-12)
+
+
+def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lattice, "MAX_DIPOLES", 50)
+    field = source(magnet=CYLINDER)
+    assert field.magnet is not None
+    with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be as exact"):
+        lattice.cloud(solids.taken(field)[0], solids.polarization(field.magnet[0]), solids.exact(field), 0.5e-3, 2e-3)
+
+
+def test_without_magpylib_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "magpylib", None)
+    with pytest.raises(InputError, match=r"magpylib, which is not installed\n.*\n.*pip install -e '\.\[magnets\]'") as caught:
+        solids.exact(source(magnet=CYLINDER))
+    assert caught.value.exit_status == 2
+
+
+# where a body may be
+
+
+BODY = Box(np.array([0, -2e-3, -2e-3]), np.array([40e-3, 2e-3, 2e-3]))
+
+
+def test_reach_of_a_held_body_is_its_length() -> None:
+    box = region.reach(BODY, anchored=True)
+    assert box.holds(np.array([[-40e-3, 0, 0], [0, 40e-3, 0], [40e-3, 2e-3, 2e-3]])).all()
+    free = region.reach(BODY, anchored=False)
+    assert free.holds(np.array([[79e-3, 0, 0], [-39e-3, 0, 0]])).all()
+
+
+def test_box_is_cut_between_body_and_magnet() -> None:
+    """A quarter of the gap is left to the magnet; the body is in the box, the magnet is not."""
+    magnet = solids.taken(source(magnet={**CYLINDER, "position": (52e-3, 5e-3, 8e-3)}))
+    box = region.cut_for(region.reach(BODY, True), BODY, magnet)
+    assert box is not None
+    assert box.cut == ("field.magnet",)
+    assert box.upper[0] == pytest.approx(42e-3 - 0.25 * 2e-3)
+    assert np.all(box.lower <= BODY.lower)
+    assert not box.meets(*magnet[0].box())
+    far = region.cut_for(region.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
+    assert far is not None
+    assert not far.cut, "out of reach: nothing to cut"
+    inside = solids.taken(source(magnet={**CYLINDER, "position": (20e-3, 0, 0)}))
+    assert region.cut_for(region.reach(BODY, True), BODY, inside) is None
+
+
+def test_sources_that_turn_see_the_body_all_round() -> None:
+    given = {"rotation": {"axis": (0, 0, 1), "frequency": 2.0, "center": (60e-3, 0, 0)}}
+    seen = region.seen_from_sources(source(magnet=CYLINDER, over_time=given), BODY)
+    assert seen.upper[0] >= 119e-3
+    assert seen.lower[1] <= -59e-3
+    assert seen.upper[2] == pytest.approx(2e-3)
+
+
+# places over time
+
+
+def at_times(over: dict[str, object], times: object, **more: object) -> np.ndarray:
+    return places(source(uniform=(0, 0, 1e-2), over_time=over, **more), np.asarray(times, dtype=float))
+
+
+def test_ramp() -> None:
+    found = at_times({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9])
+    np.testing.assert_allclose(found["strength"], [0.5, 0.5, 1.25, 2, 2])
+    np.testing.assert_allclose(found["uniform"][:, 2], 1e-2 * found["strength"])
+
+
+def test_rotation_is_right_handed_and_stops() -> None:
+    over = {"rotation": {"axis": (0, 1, 0), "frequency": 2.0, "start": 1.0, "turns": 0.75}}
+    found = at_times(over, [0, 1, 1.125, 1.25, 1.375, 50])["uniform"]
+    z, x = np.array([0, 0, 1e-2]), np.array([1e-2, 0, 0])
+    np.testing.assert_allclose(found, [z, z, x, -z, -x, -x], atol=1e-16)
+    back = at_times({"rotation": {"axis": (0, 1, 0), "frequency": -2.0}}, [0.125])["uniform"]
+    np.testing.assert_allclose(back, [-x], atol=1e-16)
+
+
+def test_rotation_turns_sources_about_its_centre() -> None:
+    """The sources' frame: a point at the centre stays, one beside it goes round, and the field goes with it."""
+    over = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "center": (60e-3, 0, 0)}}
+    field = source(dipole={"position": (70e-3, 0, 0), "moment": (1, 0, 0)}, over_time=over)
+    where = places(field, np.array([0.25]))[0]
+    data = dipoles(np.array([70e-3, 0, 0, 1, 0, 0, POINT]))
+    turned = dipoles(np.array([60e-3, 10e-3, 0, 0, 1, 0, POINT]))
+    x = np.array([[0.01, 0.02, 0.005]])
+    np.testing.assert_allclose(at(where, data, x)[0], at(place(), turned, x)[0], rtol=1e-12)
+
+
+def test_oscillation() -> None:
+    over = {"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "phase": np.pi / 2, "start": 0.1, "cycles": 1.5}}
+    found = at_times(over, [0, 0.1, 0.2, 0.3, 0.4, 7])["strength"]
+    np.testing.assert_allclose(found, [3, 3, -1, 3, -1, -1], atol=1e-12)
+
+
+def test_keyframes_move_and_multiply() -> None:
+    """Each quantity between the keyframes that give it; strengths multiply; what is moved is moved before it turns."""
+    frames = [
+        {"time": 0, "strength": 0},
+        {"time": 1, "strength": 1, "move": (0, 0, 0)},
+        {"time": 3, "move": (2e-3, 0, 0), "uniform": (1e-3, 0, 0)},
+    ]
+    over = {"keyframes": frames, "ramp": {"duration": 2.0}}
+    found = at_times(over, [0.5, 1, 2, 3, 4], dipole={"position": (60e-3, 0, 0), "moment": (1, 0, 0)})
+    np.testing.assert_allclose(found["strength"], [0.125, 0.5, 1, 1, 1])
+    np.testing.assert_allclose(found["origin"][:, 0], [0, 0, 1e-3, 2e-3, 2e-3])
+    np.testing.assert_allclose(found["uniform"][-1], [1e-3, 0, 0])
+    spun = {**over, "rotation": {"axis": (0, 0, 1), "frequency": 1 / 16}}
+    np.testing.assert_allclose(at_times(spun, [4.0])["origin"][0], [0, 2e-3, 0], atol=1e-15)
+
+
+def test_statics_takes_the_end_of_the_schedule() -> None:
+    over = {"ramp": {"duration": 2.0, "end": 0.5}, "rotation": {"axis": (0, 1, 0), "frequency": 1.0, "turns": 0.25}}
+    found = places(source(uniform=(0, 0, 1e-2), over_time=over))
+    assert len(found) == 1
+    np.testing.assert_allclose(found["uniform"][0], [0.5e-2, 0, 0], atol=1e-16)
+    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.25, 1.0])
+def test_strength_scales_all(strength: float) -> None:
+    field = source(uniform=(1e-3, 0, 0), dipole={"position": (60e-3, 0, 0), "moment": (1, 0, 0)})
+    found = places(field, None, strength)[0]
+    np.testing.assert_array_equal(found["uniform"], [strength * 1e-3, 0, 0])
+    assert found["strength"] == strength

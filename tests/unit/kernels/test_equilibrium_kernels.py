@@ -1,0 +1,126 @@
+"""The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with everything in it:
+two materials, two magnetisations, a cut cell, both effects, with and without F-bar.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from reference.mpm_numpy import Reference
+from reference.scenes import rod_scene
+
+from magmpm.model import Model, build
+from magmpm.statics.block_cholesky import to_dense
+from magmpm.statics.energy import Energy
+
+ROUNDING = (
+    1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
+)
+
+
+def small_scene(**changes: object) -> Model:
+    """3 cells across, 4 along; the segments meet inside a cell."""
+    given = {
+        "length": 5.3e-3,
+        "directions": [(1, 0, 0), (0.3, -0.5, 0.8)],
+        "lengths": [2.3e-3, 3e-3],
+        "shear": [120e3, 40e3],
+        "field": (4e-3, -3e-3, 6e-3),
+        "gravity": (1.0, -2.0, -9.81),
+        "cells": 3,
+    }
+    return build(rod_scene(**{**given, **changes}))
+
+
+CASES = {
+    "f-bar": {},
+    "none": {"anti_locking": "none"},
+    "tube": {"inner_diameter": 3e-3, "cells": 2},
+    "three particles": {"particles": 3, "cells": 2},
+    "nearly incompressible": {"bulk_to_shear": 500, "cells": 2},
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request: pytest.FixtureRequest) -> tuple[Energy, Reference, np.ndarray]:
+    """Kernels, reference, and coefficients that strain the body by tens of percent."""
+    model = small_scene(**CASES[request.param])
+    rng = np.random.default_rng(5)
+    c = 0.08 * model.grid.spacing[1] * rng.standard_normal((model.layout.planes, model.layout.m))
+    return Energy(model), Reference.of(model), c
+
+
+def test_gather(case: tuple[Energy, Reference, np.ndarray]) -> None:
+    """u = sum N_a c_a, F = I + sum c_a (x) grad N_a."""
+    energy, reference, c = case
+    point = energy.at(c)
+    u, F = reference.gather(c)
+    np.testing.assert_allclose(point.displacement, u, rtol=0, atol=ROUNDING * np.abs(u).max())
+    np.testing.assert_allclose(point.F, F, rtol=0, atol=ROUNDING)
+    assert np.abs(F - np.eye(3)).max() > 0.1, "the body is deformed enough for a wrong term to show"
+    assert np.linalg.det(F).min() > 0.2, "and not torn"
+
+
+def test_cell_energy(case: tuple[Energy, Reference, np.ndarray]) -> None:
+    """Energy of every cell and of the whole; smallest and largest det F."""
+    energy, reference, c = case
+    point = energy.at(c)
+    parts, J = reference.energy_parts(c)
+    first = energy.model.layout.cell_first
+    np.testing.assert_allclose(
+        energy._per_cell[0], np.add.reduceat(parts, first[:-1]), atol=ROUNDING * np.abs(parts).sum()
+    )
+    assert point.energy == pytest.approx(parts.sum(), rel=ROUNDING)
+    assert (point.min_det_F, point.max_det_F) == pytest.approx((J.min(), J.max()), rel=ROUNDING)
+
+
+def test_scatter_residual(case: tuple[Energy, Reference, np.ndarray]) -> None:
+    """dE/dc = sum V (P grad N - f N), from the residual kernel and from the tangent kernel."""
+    energy, reference, c = case
+    point, expected = energy.at(c), reference.residual(c)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(energy.residual(point), expected, rtol=0, atol=ROUNDING * size)
+    np.testing.assert_allclose(energy.tangent(point)[0], expected, rtol=0, atol=ROUNDING * size)
+
+
+def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
+    """d^2E/dc^2, every entry, assembled densely."""
+    energy, reference, c = case
+    _, panels = energy.tangent(energy.at(c))
+    found, expected = to_dense(panels, energy.model.layout.split), reference.tangent(c)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+
+
+def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None:
+    """The kernels' cells are the reference's: particles that share a grid cell and a segment. No particle is left out."""
+    energy, reference, _ = case
+    first = energy.model.layout.cell_first
+    assert first[-1] == len(energy.model.shear)
+    assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(
+        cell.tolist() for cell in reference.cells()
+    )
+
+
+def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.ndarray]) -> None:
+    """What lets threads add without locks: planes that slab 2k writes are not those that slab 2k + 2 writes."""
+    layout = case[0].model.layout
+    touched = [
+        set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)
+    ]
+    for colour in (touched[0::2], touched[1::2]):
+        for one, two in pairwise(colour):
+            assert not one & two
+    assert sum(b - a for a, b in pairwise(layout.slab_first)) == len(layout.cell_plane)
+
+
+def test_crushed_cell_has_infinite_energy() -> None:
+    """det F <= 0 anywhere: the energy is inf, so a line search turns back; the state still says which det F."""
+    model = small_scene(cells=2)
+    energy = Energy(model)
+    c = np.zeros(energy.shape)
+    c[2, :] = 8e-3  # one plane moved past its neighbours
+    point = energy.at(c)
+    assert point.energy == np.inf
+    assert point.min_det_F < 0

@@ -1,0 +1,107 @@
+"""The benchmarks measure what they say: a fair twin, a body that moves and touches, memory as the process grows."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from magmpm.kernels import total_lagrangian_step as kernels
+from magmpm.kernels.watch import unlimited
+from magmpm.scene.memory import BYTES, GROWTH
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+
+
+def module(name: str) -> ModuleType:
+    return __import__(name)
+
+
+def body(function: object) -> list[str]:
+    """The statements of a kernel, one a line, after its docstring."""
+    lines = [line.strip() for line in inspect.getsource(function.py_func).splitlines()]  # type: ignore[attr-defined]
+    return [line for line in lines[max(k for k, line in enumerate(lines) if '"""' in line) + 1 :] if line]
+
+
+def test_the_twin_is_the_kernel_without_its_effects() -> None:
+    """What the kernel has and the twin lacks is about effects, line by line; the twin has nothing of its own."""
+    ours, twin = body(kernels.advance), body(module("plain_total").advance)
+    effects = ("effect", "moved", "store(x,", "touched", "elif", "gather(v,", "gather_value(", "flat_magnet", "flat_reference", ")  # fmt")
+    of_loads = ("f[:] = 0.0", "for i in range(3):", "store(f, 8 * i, load(f, 8 * i) * V)", "P, f, dF, rate", "value, x")
+    left = list(ours)
+    for line in twin:
+        if line in left:
+            left.remove(line)
+        else:
+            assert line in ("P, f, work = np.empty(72), np.empty(24), np.empty(72)", "value = np.empty(24 * most)")
+    assert left, "the mechanism has lines of its own"
+    strange = [line for line in left if not any(word in line for word in effects) and not line.startswith(of_loads)]
+    assert strange == []
+
+
+def test_the_twin_moves_a_body_as_the_kernel_does() -> None:
+    """From a state in which every number differs from zero, to the last bit: the sums are the same."""
+    rates, plain = module("motion_rates"), module("plain_total")
+    model, motion, dt = rates.started("total", cells=2)
+    rates.advance(motion, 300, dt, model.effects)
+    assert np.count_nonzero(motion.v) > 0.9 * np.count_nonzero(motion.packed.inverse_mass)
+    u, v = motion.u.copy(), motion.v.copy()
+    motion.model = replace(model, effects=())
+    motion.advance(20, dt, ())
+    ours = motion.u.copy(), motion.v.copy()
+    motion.u[:], motion.v[:], motion.watch[:] = u, v, unlimited()
+    assert plain.steps_of(motion, 20, dt, motion.u, motion.v) == 20
+    for one, other in zip(ours, (motion.u, motion.v), strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-12, atol=1e-14 * np.abs(one).max())
+
+
+def test_contact_is_measured_on_a_body_that_touches() -> None:
+    rates = module("motion_rates")
+    lying = rates.scene("total", cells=2)
+    radius = lying.thickness / 2
+    low = lying.with_effects(ground={"point": [0.0, 0.0, -0.4 * radius]})
+    assert 0.1 < rates.touching_share(low, "ground") < 0.5
+    far = lying.with_effects(ground={"point": [0.0, 0.0, -3 * radius]})
+    assert rates.touching_share(far, "ground") == 0.0
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory of a process is read from /proc")
+def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimate before anything is built is below it; the one once it is built is near it (a tenth: libraries' share, and rounding)."""
+    found = module("resident").grown("total")
+    assert found["particles"] > 1e5
+    assert found["peak"] > BYTES
+    assert found["counted"] == pytest.approx(found["peak"], rel=0.1)
+    assert found["counted"] >= GROWTH
+
+
+def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Host, processor, threads, commit, load, a product of matrices and a copy; a rate also as a ratio to the product's."""
+    machine, bench = module("machine"), module("bench")
+    monkeypatch.setattr(machine, "SIDE", 128)
+    monkeypatch.setattr(machine, "COPIED", 8_000_000)
+    monkeypatch.setattr(bench, "OUT", tmp_path)
+    monkeypatch.setattr(bench, "ROOT", tmp_path)
+    monkeypatch.setitem(bench.FIGURES, "total_particle_steps_per_s", bench.Figure(lambda: 4e7, "1/s", 24e6, least=True))
+    assert bench.main(["total_particle_steps_per_s"]) == 0
+    found = json.loads((tmp_path / "bench.json").read_text())
+    host = found["machine"]
+    assert set(host) >= {"host", "cpu", "cores", "threads", "commit", "load"}
+    assert host["dgemm_flop_per_s"] > 1e8
+    assert host["copy_bytes_per_s"] > 1e8
+    rate = found["total_particle_steps_per_s"]
+    assert rate["per_gflop"] == pytest.approx(4e16 / host["dgemm_flop_per_s"])
+    assert rate["commit"] == host["commit"]
+    assert "Gflop/s" in capsys.readouterr().out
+    assert sys.modules["bench"] is bench

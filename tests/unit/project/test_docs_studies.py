@@ -1,0 +1,76 @@
+"""docs/studies.md: it has every key of study files with its range, and its example is a study that loads."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from studies.definition import SAMPLERS, load_study
+from studies.schema import study_schema
+from studies.search_space import SearchSpace
+
+ROOT = Path(__file__).resolve().parents[3]
+TEXT = (ROOT / "docs/studies.md").read_text(encoding="utf-8")
+(EXAMPLE,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+ROWS = {row.split("`")[1]: row for row in TEXT.splitlines() if row.startswith("| `")}
+
+
+def leaves(part: dict[str, Any], schema: dict[str, Any], at: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every key of the schema that holds a value, dotted: ("vary.field.max", its schema)."""
+    for key, item in part.get("properties", {}).items():
+        name = f"{at}.{key}" if at else key
+        inner = schema["$defs"][item["$ref"].split("/")[-1]] if "$ref" in item else {}
+        if inner.get("properties"):
+            yield from leaves(inner, schema, name)
+        else:
+            yield name, item
+
+
+KEYS = dict(leaves(study_schema(), study_schema()))
+
+
+def test_the_schema_has_its_keys() -> None:
+    assert {"scene", "vary.magnetization", "vary.field.max", "stop.rms", "trials"} <= set(KEYS)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_key_is_in_the_table(key: str) -> None:
+    """With its bounds, and the values it may have."""
+    row = ROWS[key]
+    for bound in ("minimum", "maximum"):
+        if bound in KEYS[key]:
+            assert f"{KEYS[key][bound]:,}".replace(",", " ") in row
+    for value in KEYS[key].get("enum", ()):
+        assert f"`{value}`" in row
+    for number in re.findall(r"(?<=at most )[\d.]+ \w+", KEYS[key].get("title", "")):
+        assert number in row
+
+
+def test_the_table_has_no_other_keys() -> None:
+    table = TEXT.split("## Keys")[1].split("\n## ")[0]
+    named = {row.split("`")[1] for row in table.splitlines() if row.startswith("| `")}
+    assert named == set(KEYS) | {"vary"}
+
+
+def test_the_example_loads_and_names_all_keys(tmp_path: Path) -> None:
+    for folder in ("scenes", "targets", "references"):
+        (tmp_path / folder).symlink_to(ROOT / "data" / folder)
+    (tmp_path / "studies").mkdir()
+    path = tmp_path / "studies/s_shape.yaml"
+    path.write_text(EXAMPLE)
+    study = load_study(path)
+    assert all(re.search(rf"\b{key.split('.')[-1]}:", EXAMPLE) for key in KEYS)
+    space = SearchSpace.of(study)
+    for name, (low, high) in space.bounds.items():
+        first = re.sub(r"segment_\d+", "segment_1", name)
+        row = next((row for row in ROWS.values() if f"`{first}`" in row), None)
+        assert row is not None, name
+        assert f"{low:g} to {high:g}" in row or name == "field_mT"
+
+
+def test_every_sampler_has_a_row() -> None:
+    assert set(SAMPLERS) <= set(ROWS)

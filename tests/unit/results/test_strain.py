@@ -1,0 +1,139 @@
+"""Strain that the material law or the grid does not carry is warned of, in equilibrium and in motion; what is usual is not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference.moving import moving_scene
+from reference.scenes import rod_scene
+
+from magmpm.cli.main import main
+from magmpm.dynamics.checkpoint import Checkpoint
+from magmpm.model import Model, build
+from magmpm.results.result import Result
+from magmpm.results.strain import STRETCH, VOLUME, Strain, strain_of, tightest_radius
+from magmpm.scene import Scene, load_scene
+from magmpm.simulate import run
+from viz.picture import Picture
+from viz.play import Still
+
+ROOT = Path(__file__).parents[3]
+L, D = 40e-3, 4e-3
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return build(rod_scene(length=L, diameter=D, cells=2, field=(0, 0, 1e-3), gravity=(0, 0, -9.81)))
+
+
+def held(model: Model, gradient: np.ndarray) -> Strain:
+    """The strain of a body that is deformed by one gradient (3, 3) all over."""
+    return strain_of(model, model.particles.position @ gradient.T, np.tile(gradient, (len(model.density), 1, 1)))
+
+
+def turned(rng: np.random.Generator) -> np.ndarray:
+    Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return Q * np.linalg.det(Q)
+
+
+@pytest.mark.parametrize("stretch", [1.2, 1.49, 1.51, 3.0])
+def test_stretches_are_the_principal_ones(stretch: float, model: Model, rng: np.random.Generator) -> None:
+    """Uniaxial tension at constant volume, turned any way before and after: warned of beyond 1.5, and nothing else is."""
+    F = turned(rng) @ np.diag([stretch, stretch**-0.5, stretch**-0.5]) @ turned(rng)
+    found = held(model, F)
+    assert found.stretch == pytest.approx(stretch, rel=1e-12)
+    assert (found.stretched, found.swollen) == pytest.approx((float(stretch > STRETCH), 0.0))
+    said = found.warnings(model)
+    assert len(said) == (stretch > STRETCH)
+    assert all("100 % of the volume is stretched to more than 1.5" in text and f"at most {stretch:.3g} times" in text for text in said)
+
+
+@pytest.mark.parametrize(("J", "told"), [(0.81, False), (0.79, True), (1.19, False), (1.21, True)])
+def test_volume_is_kept_within_a_fifth(J: float, told: bool, model: Model, rng: np.random.Generator) -> None:
+    found = held(model, J ** (1 / 3) * turned(rng))
+    assert (found.min_det_F, found.max_det_F) == pytest.approx((J, J))
+    says = f"100 % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is {J:.3g} to {J:.3g})"
+    assert [says in text for text in found.warnings(model)] == [True] * told
+
+
+def test_a_few_particles_are_let_pass(model: Model) -> None:
+    """As at the rim of a clamp, where strain is singular: 0.5 % of the volume."""
+    F = np.tile(np.eye(3), (len(model.density), 1, 1))
+    F[: len(F) // 250] = np.diag([2.0, 0.5, 1.0])
+    found = strain_of(model, model.particles.position, F)
+    assert found.stretch == pytest.approx(2.0)
+    assert found.warnings(model) == []
+    F[: len(F) // 100] = np.diag([2.0, 0.5, 1.0])
+    assert len(strain_of(model, model.particles.position, F).warnings(model)) == 1
+
+
+@pytest.mark.parametrize("radius", [0.9 * D, 1.1 * D, 10 * D])
+def test_the_axis_bends_no_tighter_than_the_body_is_thick(radius: float, model: Model) -> None:
+    """Bent to a circle, as told by slices of the body."""
+    angle, aside = model.particles.position[:, 0] / radius, radius - model.particles.position[:, 2]
+    bent = np.column_stack([aside * np.sin(angle), model.particles.position[:, 1], radius - aside * np.cos(angle)])
+    found = strain_of(model, bent, np.tile(np.eye(3), (len(bent), 1, 1)))
+    assert found.radius == pytest.approx(radius, rel=0.05)  # slices of 2 mm lie inside the arc: at 3.6 mm by 1 %
+    assert [f"less than the body is thick, {1e3 * D:g} mm" in text for text in found.warnings(model)] == [True] * (radius < D)
+
+
+def test_radius_of_a_curve() -> None:
+    arc = np.array([[np.cos(t), np.sin(t), 0.0] for t in np.linspace(0, 1, 9)])
+    assert tightest_radius(3e-3 * arc) == pytest.approx(3e-3)
+    assert tightest_radius(np.outer(np.arange(5.0), [1, 2, 3])) == np.inf
+
+
+def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """G of 1.5 kPa in place of 120 kPa: stretched to 2.5, det F of 0.4, bent tighter than it is thick; told in both places."""
+    text = (ROOT / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
+    path, out = tmp_path / "soft.yaml", tmp_path / "out"
+    for old, new in (("shear_modulus: 120 kPa", "shear_modulus: 1.5 kPa"), ("cells_across: 4", "cells_across: 2")):
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    assert main(["run", str(path), "--out", str(out), "--json"]) == 0
+    printed = capsys.readouterr()
+    told, saved = json.loads(printed.out), Result.load(out)
+    assert told["largest_stretch"] == saved.largest_stretch > STRETCH
+    assert told["tightest_radius"] == saved.tightest_radius < D
+    said = [text for text in saved.warnings if text.startswith("strain: ")]
+    for text, about in zip(said, ("is stretched to more than", "has a det F below", "the axis is bent"), strict=True):
+        assert about in text
+        assert f"magmpm: warning: {text}\n" in printed.err
+    mark = f"BEYOND THE MATERIAL LAW: stretch {saved.largest_stretch:.2g}"
+    assert Picture.from_result(saved).caption() == Still(saved).picture().caption() == mark
+    assert Picture.from_result(saved, trial=3).caption() == "trial 3"
+
+
+@pytest.mark.parametrize("name", ["five_segments", "hollow", "zhao_plane_strain", "three_segments_3d"])
+def test_usual_scenes_are_not(name: str) -> None:
+    """Catheters and strips that are bent far, on coarse grids: stretches of 1.03 to 1.11."""
+    result = run(load_scene(ROOT / f"data/scenes/{name}.yaml").with_cells(2 if name != "zhao_plane_strain" else 4))
+    assert [text for text in result.warnings if text.startswith("strain")] == []
+    assert 1.02 < result.largest_stretch < 1.2
+    assert result.tightest_radius is not None
+    assert Picture.from_result(result).caption() == ""
+
+
+def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
+    """Stretched by 60 times its weight and let swing: the most is on the way, and is told with its time, also after a resume."""
+    scene = swinging(duration=30e-3)
+    whole = run(scene)
+    (said,) = (text for text in whole.warnings if "is stretched to more than" in text)
+    assert whole.largest_stretch > STRETCH
+    assert "times, at 0.0" in said
+    part = swinging(duration=20e-3)
+    run(part, folder=tmp_path)
+    saved = Checkpoint.load(tmp_path, part)
+    assert saved is not None
+    assert Strain.restored(saved.control).stretch > 1.2
+    assert run(scene, folder=tmp_path, resume=True).largest_stretch == whole.largest_stretch
+
+
+def swinging(duration: float) -> Scene:
+    body = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{}]}}
+    gravity = {"gravity": {"acceleration": [600.0, 0.0, 0.0]}}
+    return moving_scene(body, gravity, shear=20e3, solver={"dynamic": {"duration": duration, "output_every": 1e-3}})

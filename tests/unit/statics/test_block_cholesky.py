@@ -1,0 +1,135 @@
+"""The two-sided block Cholesky against numpy.linalg, for every small number of planes and several block sizes.
+
+Random symmetric matrices with two blocks beside each diagonal block, made positive definite by their diagonal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from magmpm.statics.block_cholesky import factor, multiply, new_panels, solve, split_plane, to_dense
+
+SIZES = pytest.mark.parametrize(
+    ("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)]
+)
+
+
+def random_banded(rng: np.random.Generator, planes: int, m: int) -> np.ndarray:
+    """Symmetric positive definite (planes m, planes m), blocks more than two off the diagonal zero; condition number about 10."""
+    A = rng.standard_normal((planes * m, planes * m))
+    block = np.repeat(np.arange(planes), m)
+    A = np.where(np.abs(block[:, None] - block) <= 2, A + A.T, 0.0)
+    return A + 1.2 * np.abs(np.linalg.eigvalsh(A)).max() * np.eye(planes * m)
+
+
+def to_panels(A: np.ndarray, planes: int, m: int) -> np.ndarray:
+    """Panels as the docstring of statics.block_cholesky lays them out, entry by entry; the rest is filled with rubbish."""
+    split = split_plane(planes)
+    panels = new_panels(planes, m)
+    panels[:planes] = 7e7  # a kernel that reads more than it may will show
+    panels[planes:] = np.nan
+    blocks = A.reshape(planes, m, planes, m)
+    for column in range(planes):
+        if column < split:
+            rows = [column, column + 1, column + 2]
+        elif column == split:
+            rows = [split, split + 1]
+        elif column == split + 1:
+            rows = [split + 1]
+        else:
+            rows = [column, column - 1, column - 2]
+        for k, row in enumerate(rows):
+            if 0 <= row < planes:
+                block = blocks[row, :, column, :].copy()
+                if k == 0:
+                    block[np.triu_indices(m, 1)] = 7e7  # only the lower triangle counts
+                panels[column, :, k * m : (k + 1) * m] = block.T  # row index fastest
+    return panels
+
+
+@SIZES
+def test_layout(rng: np.random.Generator, planes: int, m: int) -> None:
+    """to_dense and multiply read the panels as their docstring says."""
+    A = random_banded(rng, planes, m)
+    panels, split = to_panels(A, planes, m), split_plane(planes)
+    np.testing.assert_array_equal(to_dense(panels, split), A)
+    x, out = rng.standard_normal((planes, m)), np.empty((planes, m))
+    multiply(panels, split, x, out)
+    np.testing.assert_allclose(out.ravel(), A @ x.ravel(), rtol=0, atol=1e-14 * np.abs(A).sum(axis=1).max())
+
+
+@SIZES
+def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
+    """factor then solve gives numpy.linalg.solve, for several right-hand sides from one factorisation."""
+    A = random_banded(rng, planes, m)
+    panels, split = to_panels(A, planes, m), split_plane(planes)
+    assert factor(panels, split) == -1
+    for _ in range(2):
+        b = rng.standard_normal((planes, m))
+        kept = b.copy()
+        x = solve(panels, split, b)
+        expected = np.linalg.solve(A, b.ravel()).reshape(planes, m)
+        # condition number about 10, and as many roundings as unknowns in a band
+        np.testing.assert_allclose(x, expected, rtol=0, atol=1e-14 * m * np.abs(expected).max())
+        assert np.array_equal(b, kept), "the right-hand side is left alone"
+
+
+@pytest.mark.parametrize("planes", range(3, 10))
+@pytest.mark.parametrize("m", [1, 3, 12])
+def test_factors_are_a_cholesky(rng: np.random.Generator, planes: int, m: int) -> None:
+    """The middle's factors are the Schur complement's: numpy's Cholesky of A with the other planes eliminated."""
+    A = random_banded(rng, planes, m)
+    panels, split = to_panels(A, planes, m), split_plane(planes)
+    factor(panels, split)
+    inner = np.arange(split * m, (split + 2) * m)
+    outer = np.setdiff1d(np.arange(planes * m), inner)
+    schur = A[np.ix_(inner, inner)] - A[np.ix_(inner, outer)] @ np.linalg.solve(
+        A[np.ix_(outer, outer)], A[np.ix_(outer, inner)]
+    )
+    expected = np.linalg.cholesky(schur)
+    top = np.tril(panels[split, :, :m].T)
+    np.testing.assert_allclose(top, expected[:m, :m], rtol=0, atol=1e-12 * np.abs(expected).max())
+    last = np.tril(panels[split + 1, :, :m].T)
+    np.testing.assert_allclose(last, expected[m:, m:], rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("planes", range(3, 10))
+def test_indefinite_matrices_are_found_out(rng: np.random.Generator, planes: int) -> None:
+    """A negative eigenvalue is seen wherever it sits: first plane, last, middle. The plane named has been reached by then."""
+    m, split = 4, split_plane(planes)
+    A = random_banded(rng, planes, m)
+    for plane in range(planes):
+        bad = A.copy()
+        at = plane * m + 2
+        bad[at, at] = -1.0
+        assert np.linalg.eigvalsh(bad)[0] < 0
+        found = factor(to_panels(bad, planes, m), split)
+        assert found == plane, "a pivot that starts negative only falls: its own plane fails"
+
+
+def test_indefinite_in_both_halves(rng: np.random.Generator) -> None:
+    planes, m = 9, 4
+    A = random_banded(rng, planes, m)
+    for plane in (0, planes - 1):
+        A[plane * m, plane * m] = -1.0
+    assert factor(to_panels(A, planes, m), split_plane(planes)) in (0, planes - 1)
+
+
+@pytest.mark.parametrize("planes", [3, 4, 7])
+def test_barely_indefinite(rng: np.random.Generator, planes: int) -> None:
+    """Shifted by a thousandth past its lowest eigenvalue a matrix fails; a thousandth before, it does not."""
+    m = 6
+    A = random_banded(rng, planes, m)
+    values = np.linalg.eigvalsh(A)
+    for side, fails in ((-1e-3, False), (1e-3, True)):
+        B = A - (values[0] + side * values[-1]) * np.eye(planes * m)
+        assert (factor(to_panels(B, planes, m), split_plane(planes)) >= 0) == fails
+
+
+def test_split_leaves_two_planes_and_even_halves() -> None:
+    for planes in range(3, 60):
+        before, after = split_plane(planes), planes - 2 - split_plane(planes)
+        assert before >= 0
+        assert after >= 0
+        assert abs(before - after) <= 1

@@ -1,0 +1,245 @@
+"""The energy of a whole model: derivatives, conservation, the patch test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from reference.scenes import G, rod_scene
+from reference.taylor import slopes
+from scipy.spatial.transform import Rotation
+
+from magmpm.effects.magnetic_torque import MU0
+from magmpm.model import Model, build
+from magmpm.statics.block_cholesky import multiply, to_dense
+from magmpm.statics.energy import Energy
+
+LOCKING = pytest.mark.parametrize("locking", ["f-bar", "none"])
+FIELD = (4e-3, -3e-3, 6e-3)
+LINEAR_STIFFNESS = 5.0  # of G: the value that docs/design.md chose by measurement
+
+
+def model_of(**changes: object) -> Model:
+    given = {"length": 8e-3, "directions": [(1, 0, 0), (0.3, -0.5, 0.8)], "shear": [G, G / 3], "cells": 3}
+    return build(rod_scene(**{**given, **changes}))
+
+
+def unclamped(model: Model) -> Model:
+    """The body without the cells at the clamp, which give way to nothing: the rest is free in space."""
+    free = model.particles.cell[:, 0] > 0
+    volume = np.where(free, model.particles.volume, 0.0)
+    return replace(model, particles=replace(model.particles, volume=volume))
+
+
+def coordinates(model: Model) -> np.ndarray:
+    """Greville points of the free nodes, (planes, nodes, 3) m: coefficients that make the splines x, y and z themselves."""
+    grid, nodes = model.grid, model.layout.node_yz
+    x = grid.node_coordinates(0)[1:]
+    y, z = grid.node_coordinates(1)[nodes[:, 0]], grid.node_coordinates(2)[nodes[:, 1]]
+    return np.stack(np.broadcast_arrays(x[:, None], y, z), axis=-1)
+
+
+def affine(model: Model, A: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Coefficients (planes, m) of the displacement that carries X to A X + shift, except in the clamped cells."""
+    X = coordinates(model)
+    return (X @ A.T + shift - X).reshape(model.layout.planes, -1)
+
+
+def random_coefficients(model: Model, rng: np.random.Generator, size: float = 5e-5) -> np.ndarray:
+    return size * rng.standard_normal((model.layout.planes, model.layout.m))
+
+
+# derivatives
+
+
+@LOCKING
+def test_gradient_and_tangent_are_derivatives(rng: np.random.Generator, locking: str) -> None:
+    """Taylor on the whole energy, with both effects: remainders of order 2 without, 3 with the tangent; and dr = K d, order 2."""
+    energy = Energy(model_of(field=FIELD, gravity=(0, 1, -9.81), anti_locking=locking))
+    c, d = random_coefficients(energy.model, rng), random_coefficients(energy.model, rng)
+    point = energy.at(c)
+    gradient, panels = energy.tangent(point)
+    Kd = np.empty_like(d)
+    multiply(panels, energy.model.layout.split, d, Kd)
+    linear, quadratic = float(np.sum(gradient * d)), float(np.sum(d * Kd)) / 2
+    steps = [0.2, 0.1, 0.05, 0.025]  # strains of 5 % down to 0.6 %
+
+    def first(t: float) -> float:
+        return energy.at(c + t * d).energy - point.energy - t * linear
+
+    def stress(t: float) -> np.ndarray:
+        return energy.residual(energy.at(c + t * d)) - gradient - t * Kd
+
+    # The next term of the series bends the line by about the strain; the last slope is taken, where that is 1 %.
+    assert slopes(first, steps)[-1] == pytest.approx(2.0, abs=0.05)
+    assert slopes(lambda t: first(t) - t**2 * quadratic, steps)[-1] == pytest.approx(3.0, abs=0.1)
+    assert slopes(stress, steps)[-1] == pytest.approx(2.0, abs=0.05)
+
+
+@LOCKING
+def test_undeformed_body(rng: np.random.Generator, locking: str) -> None:
+    """No load: no energy, no residual, and a tangent that is positive definite, for the clamp holds every rigid motion."""
+    energy = Energy(model_of(cells=2, anti_locking=locking))
+    rest = energy.at(np.zeros(energy.shape))
+    assert rest.energy == 0
+    residual, panels = energy.tangent(rest)
+    assert not residual.any()
+    values = np.linalg.eigvalsh(to_dense(panels, energy.model.layout.split))
+    # The softest shape is bending, and coefficients at corners that hold little material: 1e-5 of the stiffest. A motion
+    # that nothing holds would stand at rounding, 1e-16.
+    assert values[0] > 1e-7 * values[-1]
+
+
+# conservation
+
+
+@LOCKING
+def test_internal_and_magnetic_forces_balance(rng: np.random.Generator, locking: str) -> None:
+    """Newton's third law in P2G: in a body free in space the grid forces of elasticity and of a uniform field sum to zero."""
+    energy = Energy(unclamped(model_of(field=FIELD, anti_locking=locking)))
+    r = energy.residual(energy.at(random_coefficients(energy.model, rng)))
+    total = r.reshape(-1, 3).sum(axis=0)
+    np.testing.assert_allclose(total, 0, atol=1e-14 * np.abs(r).sum())  # rounding of the sum
+
+
+@LOCKING
+def test_torque_is_the_magnets(rng: np.random.Generator, locking: str) -> None:
+    """Angular momentum in P2G: moments of the grid forces about the origin sum to minus the integral of (1/mu0) F Br x B.
+
+    The coefficients of the deformed position, Greville points plus displacement, are the lever arms.
+    """
+    model = unclamped(model_of(field=FIELD, anti_locking=locking))
+    energy = Energy(model)
+    c = random_coefficients(model, rng)
+    point = energy.at(c)
+    r = energy.residual(point).reshape(-1, 3)
+    arm = (coordinates(model) + c.reshape(coordinates(model).shape)).reshape(-1, 3)
+    torque = np.cross(np.einsum("nij,nj->ni", point.F, model.magnet), FIELD) / MU0
+    expected = -model.particles.volume @ torque
+    found = np.cross(arm, r)
+    np.testing.assert_allclose(found.sum(axis=0), expected, rtol=0, atol=1e-13 * np.abs(found).sum())
+    assert np.linalg.norm(expected) > 1e-6  # N m: there is something to compare
+
+
+def test_weight_is_all_there(rng: np.random.Generator) -> None:
+    """The grid forces of gravity sum to the weight, density times exact volume times g, and are zero beside it."""
+    g = np.array([1.0, -2.0, -9.81])
+    model = unclamped(model_of(gravity=g))
+    energy = Energy(model)
+    total = energy.residual(energy.at(random_coefficients(model, rng))).reshape(-1, 3).sum(axis=0)
+    length = 8e-3 - model.grid.spacing[0]
+    np.testing.assert_allclose(-total, 1882 * np.pi * 2e-3**2 * length * g, rtol=1e-11)
+
+
+def test_reaction_at_the_clamp_carries_the_weight(rng: np.random.Generator) -> None:
+    """With the clamp in place, the residual's sum lacks just what the clamped cells pass on: sum V (P + ...) grad(2 N_0)."""
+    model = model_of(gravity=(0, 0, -9.81))
+    energy = Energy(model)
+    point = energy.at(random_coefficients(model, rng))
+    free = Energy(unclamped(model))
+    held = energy.residual(point).reshape(-1, 3).sum(0) - free.residual(point).reshape(-1, 3).sum(0)
+    clamped = replace(
+        model, particles=replace(model.particles, volume=model.particles.volume - free.model.particles.volume)
+    )
+    only = Energy(clamped).residual(point)
+    np.testing.assert_allclose(held, only.reshape(-1, 3).sum(0), rtol=0, atol=1e-13 * np.abs(only).sum())
+    assert not only[3:].any(), "the clamped cells reach three planes and no further"
+
+
+# rigid motion and the patch test
+
+
+@LOCKING
+@pytest.mark.parametrize("angle", [30, 90, 180, 270, 360])
+def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
+    """A free body turned by any angle about a skew axis, and moved: F = R, no energy, no force. Full turns included."""
+    model = unclamped(model_of(anti_locking=locking))
+    energy = Energy(model)
+    R = Rotation.from_rotvec(np.radians(angle) * np.array([2, -1, 2]) / 3).as_matrix()
+    point = energy.at(affine(model, R, np.array([1e-2, -3e-3, 5e-3])))
+    free = model.particles.volume > 0
+    np.testing.assert_allclose(point.F[free], np.broadcast_to(R, (free.sum(), 3, 3)), rtol=0, atol=1e-13)
+    stiffness = G * model.particles.volume.sum()  # J a unit strain
+    assert point.energy == pytest.approx(0, abs=1e-14 * stiffness)  # rounding of J^(-2/3) I1 - 3
+    # Strain from rounding 1e-14, times stress 20 G, over the section, of which a node carries a part.
+    np.testing.assert_allclose(energy.residual(point), 0, atol=1e-12 * 20 * G * 1.6e-5)
+
+
+@LOCKING
+@pytest.mark.parametrize("particles", [2, 3])
+def test_patch(locking: str, particles: int) -> None:
+    """Patch test: an affine deformation gives the same F everywhere, and no residual at nodes inside the material.
+
+    Inside: all of a node's cells are full and of one material. There the Gauss points integrate the gradients exactly.
+    """
+    model = model_of(cells=5, particles=particles, directions=[(1, 0, 0)], shear=G, anti_locking=locking)
+    energy = Energy(model)
+    A = np.eye(3) + np.array([[0.1, 0.2, -0.1], [0.05, -0.2, 0.3], [0.1, -0.05, 0.15]])
+    point = energy.at(affine(model, A, np.array([1e-3, 2e-3, -1e-3])))
+    away = model.particles.cell[:, 0] > 0
+    np.testing.assert_allclose(point.F[away], np.broadcast_to(A, (away.sum(), 3, 3)), rtol=0, atol=1e-13)
+
+    residual = energy.residual(point).reshape(model.layout.planes, -1, 3)
+    middle = np.flatnonzero(np.all(model.layout.node_yz == 3, axis=1))  # its 3 x 3 cells lie inside the disc
+    assert len(middle) == 1
+    inside = residual[3 : model.layout.planes - 2, middle[0]]  # nor at the clamp or the free end
+    assert len(inside) >= 4
+    traction = np.abs(residual).max()  # what nodes on the surface carry
+    np.testing.assert_allclose(inside, 0, atol=1e-12 * traction)
+
+
+def test_clamped_face_does_not_move(rng: np.random.Generator) -> None:
+    """Whatever the coefficients, displacement at x = 0 is 0: it grows from there in proportion to x."""
+    model = model_of(cells=2)
+    energy = Energy(model)
+    c = random_coefficients(model, rng)
+    weights = model.weights.copy()
+    first = model.particles.cell[:, 0] == 0
+    weights[first, 0] = [0.0, 0.0, 0.0]  # of basis.clamp_first_node at xi = 0, see test_basis
+    assert not Energy(replace(model, weights=weights)).at(c).displacement[first].any()
+    assert np.abs(energy.at(c).displacement[first]).max() > 0
+
+
+# F-bar
+
+
+@pytest.mark.parametrize(("cells", "inner"), [(2, 0.0), (3, 0.0), (6, 0.0), (3, 3.8e-3)])
+@pytest.mark.parametrize("ratio", [2.0, 20.0, 500.0])
+def test_volume_modes_are_orthogonal(cells: int, inner: float, ratio: float) -> None:
+    """In each cell sum V m_j m_k = 0 for j != k; 1 for the mean, and for linear modes what they carry in place of K.
+
+    A mode that a cell's few particles can't tell from the others is left out, as 0.
+    """
+    model = model_of(cells=cells, inner_diameter=inner, bulk_to_shear=ratio)
+    V, modes = model.particles.volume, model.modes
+    share = min(1.0, LINEAR_STIFFNESS / ratio)
+    full = 0
+    for a, b in pairwise(model.layout.cell_first):
+        gram = modes[a:b].T @ (V[a:b, None] * modes[a:b])
+        kept = np.diag(gram) > share / 2
+        np.testing.assert_allclose(gram, np.diag(kept * [1, share, share, share]), rtol=0, atol=1e-12)
+        assert kept[0], "the mean is always there"
+        full += kept.all()
+    assert full > len(model.layout.cell_first) / 2
+
+
+def test_projection_leaves_linear_fields_alone() -> None:
+    """Below K = LINEAR_STIFFNESS G, J that varies linearly over a cell is seen as it is: F-bar softens no more than it must."""
+    model = model_of(cells=4, bulk_to_shear=0.9 * LINEAR_STIFFNESS)
+    V, modes = model.particles.volume, model.modes
+    J = 1 + model.particles.position @ [30.0, -20.0, 10.0]
+    for a, b in pairwise(model.layout.cell_first):
+        seen = 1 + modes[a:b] @ (modes[a:b].T @ (V[a:b] * (J[a:b] - 1)))
+        np.testing.assert_allclose(seen, J[a:b], rtol=1e-12)
+
+
+def test_f_bar_is_never_stiffer(rng: np.random.Generator) -> None:
+    """The projected volume energy is at most the plain one, by as much as J varies within cells; the same where it does not."""
+    plain, averaged = (Energy(model_of(anti_locking=choice)) for choice in ("none", "f-bar"))
+    c = random_coefficients(plain.model, rng)
+    assert averaged.at(c).energy < plain.at(c).energy
+    free = [Energy(unclamped(e.model)) for e in (plain, averaged)]
+    even = affine(plain.model, np.diag([1.1, 1.05, 0.98]), np.zeros(3))
+    assert free[0].at(even).energy == pytest.approx(free[1].at(even).energy, rel=1e-12)
