@@ -120,7 +120,7 @@ def build(scene: Scene, *, shift: tuple[float, float] = (0.0, 0.0)) -> Model:
     """
     grid, particles, section, planes = _catheter(scene, shift) if any(shift) else _BODIES[scene.body.kind](scene)
     shape = scene.body.shape
-    pieces = scene.pieces()
+    pieces = scene.regions()
     of = particles.segment
     held = np.array([piece.held for piece in pieces])[of]
     clamped_face = shape.clamp in {"base", "both"} and scene.effects.feed is None  # what is fed, its guide holds

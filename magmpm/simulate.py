@@ -28,7 +28,7 @@ from magmpm.scene import Scene, memory
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 
 if TYPE_CHECKING:
-    from magmpm.dynamics.time_loop import Moved
+    from magmpm.dynamics.time_loop import SimulationState
 
 Progress = Callable[[int, float], None]
 
@@ -104,16 +104,16 @@ def _motion(
         with nullcontext() if folder is None else folder_lock(folder):
             if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
                 on_begin()
-            moved = dynamics.follow(moved, folder=folder, resume=resume, on_progress=told)
+            moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=told)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-        state = _moved_result(error.state, seconds, error.reason) if isinstance(error.state, dynamics.Moved) else None
+        state = _moved_result(error.state, seconds, error.reason) if isinstance(error.state, dynamics.SimulationState) else None
         raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
     return _sound(_moved_result(moved, seconds))
 
 
-def _moved_result(moved: Moved, seconds: dict[str, float], failure: str = "") -> Result:
+def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:
     model = moved.motion.model
     J = np.linalg.det(moved.F)
     axis = measures.axis_of_particles(model, moved.x)

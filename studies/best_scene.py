@@ -65,7 +65,7 @@ def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str,
     content["name"] = f"{study.name} best"[:100]
     if space.segments:
         directions = space.directions(found)
-        pieces = space.scene.pieces()
+        pieces = space.scene.regions()
         for i in space.segments:
             place = content["body"]
             for key in pieces[i].at:

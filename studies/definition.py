@@ -23,7 +23,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from magmpm.errors import InputError, NotThereYet, report
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.folder_names import folder_fault
-from magmpm.inputs.settings import Part, Quantity, fault, validate
+from magmpm.inputs.settings import Quantity, Settings, fault, validate
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 
@@ -34,11 +34,11 @@ STRETCH = 1.1  # a target may be this much longer than the catheter's piece it b
 SHOWN_DIFFERENCES = 12
 
 
-class VaryMagnetization(Part):
+class VaryMagnetization(Settings):
     """The direction of each magnetised segment: two angles. No settings."""
 
 
-class VaryField(Part):
+class VaryField(Settings):
     """The uniform outside field: its strength and two angles."""
 
     max: Annotated[float, Quantity("flux density", above="0 mT", at_most="20 T")] = Field(
@@ -46,7 +46,7 @@ class VaryField(Part):
     )
 
 
-class Vary(Part):
+class Vary(Settings):
     """What the study may change."""
 
     magnetization: VaryMagnetization | None = Field(
@@ -63,7 +63,7 @@ class Vary(Part):
         return self
 
 
-class Match(Part):
+class Match(Settings):
     """What the catheter's shape is compared with."""
 
     centreline: str = Field(
@@ -81,7 +81,7 @@ def _known_sampler(value: Any) -> Any:
     return value
 
 
-class Stop(Part):
+class Stop(Settings):
     """When a study is done before its last trial."""
 
     rms: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
@@ -89,7 +89,7 @@ class Stop(Part):
     )
 
 
-class StudyFile(Part):
+class StudyFile(Settings):
     """A study: the scene, what is varied, what it must match, and how it is searched."""
 
     scene: str = Field(
@@ -164,7 +164,7 @@ class Study:
         """
         scene = self.scene
         if self.vary_magnetization:
-            magnetised = np.isin(np.arange(len(scene.pieces())), scene.magnetised_segments())
+            magnetised = np.isin(np.arange(len(scene.regions())), scene.magnetised_segments())
             scene = scene.with_magnetizations(np.outer(magnetised, [1.0, 0.0, 0.0]))
         content = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
         if self.field_max is not None:

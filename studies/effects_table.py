@@ -134,7 +134,7 @@ class Estimates:
 
     @property
     def _dense(self) -> bool:
-        return all(self.scene.materials[p.material_name].density is not None for p in self.scene.pieces())
+        return all(self.scene.materials[p.material_name].density is not None for p in self.scene.regions())
 
     @property
     def half(self) -> float:

@@ -71,7 +71,7 @@ class SearchSpace:
 
     def segment_names(self) -> list[str]:
         """segment_1 is the segment at the base; numbers have as many digits as the last one, so that they sort."""
-        digits = len(str(len(self.scene.pieces())))
+        digits = len(str(len(self.scene.regions())))
         return [f"segment_{i + 1:0{digits}d}" for i in self.segments]
 
     @property
@@ -116,7 +116,7 @@ class SearchSpace:
 
     def directions(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
         """Magnetisation of every segment of the scene, (k, 3) unit vectors or zeros, in the undeformed body."""
-        found = np.array([piece.magnetization for piece in self.scene.pieces()], dtype=float)
+        found = np.array([piece.magnetization for piece in self.scene.regions()], dtype=float)
         for i, name in zip(self.segments, self.segment_names(), strict=True):
             found[i] = direction(parameters[f"{name}_around_deg"], parameters[f"{name}_along_deg"])
         return found

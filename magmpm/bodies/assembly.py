@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from magmpm.bodies.grid import Array
 from magmpm.bodies.mesh_keys import read_mesh
-from magmpm.bodies.regions import Piece
+from magmpm.bodies.regions import Region
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     overlap_of,
@@ -22,7 +22,7 @@ from magmpm.bodies.surface_mesh import (
     unpack_mesh,
     volume_of,
 )
-from magmpm.inputs.settings import Part, Quantity, fault
+from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Direction, Vector
 
 MAX_PARTS = 1000
@@ -32,7 +32,7 @@ TOUCHING = 1e-4  # of the body's length: parts this near touch
 LEAST_CELLS = 2  # through the thinnest part
 
 
-class MeshPart(Part):
+class MeshPart(Settings):
     """One mesh with one material."""
 
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
@@ -68,7 +68,7 @@ class MeshPart(Part):
         return volume_of(unpack_mesh(self.mesh).triangles)
 
 
-class Parts(Part):
+class Parts(Settings):
     """Closed STL meshes, one a part. Parts that touch hold together."""
 
     unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
@@ -150,7 +150,7 @@ class Parts(Part):
         """Names of parts that lie nearer to each other than `reach` (m) and do not touch, with the gap (m) between their boxes."""
         least, gaps = TOUCHING * self.length, self._gaps()
         found = []
-        for (i, one), (j, other) in itertools.combinations(enumerate(self.pieces()), 2):
+        for (i, one), (j, other) in itertools.combinations(enumerate(self.regions()), 2):
             if least < gaps[i, j] < reach and not (one.held and other.held):
                 found.append((one.name, other.name, float(gaps[i, j])))
         return found
@@ -175,9 +175,9 @@ class Parts(Part):
         """parts where some part is held."""
         return "parts" if any(part.clamp for part in self.meshes) else "none"
 
-    def pieces(self) -> tuple[Piece, ...]:
+    def regions(self) -> tuple[Region, ...]:
         """The parts, in the file's order."""
         return tuple(
-            Piece(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization, part.clamp)
+            Region(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization, part.clamp)
             for i, part in enumerate(self.meshes)
         )

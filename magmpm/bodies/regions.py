@@ -9,7 +9,7 @@ from magmpm.inputs.vectors import Vector
 
 
 @dataclass(frozen=True)
-class Piece:
+class Region:
     """A piece of a body with one material: a segment of a catheter or strip, a part of an assembly.
 
     magnetization: unit vector in the undeformed body, or zeros; held: it can't move.

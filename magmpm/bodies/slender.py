@@ -8,18 +8,18 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.bodies.assembly import Parts
-from magmpm.bodies.regions import Line, Piece
-from magmpm.inputs.settings import Key, Part, Quantity, fault
+from magmpm.bodies.regions import Line, Region
+from magmpm.inputs.settings import Key, Quantity, Settings, fault
 from magmpm.inputs.vectors import Direction, Vector, three
 
 MAX_SEGMENTS = 1000
 MAX_SLENDERNESS = 500.0  # length over diameter, or over thickness
 SHORTEST = 0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 cells across, 0.16 at 16
 THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; what warns of walls thinner than a cell is in scene.py
-PIECES_A_PERIOD = 8  # of a profile: what its arrows and moments are shown by
+REGIONS_A_PERIOD = 8  # of a profile: what its arrows and moments are shown by
 
 
-class Segment(Part):
+class Segment(Settings):
     """A piece of a catheter or strip with one magnetisation and one material."""
 
     magnetization: Direction = Field(
@@ -82,7 +82,7 @@ def check_lengths(body: str, length: float, thickness: float | None, segments: t
         )
 
 
-class Catheter(Part):
+class Catheter(Settings):
     """A straight rod, base at the origin, axis +x."""
 
     length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
@@ -160,20 +160,20 @@ class Catheter(Part):
         """Lower and upper corner of the box around it, m."""
         return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
 
-    def pieces(self) -> tuple[Piece, ...]:
+    def regions(self) -> tuple[Region, ...]:
         """Its segments, base to tip."""
-        return segment_pieces("catheter", self.material, self.segments)
+        return segment_regions("catheter", self.material, self.segments)
 
 
-def segment_pieces(body: str, material: str, segments: tuple[Segment, ...]) -> tuple[Piece, ...]:
+def segment_regions(body: str, material: str, segments: tuple[Segment, ...]) -> tuple[Region, ...]:
     """Segments as pieces, base to tip."""
     return tuple(
-        Piece(f"segment {i + 1}", (body, "segments", i), s.material or material, s.magnetization)
+        Region(f"segment {i + 1}", (body, "segments", i), s.material or material, s.magnetization)
         for i, s in enumerate(segments)
     )
 
 
-class Harmonic(Part):
+class Harmonic(Settings):
     """A direction of magnetisation that turns steadily along the length."""
 
     wavelength: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] | None = Field(
@@ -215,7 +215,7 @@ class Harmonic(Part):
         return self.periods if self.periods is not None else length / (self.wavelength or length)
 
 
-class Profile(Part):
+class Profile(Settings):
     """A magnetisation that varies along the length."""
 
     harmonic: Harmonic = Field(
@@ -234,7 +234,7 @@ class Profile(Part):
 _Coordinate = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 m")]
 
 
-class Strip(Part):
+class Strip(Settings):
     """A straight strip or sheet: length along x, width along y, thickness along z."""
 
     length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
@@ -317,7 +317,7 @@ class Strip(Part):
         """Length of each piece in m, base to tip; they sum to `length`."""
         if self.segments is not None:
             return segment_lengths(self.length, self.segments)
-        count = len(self.pieces())
+        count = len(self.regions())
         return [self.length / count] * count
 
     @property
@@ -335,16 +335,16 @@ class Strip(Part):
         (x, y, z), w, t = self.position, self.width / 2, self.thickness / 2
         return (x, y - w, z - t), (x + self.length, y + w, z + t)
 
-    def pieces(self) -> tuple[Piece, ...]:
+    def regions(self) -> tuple[Region, ...]:
         """Its segments, or equal pieces of its profile, base to tip."""
         if self.segments is not None:
-            return segment_pieces("strip", self.material, self.segments)
+            return segment_regions("strip", self.material, self.segments)
         profile = self.magnetization_profile
         assert profile is not None  # validated
-        count = max(1, math.ceil(PIECES_A_PERIOD * profile.harmonic.turns(self.length) - 1e-9))
+        count = max(1, math.ceil(REGIONS_A_PERIOD * profile.harmonic.turns(self.length) - 1e-9))
         at: Key = ("strip", "magnetization_profile")
         return tuple(
-            Piece(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length))
+            Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length))
             for i in range(count)
         )
 
@@ -369,7 +369,7 @@ PARTS = {
 }
 
 
-class Body(Part):
+class Body(Settings):
     """What moves: one of these."""
 
     model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})

@@ -281,7 +281,7 @@ def _import(options: argparse.Namespace) -> int:
     from magmpm.scene.magnetic_mpm_import import import_robot
 
     scene, warnings = import_robot(options.robot, options.output, overwrite=options.overwrite)
-    pieces = scene.pieces()
+    pieces = scene.regions()
     held = sum(piece.held for piece in pieces)
     summary = {"scene": str(options.output), "name": scene.name, "parts": len(pieces), "held": held, "warnings": warnings}
     text = [

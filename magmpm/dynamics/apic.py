@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import Array, spline_weights
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.drift_correction import INTERVAL, Anchor
@@ -39,7 +39,7 @@ class UpdatedMotion:
         self.keeps_gradient = has_hook("rate_stress", model.effects)
         self.anchor: Anchor | None = Anchor(model)  # None: F is what the steps make of it
         self.since = 0  # steps since F was last relaxed
-        self.piece = connected_pieces(model.scene.body.parts, model.particles.cell, model.particles.segment)  # each has a grid of its own
+        self.component = connected_components(model.scene.body.parts, model.particles.cell, model.particles.segment)  # one grid each
         self.curve = meeting.distances()
         self.lag, self._last = 0.0, model.effects  # s that velocities are behind the places; effects at the time of the places
         self.watch = unlimited()
@@ -91,17 +91,18 @@ class UpdatedMotion:
         if model.clamped_face:
             low[0], high[0] = min(low[0], -MARGIN), max(high[0], MARGIN + 2)
         self.shape = (high - low + 2).astype(np.int64)
-        if np.prod(self.shape) * (self.piece.max() + 1) > NODES_MOST:
+        grids = int(self.component.max()) + 1
+        if np.prod(self.shape) * grids > NODES_MOST:
             raise SolveError(
-                f"the box around the particles has {' x '.join(map(str, self.shape))} nodes for each of {self.piece.max() + 1} pieces; "
-                "a particle has flown off, or the pieces are too many"
+                f"the box around the particles has {' x '.join(map(str, self.shape))} nodes for each of {grids} components; "
+                "a particle has flown off, or the components are too many"
             )
         self.low, self.origin = low, model.grid.origin + low * h
         self.along = (int(self.shape[1] * self.shape[2]), int(self.shape[2]))
         free = np.flatnonzero(~model.held)  # what is held has no rows: its nodes are at rest, it moves nothing and does not move
-        nodes, grids = int(np.prod(self.shape)), int(self.piece.max()) + 1
-        order, self.slab_first, piece = self._sorted((cell - low)[free], self.piece[free])
-        self.lift = float(nodes) * piece
+        nodes = int(np.prod(self.shape))
+        order, self.slab_first, component = self._sorted((cell - low)[free], self.component[free])
+        self.lift = float(nodes) * component
         order = np.where(order >= 0, free[order], -1)
         if self.anchor is not None:
             self.touching = self.anchor.touching(cell - low, self.shape)
@@ -117,14 +118,14 @@ class UpdatedMotion:
         self.drift = 0.0
         return order, source
 
-    def _sorted(self, cell: Index, piece: Index) -> tuple[Index, Index, Index]:
-        """Particles by slab, piece and cell, in whole blocks of one piece (-1: padding); first block of each slab; piece of each block."""
+    def _sorted(self, cell: Index, component: Index) -> tuple[Index, Index, Index]:
+        """Particles by slab, component and cell, in whole blocks (-1: padding); first block of each slab; component of each block."""
         axis = int(np.argmax(self.shape))
         along = cell[:, axis] - cell[:, axis].min()
         edges = slab_edges(int(along.max()) + 1, SLAB)
         slab = np.searchsorted(edges, along, side="right") - 1
-        grids = int(self.piece.max()) + 1
-        group = slab * grids + piece
+        grids = int(self.component.max()) + 1
+        group = slab * grids + component
         key = ((group * self.shape[0] + cell[:, 0]) * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
         order = np.argsort(key, kind="stable")
         counts = np.bincount(group, minlength=grids * (len(edges) - 1))
@@ -136,13 +137,13 @@ class UpdatedMotion:
         return padded, first[::grids].astype(np.int64), np.repeat(np.arange(len(counts)) % grids, blocks)
 
     def _reached(self, cell: Index) -> tuple[Index, Index]:
-        """Planes of nodes, of all pieces' grids one after the other, that may get mass until particles at cells (n, 3) are sorted again;
-        and the box (2, 3) of nodes, from the first to one past the last, that two pieces may both reach: empty where none can meet.
+        """Planes of nodes, of all components' grids in turn, that may get mass until particles at cells (n, 3) are sorted again;
+        and the box (2, 3) of nodes, from the first to one past the last, that two components may both reach: empty where none can meet.
 
         A particle of cell c sees nodes c to c + 2, and moves by less than a cell.
         """
-        first = np.array([cell[self.piece == k].min(axis=0) - 1 for k in range(int(self.piece.max()) + 1)])
-        last = np.array([cell[self.piece == k].max(axis=0) + 4 for k in range(len(first))])
+        first = np.array([cell[self.component == k].min(axis=0) - 1 for k in range(int(self.component.max()) + 1)])
+        last = np.array([cell[self.component == k].max(axis=0) + 4 for k in range(len(first))])
         first, last = np.maximum(first, 0), np.minimum(last, self.shape)
         planes = np.concatenate([k * self.shape[0] + np.arange(a, b) for k, (a, b) in enumerate(zip(first[:, 0], last[:, 0], strict=True))])
         pairs = combinations(range(len(first)), 2)
@@ -154,12 +155,12 @@ class UpdatedMotion:
         return planes, np.clip(inside, 1, self.shape - 1)  # slopes look at a node's neighbours
 
     def _held_nodes(self, nodes: int, grids: int) -> tuple[np.ndarray, Array]:
-        """(grids nodes,) 1 where a held particle of the grid's piece has weight; and, if pieces can meet, the mass of what is held, kg."""
+        """(grids nodes,) 1 where a held particle of the grid's component has weight; and, if components can meet, the held mass, kg."""
         fixed, weight = np.zeros(grids * nodes, np.int8), np.zeros(grids * nodes if grids > 1 else 0)
         held = np.flatnonzero(self.model.held)
         if len(held):
             s = (self.model.particles.position[held] - self.origin) / self.model.grid.spacing
-            first = s.astype(np.int64) @ np.array([*self.along, 1]) + nodes * self.piece[held]
+            first = s.astype(np.int64) @ np.array([*self.along, 1]) + nodes * self.component[held]
             mass, N = self.model.density[held] * self.model.particles.volume[held], spline_weights(s - np.floor(s))
             for a, b, c in product(range(3), repeat=3):
                 node = first + a * self.along[0] + b * self.along[1] + c
@@ -174,7 +175,7 @@ class UpdatedMotion:
         So the face is at rest, and nothing more (basis.clamp_first_node). Nodes inside a face are free, though a held part touches them.
         """
         found = [np.zeros((0, 2), np.int64)]
-        number = np.arange(len(self.fixed)).reshape(-1, *self.shape)  # of every piece's grid
+        number = np.arange(len(self.fixed)).reshape(-1, *self.shape)  # of every component's grid
         for plane in self.model.planes:
             inner, axis = plane.cell + 1 - int(self.low[plane.axis]), 1 + plane.axis
             pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=axis)

@@ -23,7 +23,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import Array
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.kernels import reference_fit as kernels
@@ -47,10 +47,10 @@ class Anchor:
         change = np.flatnonzero((np.diff(cell, axis=0) != 0).any(axis=1) | (np.diff(particles.segment) != 0)) + 1
         self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
         base = cell[self.cell_first[:-1]]
-        self.particle_piece = connected_pieces(model.scene.body.parts, particles.cell, particles.segment)
-        self.piece = self.particle_piece[self.cell_first[:-1]]
-        self.node, key = _stencils(base, self.piece, grid.nodes)
-        self.node_piece, within = np.divmod(key, int(np.prod(grid.nodes)))
+        self.particle_component = connected_components(model.scene.body.parts, particles.cell, particles.segment)
+        self.component = self.particle_component[self.cell_first[:-1]]
+        self.node, key = _stencils(base, self.component, grid.nodes)
+        self.node_component, within = np.divmod(key, int(np.prod(grid.nodes)))
         self.node_place = grid.origin + grid.spacing * (np.stack(np.unravel_index(within, grid.nodes), axis=1) - 0.5)
         self.slab_first = _slabs(base[:, 0])
         self.rest, self.volume, self.density, self.modes = particles.position, particles.volume, model.density, model.modes
@@ -76,8 +76,8 @@ class Anchor:
     def fit(self, moved: Array) -> bool:
         """Fit displacements moved (n, 3) m, from the last fit on. Returns whether the fit is good enough to be used.
 
-        What has changed by an affine motion of each piece is added as it is: splines hold it exactly. The rest by conjugate gradients on
-        the normal equations, of all three axes at once.
+        What has changed by an affine motion of each component is added as it is: splines hold it exactly. The rest by conjugate gradients
+        on the normal equations, of all three axes at once.
         """
         self._add_affine(moved - self._values(self.field))
         residual = self._moments(moved - self._values(self.field), len(self.field))
@@ -98,9 +98,9 @@ class Anchor:
         return bool(np.abs(residual / self.node_mass).max() < GOOD * self.size)
 
     def _add_affine(self, left: Array) -> None:
-        """Take the affine part, piece by piece, of what is left (n, 3) m into the field: at a node, its value at the spline's middle."""
-        for piece in np.unique(self.piece):
-            mine, nodes = self.particle_piece == piece, self.node_piece == piece
+        """Take the affine part of each component of what is left (n, 3) m into the field: at a node, its value at the spline's middle."""
+        for component in np.unique(self.component):
+            mine, nodes = self.particle_component == component, self.node_component == component
             middle = self.rest[mine].mean(axis=0)
             row = np.column_stack([np.ones(np.count_nonzero(mine)), (self.rest[mine] - middle) / self.size])
             weighed = row * (self.density[mine] * self.volume[mine])[:, None]
@@ -108,12 +108,12 @@ class Anchor:
             self.field[nodes] += np.column_stack([np.ones(np.count_nonzero(nodes)), (self.node_place[nodes] - middle) / self.size]) @ affine
 
     def touching(self, cell: Index, shape: Index) -> NDArray[np.bool_]:
-        """Which particles (n,) share nodes with some of their piece that are not their neighbours.
+        """Which particles (n,) share nodes with some of their component that are not their neighbours.
 
         cell (n, 3): where they are in a box of so many nodes (3,).
         """
         where = self.rest * self.per.min()  # cells
-        key = np.ravel_multi_index(tuple(cell.T), tuple(shape)) + int(np.prod(shape)) * self.particle_piece
+        key = np.ravel_multi_index(tuple(cell.T), tuple(shape)) + int(np.prod(shape)) * self.particle_component
         full, of = np.unique(key, return_inverse=True)
         low, high = np.full((len(full), 3), np.inf), np.full((len(full), 3), -np.inf)
         np.minimum.at(low, of, where)
@@ -152,13 +152,13 @@ def _slabs(plane: Index) -> Index:
     return first
 
 
-def _stencils(base: Index, piece: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], Index]:
-    """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a piece has.
+def _stencils(base: Index, component: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], Index]:
+    """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a component has.
 
-    And (nodes,) which they are: the piece times the number of nodes of the grid, plus the node's number in it.
+    And (nodes,) which they are: the component times the number of nodes of the grid, plus the node's number in it.
     """
     offsets = np.array(list(product(range(3), repeat=3)))
     near = base[:, None, :] + offsets
-    key = np.ravel_multi_index(tuple(near.reshape(-1, 3).T), shape) + piece.repeat(27) * int(np.prod(shape))
+    key = np.ravel_multi_index(tuple(near.reshape(-1, 3).T), shape) + component.repeat(27) * int(np.prod(shape))
     found, node = np.unique(key, return_inverse=True)
     return node.reshape(-1, 27).astype(np.int32), found

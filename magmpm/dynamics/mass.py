@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import Array
 from magmpm.model import Model
 
@@ -20,14 +20,14 @@ TOLD = 0.02  # of the inertia: less is not worth a warning
 
 
 def excess(model: Model) -> Array:
-    """Excess (3,) of the moments of inertia over the body's own, smallest first; of the free piece with the largest, 0 if all is held."""
+    """Excess (3,) of the moments of inertia over the body's own, smallest first, of the worst free component; 0 if all is held."""
     particles, found = model.particles, np.zeros(3)
     mass = model.density * particles.volume
-    piece = connected_pieces(model.scene.body.parts, particles.cell, particles.segment)
+    component = connected_components(model.scene.body.parts, particles.cell, particles.segment)
     held = model.held | model.clamped_face | (model.scene.effects.feed is not None)
     h2 = model.grid.spacing**2
-    for which in np.unique(piece):
-        on = piece == which
+    for which in np.unique(component):
+        on = component == which
         if held[on].any():
             continue
         arm = particles.position[on] - mass[on] @ particles.position[on] / mass[on].sum()

@@ -39,7 +39,7 @@ Progress = Callable[[float, int], None]
 
 
 @dataclass
-class Moved:
+class SimulationState:
     """Where a motion has got to.
 
     stable: the bounds at the start; control: of the step; dt s: of the last step; every s: between frames; time s, steps;
@@ -78,7 +78,7 @@ def _options(scene: Scene) -> DynamicOptions:
     return options
 
 
-def begin(model: Model) -> Moved:
+def begin(model: Model) -> SimulationState:
     """A model at rest, with its time step.
 
     Raises InputError if the scene's time_step is above the stable bound, or max_memory below what the particles take.
@@ -97,7 +97,7 @@ def begin(model: Model) -> Moved:
             remedy="lower it, or leave it out: it is then chosen",
         )
     control = StepControl(motion, stable, options)
-    return Moved(motion, stable, control, control.step, options.frame_interval, warnings=inertia.warnings(model))
+    return SimulationState(motion, stable, control, control.step, options.frame_interval, warnings=inertia.warnings(model))
 
 
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
@@ -144,23 +144,24 @@ def memory(motion: TotalMotion | UpdatedMotion) -> int:
     return max(sum(arrays.values()), GROWTH * len(motion.model.density))
 
 
-def move(model: Model, **options: Any) -> Moved:
-    """The whole motion of a model's scene, from rest; options as of `follow`."""
-    return follow(begin(model), **options)
+def move(model: Model, **options: Any) -> SimulationState:
+    """The whole motion of a model's scene, from rest; options as of `integrate`."""
+    return integrate(begin(model), **options)
 
 
-def follow(
-    moved: Moved,
+def integrate(
+    moved: SimulationState,
     *,
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
-) -> Moved:
+) -> SimulationState:
     """The whole motion that `begin` has begun.
 
     folder: where frames, energies, contacts and checkpoints go (nowhere unless given); resume: go on from the folder's checkpoint;
     on_progress(time in s, steps so far) is told of every chunk of steps.
-    Raises InputError before the first step; SolveError, with the last good Moved as its state and on disk, where the motion goes wrong.
+    Raises InputError before the first step; SolveError where the motion goes wrong, with the last good SimulationState as its state and
+    on disk.
     """
     model = moved.motion.model
     options = _options(model.scene)
@@ -212,7 +213,7 @@ def follow(
     return moved
 
 
-def _save(moved: Moved, last: Checkpoint, folder: Path | str) -> None:
+def _save(moved: SimulationState, last: Checkpoint, folder: Path | str) -> None:
     """Save a checkpoint; where the disk does not take it the motion goes on, with a warning."""
     try:
         last.save(folder)
@@ -222,7 +223,7 @@ def _save(moved: Moved, last: Checkpoint, folder: Path | str) -> None:
             moved.warnings.append(what)
 
 
-def _checkpoint(moved: Moved, scene_hash: str) -> Checkpoint:
+def _checkpoint(moved: SimulationState, scene_hash: str) -> Checkpoint:
     """A motion as it is after a frame."""
     motion = moved.motion
     return Checkpoint(
@@ -231,7 +232,7 @@ def _checkpoint(moved: Moved, scene_hash: str) -> Checkpoint:
     )  # fmt: skip
 
 
-def _go_on_from(moved: Moved, saved: Checkpoint) -> None:
+def _go_on_from(moved: SimulationState, saved: Checkpoint) -> None:
     """Put a motion back to a checkpoint."""
     moved.motion.restore(saved.state)
     moved.control.restore(saved.control)
@@ -252,7 +253,7 @@ def _conserves(model: Model) -> bool:
     )
 
 
-def interval(moved: Moved, until: float, on_progress: Progress | None = None) -> Look:
+def interval(moved: SimulationState, until: float, on_progress: Progress | None = None) -> Look:
     """Steps up to a time (s): of equal size, no longer than moved.control allows, and chosen anew where it changes its mind.
 
     Raises SolveError where the motion can't go on.
@@ -285,16 +286,16 @@ def interval(moved: Moved, until: float, on_progress: Progress | None = None) ->
     return now
 
 
-def _wrong(moved: Moved, now: Look) -> watchdog.Trouble | None:
+def _wrong(moved: SimulationState, now: Look) -> watchdog.Trouble | None:
     """What is wrong with a motion, if anything. Raises BudgetError where it has outgrown its memory."""
     model = moved.motion.model
     _outgrown(moved.motion, _options(model.scene))
     if moved.motion.watch[WHY] == BROKEN:
-        return watchdog.astray(model, now.x, moved.time) or watchdog.broken(model, now.x, now.v, now.F)
-    return watchdog.look(model, now.x, now.v) or watchdog.astray(model, now.x, moved.time)
+        return watchdog.outside_domain(model, now.x, moved.time) or watchdog.broken(model, now.x, now.v, now.F)
+    return watchdog.look(model, now.x, now.v) or watchdog.outside_domain(model, now.x, moved.time)
 
 
-def _stopped(moved: Moved, trouble: watchdog.Trouble) -> SolveError:
+def _stopped(moved: SimulationState, trouble: watchdog.Trouble) -> SolveError:
     where = ""
     if trouble.particle >= 0:
         place = moved.motion.model.particles.position[trouble.particle] * 1e3
@@ -303,7 +304,7 @@ def _stopped(moved: Moved, trouble: watchdog.Trouble) -> SolveError:
     return SolveError(f"step {moved.steps}, t = {moved.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
 
 
-def _measure(moved: Moved, now: Look) -> None:
+def _measure(moved: SimulationState, now: Look) -> None:
     """Stress, energies and contacts of a motion as it is now."""
     model, motion = moved.motion.model, moved.motion
     moved.x, moved.v, moved.F = now.x, now.v, now.F
@@ -327,7 +328,7 @@ def _measure(moved: Moved, now: Look) -> None:
                 moved.contacts[key] = module.report(named[0], named[1], moved.x, moved.v, mass, moved.dt)
 
 
-def _write(moved: Moved, writer: MotionWriter | None) -> None:
+def _write(moved: SimulationState, writer: MotionWriter | None) -> None:
     """A frame of the motion as it was measured."""
     if writer is None:
         return

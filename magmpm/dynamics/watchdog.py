@@ -79,11 +79,11 @@ def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped
     return finite, fastest, np.sqrt(most), furthest, np.sqrt(way), np.sqrt(((high - low) ** 2).sum())
 
 
-def astray(model: Model, x: Array, time: float) -> Trouble | None:
+def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
     """Whether the body has come into a magnet, or to where the field is not known; places that are no numbers do not count."""
     if not model.scene.effects.in_a_field:
         return None
-    found = fields.of(model.scene).trouble(x[np.isfinite(x).all(axis=1)], time)
+    found = fields.of(model.scene).outside_domain(x[np.isfinite(x).all(axis=1)], time)
     return None if found is None else Trouble(found[0], -1, found[2])
 
 

@@ -123,7 +123,7 @@ def _depths_of_ring(diameter: float, inner: float, cells: int, count: int) -> Ar
 
 def penalty(scene: Scene, factor: float) -> float:
     """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free pieces."""
-    used = [scene.materials[piece.material_name] for piece in scene.pieces() if not piece.held]
+    used = [scene.materials[piece.material_name] for piece in scene.regions() if not piece.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     return factor * max(squares, default=0.0) / cell_size(scene) ** 2
 
@@ -135,7 +135,7 @@ def stable_step(stiffness: float) -> float:
 
 def place(model: Any, particle: int) -> str:
     """Which piece of the body a particle is in, and where, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
-    piece = model.scene.pieces()[model.particles.segment[particle]]
+    piece = model.scene.regions()[model.particles.segment[particle]]
     at = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[particle] + 0.0)
     return f"{piece.name} ({dotted(('body', *piece.at))}), at ({at}) mm"
 

@@ -2,9 +2,9 @@
 
 The updated formulation has it of itself. STL parts that do not touch as they are made have a grid each, and act on each other where they
 come nearer than half a cell (kernels.multi_grid_contact): they stick (no slip) while they are pressed together, and part freely.
-Folds of one piece share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than one to two
-cells, stick, and let go over some hundred steps (dynamics.drift_correction). Naming self_contact switches to that formulation; it has no
-hooks and no settings, and costs nothing beyond.
+Folds of one component share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than
+one to two cells, stick, and let go over some hundred steps (dynamics.drift_correction). Naming self_contact switches to that formulation;
+it has no hooks and no settings, and costs nothing beyond.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.signed_distance import to_triangles
 from magmpm.effects.contact_law import Contact, cell_size, reach
 from magmpm.effects.estimates import MEASURE, Advice, Body, no_rest
@@ -78,15 +78,15 @@ def observe(model: Any, x: NDArray[np.float64]) -> Contact:
     pairs of particles nearer than a cell; the force on the body as a whole is zero. Particles of STL parts count with their distance from
     the surface as it was made.
 
-    Not neighbours are particles of pieces that do not touch as they are made; of one part, those that were farther apart than twice its
-    thickness and 3 cells; and of different parts of a piece, those that were 3 cells apart.
+    Not neighbours are particles of components that do not touch as they are made; of one part, those that were farther apart than twice its
+    thickness and 3 cells; and of different parts of a component, those that were 3 cells apart.
     """
     scene, rest = model.scene, model.particles.position
     cell, size = cell_size(scene), 2 * reach(scene)
     within = WITHIN * cell + max(size, cell)
-    piece = connected_pieces(scene.body.parts, model.particles.cell, model.particles.segment)
-    part = piece if scene.body.parts is None else model.particles.segment
-    a, b = _near(x, rest, model.particles.cell, piece, part, within=within, apart=3 * cell, in_part=3 * cell + 2 * scene.thickness)
+    component = connected_components(scene.body.parts, model.particles.cell, model.particles.segment)
+    part = component if scene.body.parts is None else model.particles.segment
+    a, b = _near(x, rest, model.particles.cell, component, part, within=within, apart=3 * cell, in_part=3 * cell + 2 * scene.thickness)
     now = np.linalg.norm(x[a] - x[b], axis=1)
     if scene.body.parts is not None:
         near, of = np.unique(np.concatenate([a, b]), return_inverse=True)
@@ -99,18 +99,18 @@ def _near(
     x: NDArray[np.float64],
     rest: NDArray[np.float64],
     cell: NDArray[np.integer],
-    piece: NDArray[np.int64],
+    component: NDArray[np.int64],
     part: NDArray[np.integer],
     *,
     within: float,
     apart: float,
     in_part: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of particles within a distance (m) that are not neighbours: of two pieces, or that were farther than `apart` (m) from each
-    other undeformed, than `in_part` (m) in the same part.
+    """Pairs of particles within a distance (m) that are not neighbours: of two components, or that were farther than `apart` (m) from
+    each other undeformed, than `in_part` (m) in the same part.
 
-    x, rest (n, 3) m: now and undeformed; cell (n, 3), piece, part (n,): of each. A body has a hundred times as many pairs of neighbours as
-    of others: those whose cells can't hold others are left out before there are pairs of particles.
+    x, rest (n, 3) m: now and undeformed; cell (n, 3), component, part (n,): of each. A body has a hundred times as many pairs of neighbours
+    as of others: those whose cells can't hold others are left out before there are pairs of particles.
     """
     from scipy.spatial import cKDTree  # only where a body touches itself
 
@@ -119,8 +119,8 @@ def _near(
     first = np.cumsum(count) - count
     now, then = _balls(x[order], first, count), _balls(rest[order], first, count)
     a, b = cKDTree(now[0]).query_pairs(within + 2 * now[1], output_type="ndarray").T
-    one = order[first]  # a particle of each cluster, for its part and piece
-    kept = _apart(then[0][a] - then[0][b], one[a], one[b], piece, part, apart - 2 * then[1], in_part - 2 * then[1])
+    one = order[first]  # a particle of each cluster, for its part and component
+    kept = _apart(then[0][a] - then[0][b], one[a], one[b], component, part, apart - 2 * then[1], in_part - 2 * then[1])
     a, b = a[kept], b[kept]
     # every particle of one with every particle of the other
     many = count[a] * count[b]
@@ -130,7 +130,7 @@ def _near(
     j = order[first[b][which] + of_pair % count[b][which]]
     near = (x[i, 0] - x[j, 0]) ** 2 + (x[i, 1] - x[j, 1]) ** 2 + (x[i, 2] - x[j, 2]) ** 2 <= within**2
     i, j = i[near], j[near]
-    kept = _apart(rest[i] - rest[j], i, j, piece, part, apart, in_part)
+    kept = _apart(rest[i] - rest[j], i, j, component, part, apart, in_part)
     return i[kept], j[kept]
 
 
@@ -138,14 +138,14 @@ def _apart(
     between: NDArray[np.float64],
     a: NDArray[np.int64],
     b: NDArray[np.int64],
-    piece: NDArray[np.int64],
+    component: NDArray[np.int64],
     part: NDArray[np.integer],
     apart: float,
     in_part: float,
 ) -> NDArray[np.bool_]:
     """Which particles a and b (k,), `between` (k, 3) m from each other undeformed, are no neighbours."""
     far = np.where(part[a] == part[b], in_part, apart)
-    return np.asarray((np.linalg.norm(between, axis=1) > far) | (piece[a] != piece[b]))
+    return np.asarray((np.linalg.norm(between, axis=1) > far) | (component[a] != component[b]))
 
 
 def _numbered(cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:

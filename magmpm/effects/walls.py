@@ -1,7 +1,8 @@
 """walls: the body lies in a lumen, a tube around a path or the inside of a closed surface, and touches its wall, with friction.
 
 The distance from the wall comes from a table (bodies.signed_distance), so a particle costs the same whatever the wall's shape; force,
-friction, stiffness and what a body sinks in: see effects.contact_law. What lies beyond the table, as past the open ends of a tube, touches nothing.
+friction, stiffness and what a body sinks in: see effects.contact_law. What lies beyond the table, as past the open ends of a tube,
+touches nothing.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class Field:
         gradients_at(places(self.source, _times(time))[0], self.data, points, out)
         return out
 
-    def trouble(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
+    def outside_domain(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
         """Where points (n, 3) m of a body are not where the field is known: what happened, the source, the remedy; else None."""
         bare = bare_dipoles(self.source)
         if not (self.solids or self.limits or bare) or len(points) == 0:
@@ -122,7 +122,7 @@ class Field:
 
     def check(self, points: Array, time: float | None = None) -> None:
         """Raises SolveError where a body at points (n, 3) m has come into a magnet, or to where the field is not known."""
-        found = self.trouble(points, time)
+        found = self.outside_domain(points, time)
         if found is not None:
             raise SolveError(f"{found[0]}; {found[2]}")
 
@@ -132,7 +132,7 @@ class Field:
         moving: at time 0; else at the end of the schedule, where statics takes the field.
         """
         time = 0.0 if moving else end_time(self.source)
-        found = self.trouble(points, time)
+        found = self.outside_domain(points, time)
         if found is not None:
             when = "" if self.source.over_time is None else f" at {time:g} s"
             rule = "the undeformed body is where the field is known, outside of every magnet, and a cell away from every point dipole"

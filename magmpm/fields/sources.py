@@ -26,7 +26,7 @@ from pydantic_core import CoreSchema
 
 from magmpm.fields.measured_map import read_map, read_schedule
 from magmpm.inputs.csv_tables import TableError
-from magmpm.inputs.settings import Part, Quantity, fault, folder_of, from_file
+from magmpm.inputs.settings import Quantity, Settings, fault, folder_of, from_file
 from magmpm.inputs.vectors import Direction, Vector, three
 
 MAX_SOURCES = 100
@@ -55,7 +55,7 @@ class _OneOrMore(BeforeValidator):
     """A single mapping where a list is due is a list of one."""
 
     def __init__(self) -> None:
-        super().__init__(lambda value: [value] if isinstance(value, (Mapping, Part)) else value)
+        super().__init__(lambda value: [value] if isinstance(value, (Mapping, Settings)) else value)
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         schema = handler(core)
@@ -68,7 +68,7 @@ def _no_direction(direction: Vector) -> Vector:
     return direction
 
 
-class Dipole(Part):
+class Dipole(Settings):
     """A magnet far away, or a magnetised sphere: the field of a point dipole."""
 
     position: Point = Field(description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
@@ -83,7 +83,7 @@ class Dipole(Part):
     )
 
 
-class Cuboid(Part):
+class Cuboid(Settings):
     """A block."""
 
     size: Sizes = Field(
@@ -92,14 +92,14 @@ class Cuboid(Part):
     )
 
 
-class Cylinder(Part):
+class Cylinder(Settings):
     """A round bar or disc."""
 
     diameter: _Size = Field(description="Diameter.", examples=["20 mm"])
     length: _Size = Field(description="Length along its axis.", examples=["20 mm"])
 
 
-class Magnet(Part):
+class Magnet(Settings):
     """A permanent magnet of finite size, magnetised evenly."""
 
     cuboid: Cuboid | None = Field(
@@ -138,7 +138,7 @@ class Magnet(Part):
         return self
 
 
-class Coil(Part):
+class Coil(Settings):
     """A thin round coil."""
 
     position: Point = Field(description="Its centre: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]])
@@ -161,7 +161,7 @@ class Coil(Part):
         return _no_direction(direction)
 
 
-class Grid3(Part):
+class Grid3(Settings):
     """A field on a regular grid, as a map is kept once it is read: SI, the values as base64 of little-endian doubles."""
 
     lower: tuple[float, float, float]
@@ -189,7 +189,7 @@ def _read_map(value: Any, info: ValidationInfo) -> Any:
     )
 
 
-class Map(Part):
+class Map(Settings):
     """A measured or computed field on a regular grid."""
 
     table: Annotated[Grid3, BeforeValidator(_read_map), WithJsonSchema({"type": "string"})] = Field(
@@ -204,7 +204,7 @@ class Map(Part):
     )
 
 
-class Tabulation(Part):
+class Tabulation(Settings):
     """How magnets and coils are put on a table, from which the solver takes field and gradients."""
 
     tolerance: float = Field(
@@ -234,7 +234,7 @@ class Tabulation(Part):
         return self
 
 
-class Ramp(Part):
+class Ramp(Settings):
     """The strength grows evenly, and then stays."""
 
     duration: _Duration = Field(description="How long it takes.", examples=["50 ms"])
@@ -243,7 +243,7 @@ class Ramp(Part):
     end: _Number = Field(default=1.0, description="Factor after it; 1 unless given.", examples=[1])
 
 
-class Rotation(Part):
+class Rotation(Settings):
     """The field, with all its sources, turns about an axis."""
 
     axis: Direction = Field(
@@ -277,7 +277,7 @@ class Rotation(Part):
         return frequency
 
 
-class Oscillation(Part):
+class Oscillation(Settings):
     """The strength swings: mean + amplitude sin(2 pi frequency (t - start) + phase)."""
 
     frequency: Annotated[float, Quantity("frequency", above="0 Hz", at_most="1e5 Hz")] = Field(
@@ -294,7 +294,7 @@ class Oscillation(Part):
     )
 
 
-class Keyframe(Part):
+class Keyframe(Settings):
     """What holds at one time; in between, values change evenly."""
 
     time: _Time = Field(description="When.", examples=["50 ms"])
@@ -325,7 +325,7 @@ def _read_schedule(value: Any, info: ValidationInfo) -> Any:
 KEYFRAMES = [{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]
 
 
-class OverTime(Part):
+class OverTime(Settings):
     """How the field changes in time. Strengths of several parts multiply; then the field turns. What has ended stays as it ended."""
 
     ramp: Ramp | None = Field(
@@ -395,7 +395,7 @@ class OverTime(Part):
         return None
 
 
-class FieldSource(Part):
+class FieldSource(Settings):
     """The outside magnetic field: the sum of its sources."""
 
     uniform: FluxVector = Field(

@@ -37,9 +37,9 @@ __all__ = [
     "FluxDensity",
     "Frequency",
     "Length",
-    "Part",
     "Pressure",
     "Quantity",
+    "Settings",
     "Time",
     "fault",
     "folder_of",
@@ -52,7 +52,7 @@ __all__ = [
 M = TypeVar("M", bound=BaseModel)
 
 
-class Part(BaseModel):
+class Settings(BaseModel):
     """Base of every part of a scene or study: immutable, and unknown keys are errors.
 
     `not_there_yet`: keys of the published contract that this version does not have, with what they are for.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
-from magmpm.inputs.settings import Part, Quantity, fault
+from magmpm.inputs.settings import Quantity, Settings, fault
 
 Vector = tuple[float, float, float]
 
@@ -48,7 +48,7 @@ def _unit_vector(value: Any) -> Vector:
     return (x, y, z)
 
 
-class Angles(Part):
+class Angles(Settings):
     """A direction by two angles: d = (cos e cos a, cos e sin a, sin e)."""
 
     azimuth: Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")] = Field(

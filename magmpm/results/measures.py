@@ -86,7 +86,7 @@ def tip(model: Model, grid: Array, position: Array) -> Array:
 def piece_means(model: Model, values: Array) -> Array:
     """Mean over each piece's volume, (k, m), of values (n, m) at the particles."""
     particles = model.particles
-    count = len(model.scene.pieces())
+    count = len(model.scene.regions())
     share = np.zeros((count, len(values)))
     share[particles.segment, np.arange(len(values))] = particles.volume
     share /= share.sum(axis=1, keepdims=True)

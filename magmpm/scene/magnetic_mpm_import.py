@@ -27,7 +27,7 @@ from magmpm.bodies.assembly import MAX_PARTS, MAY_OVERLAP
 from magmpm.bodies.surface_mesh import MeshError, overlap_of, pack_mesh, read_stl, unpack_mesh, volume_of
 from magmpm.errors import InputError, report
 from magmpm.inputs.regular_file import read_regular
-from magmpm.inputs.settings import Part, fault, read_yaml, validate
+from magmpm.inputs.settings import Settings, fault, read_yaml, validate
 from magmpm.inputs.vectors import three
 from magmpm.inputs.yaml_document import MAX_BYTES
 from magmpm.scene import Scene, load_scene
@@ -40,7 +40,7 @@ FREE_CELLS, FIXED_CELLS = 2, 4  # cells through the thinnest part: motion is dea
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
-class RobotSegment(Part):
+class RobotSegment(Settings):
     """One mesh of a robot."""
 
     mesh: str = Field(min_length=1, description="STL file in the folder `meshes`.", examples=["base.stl"])
@@ -52,7 +52,7 @@ class RobotSegment(Part):
     fixed: bool = Field(strict=True, description="Whether it is held.", examples=[False])
 
 
-class Robot(Part):
+class Robot(Settings):
     """A robot of the magneticMPM format."""
 
     name: str = Field(min_length=1, max_length=100, description="Name.", examples=["Tentacle"])

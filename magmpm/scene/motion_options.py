@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from magmpm.inputs.settings import Part, Quantity, fault
+from magmpm.inputs.settings import Quantity, Settings, fault
 
 MOST_FRAMES = 100_000
 
 
-class DynamicOptions(Part):
+class DynamicOptions(Settings):
     """Motion in time by explicit steps."""
 
     duration: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] = Field(

@@ -10,13 +10,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.inputs.settings import Part, Quantity, fault, from_file
+from magmpm.inputs.settings import Quantity, Settings, fault, from_file
 from magmpm.inputs.vectors import three
 from magmpm.scene.motion_options import DynamicOptions
 from magmpm.scene.surroundings import Damping, Feed, Ground, SelfContact, Viscosity, Walls
 
 
-class Material(Part):
+class Material(Settings):
     """A silicone, magnetic or plain."""
 
     model: Literal["neo-hookean"] = Field(
@@ -58,15 +58,15 @@ _AccelerationComponent = Annotated[
 ]
 
 
-class MagneticTorque(Part):
+class MagneticTorque(Settings):
     """The outside field turns the magnetised segments. No settings."""
 
 
-class MagneticForce(Part):
+class MagneticForce(Settings):
     """An outside field that varies in space pulls the magnetised segments. No settings."""
 
 
-class MagneticInteraction(Part):
+class MagneticInteraction(Settings):
     """The magnetised segments turn and pull each other."""
 
     blocks_across: int = Field(
@@ -79,7 +79,7 @@ class MagneticInteraction(Part):
     )
 
 
-class Gravity(Part):
+class Gravity(Settings):
     """Weight."""
 
     acceleration: Annotated[
@@ -92,7 +92,7 @@ class Gravity(Part):
     )
 
 
-class Effects(Part):
+class Effects(Settings):
     """What is simulated: an effect that is not named costs nothing."""
 
     @property
@@ -146,7 +146,7 @@ class Effects(Part):
     )
 
 
-class StaticOptions(Part):
+class StaticOptions(Settings):
     """Equilibrium: how it is sought."""
 
     tolerance: float = Field(
@@ -176,7 +176,7 @@ class StaticOptions(Part):
     )
 
 
-class Solver(Part):
+class Solver(Settings):
     """Statics or dynamics, one of them, and the settings that both share."""
 
     anti_locking: Literal["f-bar", "none"] = Field(
@@ -204,7 +204,7 @@ class Solver(Part):
         return self
 
 
-class Resolution(Part):
+class Resolution(Settings):
     """How fine the grid is."""
 
     not_there_yet: ClassVar[Mapping[str, str]] = {

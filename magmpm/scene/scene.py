@@ -26,13 +26,13 @@ from pydantic import (
     model_validator,
 )
 
-from magmpm.bodies.regions import Piece
-from magmpm.bodies.slender import CATHETER, PIECES_A_PERIOD, Body, Catheter, Segment, Strip
+from magmpm.bodies.regions import Region
+from magmpm.bodies.slender import CATHETER, REGIONS_A_PERIOD, Body, Catheter, Segment, Strip
 from magmpm.errors import InputError
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import TableError, read_centreline
 from magmpm.inputs.folder_names import folder_fault
-from magmpm.inputs.settings import Key, Part, fault, folder_of, from_file, read_yaml, validate
+from magmpm.inputs.settings import Key, Settings, fault, folder_of, from_file, read_yaml, validate
 from magmpm.inputs.vectors import Angles
 from magmpm.scene.options import (
     Effects,
@@ -54,8 +54,8 @@ __all__ = [
     "Gravity",
     "MagneticTorque",
     "Material",
-    "Piece",
     "Reference",
+    "Region",
     "Resolution",
     "Scene",
     "Segment",
@@ -112,7 +112,7 @@ def _read_points(value: Any, info: ValidationInfo) -> Any:
         raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
-class Reference(Part):
+class Reference(Settings):
     """A known answer to compare with."""
 
     centreline: Annotated[
@@ -125,7 +125,7 @@ class Reference(Part):
     )
 
 
-class Scene(Part):
+class Scene(Settings):
     """What is simulated, how, and how finely. SI floats inside; immutable."""
 
     name: str = Field(
@@ -178,7 +178,7 @@ class Scene(Part):
                 raise fault(f"must be a name from `materials`: {', '.join(self.materials)}", remedy, at)
         asks = "gravity" if self.effects.gravity is not None else "motion"
         if self.effects.gravity is not None or self.solver.dynamic is not None:
-            for name in dict.fromkeys(piece.material_name for piece in self.pieces()):
+            for name in dict.fromkeys(piece.material_name for piece in self.regions()):
                 if self.materials[name].density is None:
                     at = ("materials", name, "density")
                     raise fault(
@@ -217,10 +217,10 @@ class Scene(Part):
         if strip is not None and strip.magnetization_profile is not None:
             across, turns = self.resolution.cells_across, strip.magnetization_profile.harmonic.turns(strip.length)
             a_turn = max(3, round(strip.length / strip.thickness * across)) / turns
-            if a_turn < PIECES_A_PERIOD:
+            if a_turn < REGIONS_A_PERIOD:
                 raise fault(
-                    f"a turn of the magnetisation must be at least {PIECES_A_PERIOD} cells long, and is {a_turn:.3g}",
-                    f"raise cells_across to {int(np.ceil(across * PIECES_A_PERIOD / a_turn))}, or turn less often",
+                    f"a turn of the magnetisation must be at least {REGIONS_A_PERIOD} cells long, and is {a_turn:.3g}",
+                    f"raise cells_across to {int(np.ceil(across * REGIONS_A_PERIOD / a_turn))}, or turn less often",
                     ("resolution", "cells_across"),
                 )
 
@@ -324,14 +324,14 @@ class Scene(Part):
         named: list[tuple[Key, str]] = []
         if (material := getattr(self.body.shape, "material", None)) is not None:
             named.append((("body", self.body.kind, "material"), material))
-        for piece in self.pieces():
+        for piece in self.regions():
             if piece.material_name != material:
                 named.append((("body", *piece.at, "material"), piece.material_name))
         return named
 
-    def pieces(self) -> tuple[Piece, ...]:
+    def regions(self) -> tuple[Region, ...]:
         """What the body is made of, each with one material: segments from base to tip, or parts."""
-        return self.body.shape.pieces()
+        return self.body.shape.regions()
 
     @property
     def length(self) -> float:
@@ -362,12 +362,12 @@ class Scene(Part):
 
     def segment_material(self, index: int) -> Material:
         """The material of a piece (a segment or part)."""
-        return self.materials[self.pieces()[index].material_name]
+        return self.materials[self.regions()[index].material_name]
 
     def segment_remanence(self) -> NDArray[np.float64]:
         """Remanent flux density of each piece in the undeformed body, (k, 3) T."""
         return np.array(
-            [[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.pieces()]
+            [[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.regions()]
         )
 
     def magnetised_segments(self) -> list[int]:
@@ -392,7 +392,7 @@ class Scene(Part):
             found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
         if not any(effect is not None for _, effect in self.effects):
             found.append("effects: none is named, so nothing moves")
-        used = {piece.material_name for piece in self.pieces()}
+        used = {piece.material_name for piece in self.regions()}
         catheter, across = self.body.catheter, self.resolution.cells_across
         if catheter is not None:
             wall = (catheter.diameter - catheter.inner_diameter) / 2 * across / catheter.diameter
@@ -445,7 +445,7 @@ class Scene(Part):
         Raises InputError when the shape is another, a number is not finite, or the body has a profile in place of segments.
         """
         given = np.asarray(directions, dtype=float)
-        pieces = self.pieces()
+        pieces = self.regions()
         if given.shape != (len(pieces), 3):
             raise InputError(f"directions have shape {given.shape}; must be {(len(pieces), 3)}")
         data = self.to_si()
@@ -469,7 +469,7 @@ class Scene(Part):
         data = self.to_si()
         return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": cells_across}})
 
-    def with_effects(self, **effects: Mapping[str, Any] | Part | None) -> Scene:
+    def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
         """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
 
         Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`.
@@ -477,7 +477,7 @@ class Scene(Part):
         """
         data = self.to_si()
         changed = {
-            key: value.model_dump() if isinstance(value, Part) else value for key, value in effects.items()
+            key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()
         }
         return Scene.from_si({**data, "effects": {**data["effects"], **changed}})
 

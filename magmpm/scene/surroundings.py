@@ -15,7 +15,7 @@ from magmpm.bodies.grid import Array
 from magmpm.bodies.mesh_keys import read_mesh
 from magmpm.bodies.surface_mesh import size_fault, unpack_mesh
 from magmpm.inputs.csv_tables import TableError, read_centreline
-from magmpm.inputs.settings import Part, Quantity, fault, folder_of
+from magmpm.inputs.settings import Quantity, Settings, fault, folder_of
 from magmpm.inputs.vectors import Direction, three
 
 IN_MOTION = (
@@ -53,7 +53,7 @@ def _read_path(value: Any, info: ValidationInfo) -> Any:
         raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
-class Damping(Part):
+class Damping(Settings):
     """The surroundings resist in proportion to mass and velocity."""
 
     rate: Annotated[float, Quantity("rate", at_least="0 1/s", at_most="1e6 1/s")] = Field(
@@ -62,7 +62,7 @@ class Damping(Part):
     )
 
 
-class Viscosity(Part):
+class Viscosity(Settings):
     """Losses in the material: a viscous stress 2 eta D beside the elastic one (Kelvin-Voigt)."""
 
     viscosity: Annotated[float, Quantity("viscosity", at_least="0 Pa s", at_most="1e6 Pa s")] = Field(
@@ -71,7 +71,7 @@ class Viscosity(Part):
     )
 
 
-class Ground(Part):
+class Ground(Settings):
     """A plane the body may press on, stick to and slide over."""
 
     point: _Point = Field(
@@ -93,7 +93,7 @@ class Ground(Part):
         return normal
 
 
-class Tube(Part):
+class Tube(Settings):
     """A tube around a path."""
 
     radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
@@ -125,7 +125,7 @@ class Tube(Part):
         return self
 
 
-class Surface(Part):
+class Surface(Settings):
     """The inside of a closed surface."""
 
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
@@ -157,7 +157,7 @@ class Surface(Part):
 TUBE = {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
 
 
-class Walls(Part):
+class Walls(Settings):
     """A lumen the body lies in: a tube, or the inside of a surface."""
 
     tube: Tube | None = Field(
@@ -182,11 +182,11 @@ class Walls(Part):
         return self
 
 
-class SelfContact(Part):
+class SelfContact(Settings):
     """The body's parts and folds touch each other and separate again. No settings: it switches to the updated formulation."""
 
 
-class Feed(Part):
+class Feed(Settings):
     """The base is pushed along +x through a straight guide around the x axis; what has left the guide is free."""
 
     speed: Annotated[float, Quantity("speed", at_least="-10 m/s", at_most="10 m/s")] = Field(

@@ -74,7 +74,7 @@ def _renumbered(model: Model) -> tuple[Model, Index]:
 
 def _all_hang_on_something(model: Model) -> None:
     """Every piece must be held, or share grid nodes with one that hangs on something."""
-    pieces, particles, nodes = model.scene.pieces(), model.particles, model.grid.nodes
+    pieces, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
     clamped = np.zeros(len(pieces), bool)
     # Where a clamp plane changed a cell's splines they no longer sum to one.
     changed = np.any(np.abs(model.weights.sum(axis=2) - 1) > 1e-6, axis=1)

@@ -21,7 +21,7 @@ from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.scene import NO_ENERGY
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
-from magmpm.statics.interacting import Together, minimise_together
+from magmpm.statics.interacting import InteractingEnergy, minimise_together
 from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 
@@ -104,18 +104,18 @@ def _solve(
         found = (_settle if itself else _branch)(model, correction, on_step)
     except SolveError as error:
         at = error.state.point if isinstance(error.state, Equilibrium) else error.state
-        raise _astray(model, at, error.state) or error from None
-    astray = _astray(model, found.point, replace(found, converged=False))
-    if astray is not None:
-        raise astray
+        raise _outside_domain(model, at, error.state) or error from None
+    outside = _outside_domain(model, found.point, replace(found, converged=False))
+    if outside is not None:
+        raise outside
     return found
 
 
-def _astray(model: Model, point: object, state: object) -> SolveError | None:
+def _outside_domain(model: Model, point: object, state: object) -> SolveError | None:
     """What to say where a solve has led into a magnet, or to where the field is not known; None elsewhere."""
     if not isinstance(point, Point) or not model.scene.effects.in_a_field:
         return None
-    found = fields.of(model.scene).trouble(point.position)
+    found = fields.of(model.scene).outside_domain(point.position)
     return None if found is None else SolveError(f"{found[0]}; {found[2]}", state)
 
 
@@ -124,7 +124,7 @@ def _settle(
 ) -> Equilibrium:
     """Equilibrium where the body's magnets act on each other, from the one where they do not."""
     options = model.scene.solver.static
-    energy = Together(model)
+    energy = InteractingEnergy(model)
     alone = energy.alone.model
     found = _branch(alone, correction, on_step)
     settled = minimise_together(

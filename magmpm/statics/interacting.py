@@ -33,7 +33,7 @@ SHORT = 0.25  # of a step: a shorter one asks for a new factorisation
 MOST_STEPS = 10  # times max_steps: these steps are cheap
 
 
-class Together:
+class InteractingEnergy:
     """The energy of a model, all of it: of its effects each particle for itself, and of those that see the whole body."""
 
     def __init__(self, model: Model) -> None:
@@ -57,7 +57,7 @@ class Together:
 
 
 def minimise_together(
-    energy: Together, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
+    energy: InteractingEnergy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
 ) -> Minimum:
     """A minimum of the whole energy from grid coefficients `start` (planes, m): as newton.minimise.
 

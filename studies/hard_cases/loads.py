@@ -120,7 +120,7 @@ CASES = (
                 "updated",
                 5e-3,
                 "elastic; as far as a settled body may be off elsewhere (64 offsets, a magnet brought close)",
-                "motions below a cell relieve F without bending back, faster than the drift correction mends it: 1.4 % of L, still creeping",
+                "motions below a cell relieve F without bending back, faster than drift is corrected: 1.4 % of L, still creeping",
             ),
         )
     ),

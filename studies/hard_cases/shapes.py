@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from magmpm.dynamics.stable_step import speed_of_sound
-from magmpm.dynamics.time_loop import Moved, begin, follow, interval, move
+from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.effects.self_contact import gap
@@ -148,7 +148,7 @@ def _opened(scene: Scene) -> float:
     X = model.particles.position
     first, last = X[:, 0] < 0.5e-3, X[:, 0] > X[:, 0].max() - 0.5e-3
     moved = begin(model)
-    follow(
+    integrate(
         moved,
         on_progress=lambda *_: widest.append(float(np.linalg.norm(np.subtract(*_ends(moved, first, last))))),
     )
@@ -159,7 +159,7 @@ def _opened(scene: Scene) -> float:
     return float(np.linalg.norm(x - turn.apply(rest), axis=1).max()) / scene.length
 
 
-def _ends(moved: Moved, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _ends(moved: SimulationState, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     x = moved.motion.particles()[0]
     return x[first].mean(axis=0), x[last].mean(axis=0)
 

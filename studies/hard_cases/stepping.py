@@ -10,7 +10,7 @@ import numpy as np
 
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import stable_step
-from magmpm.dynamics.time_loop import begin, follow, move
+from magmpm.dynamics.time_loop import begin, integrate, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.errors import InputError, SolveError
 from magmpm.model import Model, build
@@ -82,7 +82,7 @@ def _detected(part: float) -> Callable[[Scene], float]:
         bound = moved.stable.largest
         moved.control.step = part * bound  # what a scene may not ask for
         try:
-            follow(moved)
+            integrate(moved)
         except SolveError as error:
             state = error.state
             named = all(word in error.reason for word in ("step", "t =", "time_step", f"{bound:.3g}"))

@@ -61,7 +61,7 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.Captur
     text = scene_file.read_text()
     assert "../robot/meshes/robot - arm.STL" in text  # meshes are found from the scene's folder
     scene = load_scene(scene_file)
-    assert [piece.held for piece in scene.pieces()] == [True, False, False]
+    assert [piece.held for piece in scene.regions()] == [True, False, False]
     np.testing.assert_allclose(scene.segment_remanence(), [[0, 0, 0], [0, 0, 0.138], [0.1104, 0, 0.0828]], atol=1e-12)
     assert [scene.segment_material(k).density for k in range(3)] == [927, 1882, 1882]
     assert {m.bulk_to_shear for m in scene.materials.values()} == {20.0}
@@ -209,8 +209,8 @@ def test_a_folder_without_meshes_is_said(tmp_path: Path) -> None:
 def test_real_robots(robot: str, volume: float, held: int, odd: int, tmp_path: Path) -> None:
     """Volume (mm^3, sum of the meshes' as another program, trimesh, has it), the held part, and vectors that are not unit."""
     scene, warnings = import_robot(REAL / f"{robot}.yaml", tmp_path / "s.yaml")
-    assert len(scene.pieces()) == 9
-    assert sum(piece.held for piece in scene.pieces()) == held
+    assert len(scene.regions()) == 9
+    assert sum(piece.held for piece in scene.regions()) == held
     assert len([w for w in warnings if "magnetisation_vector" in w]) == odd == len(warnings)
     model = build(scene)
     assert 1e9 * model.particles.volume.sum() == pytest.approx(volume, rel=1e-4)

@@ -19,7 +19,7 @@ import pytest
 
 from magmpm.cli.main import main
 from magmpm.cli.render import motion_of
-from magmpm.dynamics.time_loop import begin, follow
+from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.results.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
@@ -99,7 +99,7 @@ def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
     loaded = load_scene(path)
     begun = begin(build(loaded))
     at_first = math.ceil(1.99e-3 / begun.dt)  # steps between two frames
-    whole = follow(begun)
+    whole = integrate(begun)
     assert whole.steps > 3 * at_first, "the step must have been shortened"
 
     def interrupt(at: float, steps: int) -> None:
@@ -107,8 +107,8 @@ def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        follow(begin(build(loaded)), folder=tmp_path, on_progress=interrupt)
-    again = follow(begin(build(loaded)), folder=tmp_path, resume=True)
+        integrate(begin(build(loaded)), folder=tmp_path, on_progress=interrupt)
+    again = integrate(begin(build(loaded)), folder=tmp_path, resume=True)
     assert again.steps == whole.steps
     assert again.x.tobytes() == whole.x.tobytes()
     assert again.F.tobytes() == whole.F.tobytes()
@@ -123,9 +123,9 @@ def test_a_motion_resumed_at_its_first_frames_goes_on(tmp_path: Path) -> None:
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        follow(begin(build(loaded)), folder=tmp_path, on_progress=interrupt)
-    again = follow(begin(build(loaded)), folder=tmp_path, resume=True)
-    assert again.x.tobytes() == follow(begin(build(loaded))).x.tobytes()
+        integrate(begin(build(loaded)), folder=tmp_path, on_progress=interrupt)
+    again = integrate(begin(build(loaded)), folder=tmp_path, resume=True)
+    assert again.x.tobytes() == integrate(begin(build(loaded))).x.tobytes()
 
 
 def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,7 +135,7 @@ def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path, m
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("magmpm.dynamics.checkpoint.np.savez", full)
-    moved = follow(begin(build(load_scene(scene(tmp_path, "duration: 1 ms, output_every: 0.5 ms")))), folder=tmp_path)
+    moved = integrate(begin(build(load_scene(scene(tmp_path, "duration: 1 ms, output_every: 0.5 ms")))), folder=tmp_path)
     assert len(moved.warnings) == 1
     assert moved.warnings[0].startswith(f"{tmp_path / CHECKPOINT}: No space left on device: --resume can only go on")
     assert len(Motion.load(tmp_path)) == 3
@@ -420,7 +420,7 @@ def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path) -> Non
         raise Interrupted
 
     with pytest.raises(Interrupted):
-        follow(begin(build(load_scene(path))), folder=out, on_progress=interrupt)
+        integrate(begin(build(load_scene(path))), folder=out, on_progress=interrupt)
     assert not (out / CHECKPOINT).exists()
 
 

@@ -254,7 +254,7 @@ def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_w
     def interrupted(*_: Any, **__: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("magmpm.dynamics.time_loop.follow", interrupted)
+    monkeypatch.setattr("magmpm.dynamics.time_loop.integrate", interrupted)
     assert run(MOVING) == 1
     assert files(OUT) == before
 

@@ -13,7 +13,7 @@ from reference.scenes import field_for_load, rod_scene
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import write_stl
-from magmpm.dynamics.time_loop import Moved, move
+from magmpm.dynamics.time_loop import SimulationState, move
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -82,7 +82,7 @@ def test_a_beam_on_a_held_base_settles_where_statics_has_it(formulation: str, tm
     assert np.array_equal(moved.F[held], np.tile(np.eye(3), (held.sum(), 1, 1)))
 
 
-def _settles(body: dict[str, Any], formulation: str, length: float, field: float) -> Moved:
+def _settles(body: dict[str, Any], formulation: str, length: float, field: float) -> SimulationState:
     effects = {"magnetic_torque": {}, "damping": {"rate": 200.0}}
     scene = moving_scene(body, effects, formulation=formulation, duration=0.12, field={"uniform": [0.0, 0.0, field]})
     data = scene.to_si()

@@ -297,7 +297,7 @@ def test_parts_in_a_file_are_found_beside_it(tmp_path: Path) -> None:
         "field: {uniform: [0 mT, 0 mT, 1 mT]}\neffects: {magnetic_torque: {}}\n"
     )
     scene = load_scene(path)
-    assert [piece.name for piece in scene.pieces()] == ["base plate", "arm"]
+    assert [piece.name for piece in scene.regions()] == ["base plate", "arm"]
     assert scene.thickness == pytest.approx(1e-3)
     assert build(scene).particles.volume.sum() == pytest.approx(3e-9, rel=1e-12)
 

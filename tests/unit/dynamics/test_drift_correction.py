@@ -154,7 +154,7 @@ def cubes(tmp_path: Path, gap: float) -> Scene:
 @pytest.mark.parametrize(("gap", "count"), [(0.0, 1), (0.4, 2), (3.0, 2), (7.0, 2)])
 def test_parts_that_touch_are_one_piece(tmp_path: Path, gap: float, count: int) -> None:
     """And others are not, though they share cells of the grid."""
-    assert len(np.unique(Anchor(build(cubes(tmp_path, gap))).piece)) == count
+    assert len(np.unique(Anchor(build(cubes(tmp_path, gap))).component)) == count
 
 
 def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from reference.scenes import rod_scene
 
 from magmpm.bodies.grid import spline_weights
 from magmpm.dynamics.apic import UpdatedMotion
-from magmpm.dynamics.time_loop import Moved, begin, follow
+from magmpm.dynamics.time_loop import SimulationState, begin, integrate
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.model import Model, build
 from magmpm.results.trajectory import Motion
@@ -29,7 +29,7 @@ def scene(formulation: str) -> Scene:
     return Scene.from_si({**data, "field": {"uniform": FIELD.tolist(), "over_time": {"ramp": {"duration": RISE}}}})
 
 
-def energies(model: Model, moved: Moved, averaged: bool) -> dict[str, float]:
+def energies(model: Model, moved: SimulationState, averaged: bool) -> dict[str, float]:
     """Elastic and magnetic energy, J, of the formulas as they stand: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), (J - 1)^2 of what
     F-bar sees of it where volume is averaged, and -sum V B . F Br / mu0.
     """
@@ -52,7 +52,7 @@ def energies(model: Model, moved: Moved, averaged: bool) -> dict[str, float]:
 def test_stress_field_and_energies_are_those_of_the_moment(formulation: str, tmp_path: Path) -> None:
     """A frame's: P of all of the elastic law and of the field as it is then, not as it was at the start, when there was none."""
     model = build(scene(formulation))
-    moved = follow(begin(model), folder=tmp_path)
+    moved = integrate(begin(model), folder=tmp_path)
     assert moved.time == 1e-3
     B = FIELD * moved.time / RISE
     averaged = formulation == "total"
@@ -70,7 +70,7 @@ def test_stress_field_and_energies_are_those_of_the_moment(formulation: str, tmp
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 def test_a_result_s_energy_is_potential_and_the_kinetic_one_apart(formulation: str) -> None:
     model = build(scene(formulation))
-    moved, result = follow(begin(model)), run(scene(formulation))
+    moved, result = integrate(begin(model)), run(scene(formulation))
     potential = energies(model, moved, formulation == "total")
     assert result.energy == pytest.approx(sum(potential.values()), rel=1e-6)
     assert result.kinetic_energy == moved.energies["kinetic"]

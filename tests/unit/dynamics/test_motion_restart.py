@@ -12,7 +12,7 @@ from reference.moving import FORMULATIONS, moving_scene
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.dynamics.drift_correction import INTERVAL
-from magmpm.dynamics.time_loop import begin, follow
+from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.model import build
 from magmpm.scene import Scene
 
@@ -45,7 +45,7 @@ def scene(formulation: str) -> Scene:
 def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
     given = scene(formulation)
-    whole = follow(begin(build(given)))
+    whole = integrate(begin(build(given)))
 
     def interrupt(at: float, steps: int) -> None:
         if steps > 2 * INTERVAL + STEPS:
@@ -53,12 +53,12 @@ def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Pat
 
     ended = begin(build(given))
     with pytest.raises(Interrupted):
-        follow(ended, folder=tmp_path, on_progress=interrupt)
+        integrate(ended, folder=tmp_path, on_progress=interrupt)
     assert whole.steps > 3 * INTERVAL > ended.steps > 2 * INTERVAL
     saved = Checkpoint.load(tmp_path, given)
     assert saved is not None
     assert saved.steps > 2 * INTERVAL
-    again = follow(begin(build(given)), folder=tmp_path, resume=True)
+    again = integrate(begin(build(given)), folder=tmp_path, resume=True)
     assert again.steps == whole.steps
     assert again.energies == whole.energies
     kept, found = whole.motion.state(), again.motion.state()

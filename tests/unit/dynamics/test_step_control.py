@@ -15,7 +15,7 @@ from magmpm.dynamics import stable_step, step_control
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import stiffness
 from magmpm.dynamics.step_control import StepControl
-from magmpm.dynamics.time_loop import Moved, begin, follow, interval
+from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.errors import SolveError
 from magmpm.kernels.watch import HIGHEST
@@ -25,7 +25,7 @@ KINDS = pytest.mark.parametrize("kind", [TotalMotion, UpdatedMotion])
 FORMULATIONS = pytest.mark.parametrize("formulation", ["total", "updated"])
 
 
-def crushed(formulation: str, *, ratio: float = 20.0, to: float = 0.2) -> Moved:
+def crushed(formulation: str, *, ratio: float = 20.0, to: float = 0.2) -> SimulationState:
     """A free body at rest whose det F is `to`: let go, it swells at the speed of its waves."""
     moved = begin(build(free_rod(formulation=formulation, length=8e-3, bulk_to_shear=ratio)))
     motion, size = moved.motion, to ** (1 / 3)
@@ -159,7 +159,7 @@ def test_shortened_steps_are_resumed(formulation: str, tmp_path: Path, monkeypat
     monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
     rod = rod_scene(length=8e-3, field=(0.0, 0.0, 20e-3))
     scene = moving(rod, formulation=formulation, duration=2e-3, output_every=2e-4)
-    whole = follow(begin(build(scene)))
+    whole = integrate(begin(build(scene)))
     assert whole.control.shortest < 0.6 * whole.control._longest
 
     class Interrupted(Exception):
@@ -170,8 +170,8 @@ def test_shortened_steps_are_resumed(formulation: str, tmp_path: Path, monkeypat
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        follow(begin(build(scene)), folder=tmp_path, on_progress=interrupt)
-    again = follow(begin(build(scene)), folder=tmp_path, resume=True)
+        integrate(begin(build(scene)), folder=tmp_path, on_progress=interrupt)
+    again = integrate(begin(build(scene)), folder=tmp_path, resume=True)
     assert again.steps == whole.steps
     assert again.control.state() == whole.control.state()
     assert again.x.tobytes() == whole.x.tobytes()

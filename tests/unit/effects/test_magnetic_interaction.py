@@ -17,7 +17,7 @@ from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.energy import Energy
-from magmpm.statics.interacting import Together
+from magmpm.statics.interacting import InteractingEnergy
 
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 MIXED = [X, (0.0, 1.0, 0.0), Z, (0.0, -1.0, 0.0), (1.0, 0.0, 1.0)]
@@ -110,7 +110,7 @@ def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
 def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator) -> None:
     """The whole model with blocks that touch: the residual is the gradient of the energy, found anew in every place."""
     model = build(scene(MIXED[:3]))
-    whole = Together(model)
+    whole = InteractingEnergy(model)
     c, v = 2e-5 * rng.standard_normal((2, *whole.alone.shape))
     point = whole.at(c)
     bare = Energy(replace(model, effects=())).residual(point)
@@ -130,7 +130,7 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
     alone = rod_scene(length=40e-3, directions=MIXED, field=(0, 1e-3, 8e-3))
     found, without = run(alone.with_effects(magnetic_interaction={})), run(alone)
     assert found.converged
-    whole = Together(build(alone.with_effects(magnetic_interaction={})))
+    whole = InteractingEnergy(build(alone.with_effects(magnetic_interaction={})))
     assert np.linalg.norm(found.tip - without.tip) > 1e-4
     start = whole.at(_grid(without, whole))
     loads = np.abs(whole.residual(start)).max()
@@ -141,7 +141,7 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
     assert np.abs(whole.residual(end)).max() < 1e-3 * loads
 
 
-def _grid(result: object, whole: Together) -> np.ndarray:
+def _grid(result: object, whole: InteractingEnergy) -> np.ndarray:
     """Grid coefficients of a result, by least squares from its particles (they determine them)."""
     model = whole.model
     u = result.particle_position - result.particle_reference  # type: ignore[attr-defined]

@@ -13,7 +13,7 @@ from reference import dynamics as reference
 from reference.moving import filled, follow, moving_scene
 from reference.solids import box
 
-from magmpm.bodies.connectivity import connected_pieces
+from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.effects import self_contact
@@ -64,7 +64,7 @@ def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Ge
     model = parts(tmp_path, [(boxes[0], held), (boxes[1], False), (boxes[2], False)])
     model = replace(model, modes=np.zeros((len(model.density), 0)))
     n, part = len(model.density), model.particles.segment
-    assert len(np.unique(connected_pieces(model.scene.body.parts, model.particles.cell, part))) == 3
+    assert len(np.unique(connected_components(model.scene.body.parts, model.particles.cell, part))) == 3
     v = np.array([[0.0, 0.0, 0.4], [0.3, 0.1, -0.2], [-0.1, 0.2, -0.4]])[part] + 0.1 * rng.standard_normal((n, 3))
     F, C = np.eye(3) + 0.02 * rng.standard_normal((n, 3, 3)), 50.0 * rng.standard_normal((n, 3, 3))
     free = ~model.held
@@ -134,7 +134,7 @@ def test_every_pair_of_many_pieces_meets(tmp_path: Path) -> None:
     """
     cubes = [box((4 * i, 0, 3.7 * k), (4 * i + 3, 3, 3.7 * k + 3)) for i, k in product(range(2), repeat=2)]
     model = parts(tmp_path, [(box((-1, -1, -3.7), (8, 4, -0.7)), True), *((cube, False) for cube in cubes)], gravity={})
-    assert UpdatedMotion(model).piece.max() == 4
+    assert UpdatedMotion(model).component.max() == 4
     before, last = follow(model, [0.07, 0.08])
     fell = np.array([centre(model, last.x - model.particles.position, 1 + k)[2] for k in range(4)])
     lower, upper = fell.reshape(2, 2).T
