@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline

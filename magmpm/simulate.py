@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.fields import outside_field as fields

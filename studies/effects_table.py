@@ -12,7 +12,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import formulation
 from magmpm.dynamics.total_lagrangian import TotalMotion

@@ -21,13 +21,11 @@ from typing import Any
 
 import numpy as np
 import optuna
-from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.compiled.arrays import Array
 from studies.search_space import SearchSpace
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.effects import self_contact
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.results.result import Result

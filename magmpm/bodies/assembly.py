@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
-from magmpm.bodies.grid import Array
 from magmpm.bodies.mesh_keys import read_mesh
 from magmpm.bodies.regions import Region
 from magmpm.bodies.surface_mesh import (
@@ -22,6 +21,7 @@ from magmpm.bodies.surface_mesh import (
     unpack_mesh,
     volume_of,
 )
+from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Direction, Vector
 

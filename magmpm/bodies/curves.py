@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 
 
 def curve(points: Array, step: float) -> Array:

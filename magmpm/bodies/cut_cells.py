@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array, Grid
+from magmpm.bodies.grid import Grid
+from magmpm.compiled.arrays import Array
 
 EMPTY = 1e-9  # share of a cell below which what is found is rounding
 ON_PLANE = 1e-9  # of a cell: vertices this near a grid plane lie on it

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from magmpm.compiled.arrays import Array
+
 NODES = 3  # B-splines of degree 2 that a cell carries along one axis
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.cut_cells import cell_moments
-from magmpm.bodies.grid import Array, Grid
+from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles, gauss
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
 
 ON_PLANE = 1e-9  # of a cell

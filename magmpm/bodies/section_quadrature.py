@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array, Grid
+from magmpm.bodies.grid import Grid
+from magmpm.compiled.arrays import Array
 
 EMPTY = 1e-9  # share of a cell below which a piece is rounding, not material: its moments are differences of far larger ones
 WIDEST = 2.0  # a strip's cells may be this much longer across its width than through its thickness

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 
 LINES = 40  # lines along x each way, by which what two meshes share is measured
 TOLERANCE = 1e-3  # of the smaller of two shells: what they may share, or lack of being one in the other; faces may touch

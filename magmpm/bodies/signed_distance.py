@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 
 MOST_POINTS = 4_000_000  # 32 MB

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array
 from magmpm.bodies.shells import SAME, shared, trouble
+from magmpm.compiled.arrays import Array
 from magmpm.inputs.regular_file import UnfitFile, read_regular
 
 PREFIX = "mesh:"  # of the text a scene keeps

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from magmpm.bodies.connectivity import connected_components
-from magmpm.bodies.grid import Array, spline_weights
+from magmpm.bodies.grid import spline_weights
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.drift_correction import INTERVAL, Anchor
 from magmpm.dynamics.particle_groups import slab_edges

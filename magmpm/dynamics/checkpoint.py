@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.results.motion_files import CHECKPOINT
 from magmpm.results.whole_file import whole_file

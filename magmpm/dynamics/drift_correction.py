@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.connectivity import connected_components
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.kernels import reference_fit as kernels
 from magmpm.model import Index, Model

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from magmpm import materials
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import add_energy, add_stress, has_hook

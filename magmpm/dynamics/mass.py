@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.bodies.connectivity import connected_components
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 
 TOLD = 0.02  # of the inertia: less is not worth a warning

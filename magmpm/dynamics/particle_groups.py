@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.model import Index, Model
 
 WIDTH = 8

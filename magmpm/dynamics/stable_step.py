@@ -24,7 +24,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from magmpm import materials
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.energies import volume_change
 from magmpm.dynamics.total_lagrangian import TotalMotion

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics import mass as inertia
 from magmpm.dynamics.apic import UpdatedMotion

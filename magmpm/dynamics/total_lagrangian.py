@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Look, at_step

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.body_reach import FAR
 from magmpm.fields import outside_field as fields

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 from magmpm.scene.options import Effects
 
-Array = NDArray[np.float64]
 PHASES = ("force", "damping", "contact", "constraint")  # the order in which hooks of a kind are called
 
 

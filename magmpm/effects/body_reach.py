@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 
 STRETCHED = 1.5  # times the length of a held body: silicone under its weight and in fields of tens of mT stretches by per cents

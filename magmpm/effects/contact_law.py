@@ -20,9 +20,9 @@ from typing import Any, TypedDict
 import numpy as np
 
 from magmpm.bodies.assembly import Parts
-from magmpm.bodies.grid import Array
 from magmpm.bodies.mesh_quadrature import grid_of_parts, part_particles
 from magmpm.bodies.section_quadrature import gauss, rod_grid, rod_particles, strip_grid
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.errors import SceneError, dotted
 from magmpm.scene import Scene

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 
 MEASURE = "to measure, compare `magmpm run` with and without it"

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects.estimates import Advice, Body
 from magmpm.effects.hooks import register
@@ -36,7 +37,6 @@ NEAR = 1.35  # edges: from here on they are dipoles
 SIZE = 6  # floats a block: B/mu0 (3) A/m, force per volume (3) N/m^3
 DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
-Array = NDArray[np.float64]
 
 
 def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:

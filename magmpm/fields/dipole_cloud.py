@@ -13,11 +13,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import POINT, K
 from magmpm.fields.magnets import Solid
 
-Array = NDArray[np.float64]
 MU0 = 4e-7 * np.pi
 MAX_DIPOLES = 1000  # a magnet: some 40 microseconds a particle
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.fields.magnets import Solid
 from magmpm.fields.schedule import places, sample_times
 from magmpm.fields.sources import FieldSource
 
-Array = NDArray[np.float64]
 KEPT_OFF = 0.25  # of the gap between the undeformed body and a magnet: how far from the magnet the box ends
 
 

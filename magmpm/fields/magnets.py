@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
 from magmpm.fields.sources import Dipole, FieldSource, Magnet
 
-Array = NDArray[np.float64]
 CHUNK = 200_000  # points a call: magpylib's work arrays are some twenty times as large
 SLACK = 1e-3  # of a coil's diameter: how near its wire counts as in it
 

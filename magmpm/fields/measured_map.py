@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import show
 from magmpm.inputs.csv_tables import TableError, read_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 
-Array = NDArray[np.float64]
 MAX_NODES = 500_000
 MAX_ROWS = 100_000
 FEWEST = 4  # nodes along each axis of a map: a cubic spline needs as many

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError, SolveError
 from magmpm.fields import dipole_cloud as lattice
 from magmpm.fields import table
@@ -25,7 +26,6 @@ from magmpm.scene import Scene
 
 __all__ = ["Field", "end_time", "of", "places", "records"]
 
-Array = NDArray[np.float64]
 ARCS = 48  # of a coil's wire, each in a box of its own
 NEAREST = 0.5  # of the undeformed body's distance from a magnet: how near a cloud of dipoles is made good for
 SWEPT = 3.0  # times the body's reach: a table larger than this is for sources that turn or travel, which clouds of dipoles suit better

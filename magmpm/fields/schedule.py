@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.sources import FieldSource, Keyframe, OverTime
 
-Array = NDArray[np.float64]
 DTYPE = np.dtype(PLACE)
 
 

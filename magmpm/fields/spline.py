@@ -13,13 +13,12 @@ Beyond the box they go on with the value at the nearest point of its surface: fi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import folded, halves, load, splat
 
-Array = NDArray[np.float64]
 HEADER = 9
 FEWEST = 4  # nodes along an axis: a cubic needs as many
 

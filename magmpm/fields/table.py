@@ -10,14 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
 from magmpm.fields import spline
 from magmpm.fields.domain import Box
 from magmpm.fields.kernels import PLACE, fields_at, gradients_at
 
-Array = NDArray[np.float64]
 FIRST = 20  # cells along the longest side, to begin with
 GROWTH = 1.5
 MAX_NODES = 2_500_000  # 60 MB

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 
 CLOSE = 0.5  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)

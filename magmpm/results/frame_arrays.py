@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm import materials
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 
 QUANTITIES = {  # name of each array of the file: its components

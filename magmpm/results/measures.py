@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import Array, spline_weights
+from magmpm.bodies.grid import spline_weights
 from magmpm.bodies.regions import Line
+from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 from magmpm.results.result import Result
 

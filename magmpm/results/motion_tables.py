@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.results.whole_file import whole_file
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.inputs.regular_file import MOST, read_regular
 from magmpm.results.whole_file import whole_file

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.materials import determinant
 from magmpm.model import Model

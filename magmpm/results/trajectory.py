@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.errors import BudgetError, InputError, report
 from magmpm.results import vtkhdf
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers

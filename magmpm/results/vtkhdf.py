@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.results.frame_arrays import QUANTITIES, Numbers
 from magmpm.results.hdf5_mark import marked_in_order, unmark

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from magmpm.bodies.assembly import Parts
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
 from magmpm.fields import outside_field as fields

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
 from magmpm.bodies.slender import Catheter, Strip
+from magmpm.compiled.arrays import Array
 from magmpm.materials import poisson_ratio, young_modulus
 
 OUT_OF_PLANE = 1e3  # in plane strain, what can't happen is this many times as stiff as bending

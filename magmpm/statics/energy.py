@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.lapack import addresses
 from magmpm.kernels.equilibrium import cell_energy, scatter_residual, scatter_tangent
 from magmpm.kernels.g2p import gather

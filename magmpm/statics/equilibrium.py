@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
 from magmpm.fields import outside_field as fields

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.model import Model

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.materials import poisson_ratio
 from magmpm.model import Model
 from magmpm.rod.cosserat import RodShape

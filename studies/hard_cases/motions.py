@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.steps import take
@@ -17,7 +17,6 @@ from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
-Array = NDArray[np.float64]
 Motion = TotalMotion | UpdatedMotion
 Affine = Callable[[Array], Array]
 

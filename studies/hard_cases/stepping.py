@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import stable_step
 from magmpm.dynamics.time_loop import begin, integrate, move
@@ -17,7 +18,7 @@ from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from studies.hard_cases.case import Case
-from studies.hard_cases.motions import Array, Motion, advance, at_rest, energy, last_cells, spin, throw
+from studies.hard_cases.motions import Motion, advance, at_rest, energy, last_cells, spin, throw
 from studies.hard_cases.scenes import G, bending_field, rod
 
 STEPS = 100_000

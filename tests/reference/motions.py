@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.results.trajectory import MotionWriter
 
 LENGTH, DIAMETER, SHEAR, DENSITY = 0.04, 0.004, 120e3, 1882.0

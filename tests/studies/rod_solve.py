@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
+from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
 from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.compiled.arrays import Array
 
 HUB = 3.0  # mm, from the axis to its sides
 INNER, OUTER = 4.0, 4.5  # lengths of an arm's two pieces
