@@ -31,7 +31,6 @@ from magmpm.bodies.section_quadrature import (
 )
 from magmpm.bodies.slender import Strip
 from magmpm.effects import acting as effects
-from magmpm.fields import outside_field as fields
 from magmpm.scene import Scene
 from magmpm.statics.block_cholesky import split_plane
 
@@ -144,7 +143,7 @@ def build(scene: Scene, *, shift: tuple[float, float] = (0.0, 0.0)) -> Model:
     layout = make_layout(grid, particles, weights, held, clamped_face=clamped_face, plane_strain=plane_strain)
     materials = [scene.segment_material(k) for k in range(len(pieces))]
     if scene.effects.in_a_field:
-        fields.of(scene).check_at_rest(particles.position, moving=not scene.static)
+        scene.outside_field().check_at_rest(particles.position, moving=not scene.static)
     ratio = np.array([material.bulk_to_shear for material in materials])
     averaged = scene.solver.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])

@@ -16,7 +16,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
-from magmpm.fields import outside_field as fields
 from magmpm.model import Model, build
 from magmpm.precompile import prepare_kernels
 from magmpm.results import measures
@@ -161,14 +160,14 @@ def _versions() -> dict[str, str]:
 
 def _warnings(scene: Scene) -> list[str]:
     """What the author may not have meant, and what there is to say about the field's map."""
-    return [*scene.warnings(), *effects.warnings(scene), *(fields.of(scene).warnings if scene.effects.in_a_field else [])]
+    return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
 
 
 def _particles(model: Model, position: Array, F: Array, time: float | None) -> dict[str, Any]:
     """What every result says: the scene, and the particles as they are; the field at the body's centre and a time (s; statics: None)."""
     scene, particles = model.scene, model.particles
     centre = particles.volume @ position / particles.volume.sum()
-    outside = fields.of(scene).at(centre, time)[0] if scene.effects.in_a_field else np.zeros(3)
+    outside = scene.outside_field().at(centre, time)[0] if scene.effects.in_a_field else np.zeros(3)
     return {
         "name": scene.name,
         "scene": scene.to_si(),

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from magmpm.fields import outside_field as fields
 from magmpm.fields.sources import FieldSource
 from magmpm.scene import Scene
 
@@ -43,5 +42,5 @@ def _torque(scene: Scene, over_time: dict[str, object]) -> float:
     data = scene.field.model_dump(mode="json")
     source = FieldSource.model_validate({**data, "over_time": over_time})
     middle = np.mean(scene.box(), axis=0)
-    B = replace(fields.of(scene), source=source).at(middle)[0]
+    B = replace(scene.outside_field(), source=source).at(middle)[0]
     return float(np.linalg.norm(np.cross(scene.segment_remanence(), B), axis=1).sum())

@@ -23,7 +23,6 @@ from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
-from magmpm.fields import outside_field as fields
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results import motion_files
@@ -334,5 +333,5 @@ def _write(moved: SimulationState, writer: MotionWriter | None) -> None:
         return
     model = moved.motion.model
     centre = model.particles.volume @ moved.x / model.particles.volume.sum()
-    field = fields.of(model.scene).at(centre, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
+    field = model.scene.outside_field().at(centre, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
     writer.frame(moved.time, moved.x, moved.v, moved.F, moved.P, moved.energies, moved.contacts, field)

@@ -9,7 +9,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.body_reach import FAR
-from magmpm.fields import outside_field as fields
 from magmpm.model import Model
 
 GAIN = 0.05  # of the largest kinetic energy: what the sum of all energies may grow by where nothing does work
@@ -83,7 +82,7 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
     """Whether the body has come into a magnet, or to where the field is not known; places that are no numbers do not count."""
     if not model.scene.effects.in_a_field:
         return None
-    found = fields.of(model.scene).outside_domain(x[np.isfinite(x).all(axis=1)], time)
+    found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
     return None if found is None else Trouble(found[0], -1, found[2])
 
 

@@ -34,7 +34,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     """What kernels take, or () where the field is uniform: it does not pull."""
     if strength == 0.0 or not scene.field.varies:
         return ()
-    return fields.records(scene.field, DTYPE, times, strength), fields.of(scene).data
+    return fields.records(scene.field, DTYPE, times, strength), scene.outside_field().data
 
 
 def advice(scene: Scene, body: Body) -> Advice:

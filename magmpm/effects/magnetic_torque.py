@@ -42,7 +42,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     if strength == 0.0 or not scene.field.acts:
         return ()
     if scene.field.varies:
-        return fields.records(scene.field, VARYING, times, strength), fields.of(scene).data
+        return fields.records(scene.field, VARYING, times, strength), scene.outside_field().data
     uniform = fields.places(scene.field, times, strength)["uniform"]
     # One set of kernels for all of a motion: a schedule that is at zero for some steps stays.
     changes = times is not None and scene.field.over_time is not None

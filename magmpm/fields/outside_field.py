@@ -1,7 +1,7 @@
-"""The outside field of a scene: B(x, t), its derivatives, and where it is known.
+"""The outside field: B(x, t), its derivatives, and where it is known.
 
-`of(scene)` makes a Field of the scene's sources: dipoles in closed form; magnets and coils on a table, or, where one turns or the body
-goes round it, as clouds of dipoles; a measured map as the spline through it. Kernels evaluate the same data (fields.evaluate).
+`outside_field(...)` makes a Field of its sources: dipoles in closed form; magnets and coils on a table, or, where one turns or the body
+goes round it, as clouds of dipoles; a measured map as the spline through it. Kernels evaluate the same data (fields.kernels).
 In the sources' frame nothing changes in time: a schedule changes strength and place of that frame (fields.schedule).
 """
 
@@ -22,10 +22,10 @@ from magmpm.fields.kernels import fields_at, gradients_at
 from magmpm.fields.magnets import Solid, bare_dipoles, dipole_rows, exact, polarization, taken, wires
 from magmpm.fields.schedule import end_time, places, records, sample_times
 from magmpm.fields.sources import FieldSource, Tabulation
-from magmpm.scene import Scene
 
-__all__ = ["Field", "end_time", "of", "places", "records"]
+__all__ = ["Field", "end_time", "outside_field", "places", "records"]
 
+Corner = tuple[float, float, float]
 ARCS = 48  # of a coil's wire, each in a box of its own
 NEAREST = 0.5  # of the undeformed body's distance from a magnet: how near a cloud of dipoles is made good for
 SWEPT = 3.0  # times the body's reach: a table larger than this is for sources that turn or travel, which clouds of dipoles suit better
@@ -46,7 +46,7 @@ class Limit:
 class Field:
     """A field of any sources over time.
 
-    data: the sources as the kernels take them (fields.evaluate); solids: what the body can't be in, each with the distance (m) up to
+    data: the sources as the kernels take them (fields.kernels); solids: what the body can't be in, each with the distance (m) up to
     which the field is good; limits: boxes out of which it is not known; errors: of the table of magnets and coils, if there is one;
     cell: the grid's, m, of what the body is: nearer to a point dipole its field has no meaning.
     """
@@ -139,20 +139,19 @@ class Field:
             raise SceneError(found[1], found=found[0] + when, rule=rule, remedy=found[2])
 
 
-def of(scene: Scene) -> Field:
-    """The field of a scene. Tables are made once for each field and reach of the body; seconds for magnets and coils.
+def outside_field(source: FieldSource, box: tuple[Corner, Corner], *, anchored: bool, cell: float) -> Field:
+    """The field of sources around a body. Tables are made once for each source and box; that takes seconds for magnets and coils.
 
+    box: lower and upper corner of the undeformed body, m; anchored: whether it is held at its base; cell: width of a grid cell, m.
     Raises SceneError: a magnet in or too near to the body, a map that does not cover it, magpylib missing.
     """
-    if not scene.field.varies:
-        return Field(scene.field, np.zeros(2))
-    lower, upper = scene.box()
-    found = _of(scene.field, tuple(lower), tuple(upper), scene.anchored)
-    return replace(found, cell=scene.cell)  # of no account to the tables, so not among what they are kept by
+    if not source.varies:
+        return Field(source, np.zeros(2))
+    return replace(_around(source, *box, anchored), cell=cell)  # tables do not depend on the cell
 
 
 @lru_cache(maxsize=8)
-def _of(source: FieldSource, lower: tuple[float, ...], upper: tuple[float, ...], anchored: bool) -> Field:
+def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -> Field:
     body = Box(np.array(lower), np.array(upper))
     seen = seen_from_sources(source, body)
     found = [(solid, 0.0) for solid in taken(source) if solid.ball]

@@ -123,7 +123,7 @@ def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
 
 def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
     """Field and pull of a field that varies, along the rod's axis. Within a section it is taken as the same everywhere."""
-    source = fields.of(scene)
+    source = scene.outside_field()
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
     base = np.array(line.base)

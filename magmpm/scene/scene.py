@@ -29,6 +29,8 @@ from pydantic import (
 from magmpm.bodies.regions import Region
 from magmpm.bodies.slender import CATHETER, REGIONS_A_PERIOD, Body, Catheter, Segment, Strip
 from magmpm.errors import InputError
+from magmpm.fields.outside_field import Field as OutsideField
+from magmpm.fields.outside_field import outside_field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import TableError, read_centreline
 from magmpm.inputs.folder_names import folder_fault
@@ -359,6 +361,10 @@ class Scene(Settings):
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Lower and upper corner of the box around the undeformed body, m."""
         return self.body.shape.box()
+
+    def outside_field(self) -> OutsideField:
+        """The outside field around the body, with its tables. Raises SceneError (fields.outside_field)."""
+        return outside_field(self.field, self.box(), anchored=self.anchored, cell=self.cell)
 
     def segment_material(self, index: int) -> Material:
         """The material of a piece (a segment or part)."""

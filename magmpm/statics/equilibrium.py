@@ -15,7 +15,6 @@ from threadpoolctl import ThreadpoolController
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
-from magmpm.fields import outside_field as fields
 from magmpm.model import Index, Model
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.scene import NO_ENERGY
@@ -115,7 +114,7 @@ def _outside_domain(model: Model, point: object, state: object) -> SolveError | 
     """What to say where a solve has led into a magnet, or to where the field is not known; None elsewhere."""
     if not isinstance(point, Point) or not model.scene.effects.in_a_field:
         return None
-    found = fields.of(model.scene).outside_domain(point.position)
+    found = model.scene.outside_field().outside_domain(point.position)
     return None if found is None else SolveError(f"{found[0]}; {found[2]}", state)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from magmpm.dynamics.time_loop import begin, interval, move
 from magmpm.effects.magnetic_torque import MU0
-from magmpm.fields import outside_field as fields
 from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -35,7 +34,7 @@ def _rotating() -> Scene:
 def _resonance(scene: Scene) -> float:
     """Largest gap between a body's energy and the work the field has done on it, -integral of m . dB, over its largest kinetic energy."""
     motion, dt, _ = at_rest(scene)
-    model, turning = motion.model, fields.of(scene)
+    model, turning = motion.model, scene.outside_field()
     place = np.zeros((1, 3))
 
     def moment() -> np.ndarray:

@@ -12,7 +12,6 @@ from reference.scenes import rod_scene
 from magmpm.effects import acting as effects
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
-from magmpm.fields import outside_field as fields
 from magmpm.scene import Scene
 from magmpm.simulate import run
 
@@ -34,7 +33,7 @@ def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
     """
     scene = in_field(free_rod(formulation=formulation, **BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
-    model, source = motion.model, fields.of(scene)
+    model, source = motion.model, scene.outside_field()
     V, mass = model.particles.volume, float(model.density @ model.particles.volume)
     pushed, turned, size = np.zeros(3), np.zeros(3), np.zeros(2)
     for step in range(200):

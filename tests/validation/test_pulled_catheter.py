@@ -12,7 +12,6 @@ import pytest
 from reference.scenes import rod_scene
 
 from magmpm.errors import InputError, SolveError
-from magmpm.fields import outside_field as fields
 from magmpm.fields.sources import Grid3
 from magmpm.model import build
 from magmpm.rod.cosserat import solve_rod
@@ -92,8 +91,8 @@ def test_a_magnet_as_table_cloud_and_dipole() -> None:
     field = {"magnet": MAGNET}
     once = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "turns": 1.0, "center": MAGNET["position"]}}
     turning = pulled({**field, "over_time": once})
-    assert fields.of(turning).data[0] > 1, "dipoles"
-    assert fields.of(turning).data[1] == 0, "no table"
+    assert turning.outside_field().data[0] > 1, "dipoles"
+    assert turning.outside_field().data[1] == 0, "no table"
     cloud = run(turning)
     assert np.linalg.norm(cloud.tip - table.tip) < 1e-4 * L
     away = (110e-3, 0.0, 20e-3)
@@ -143,8 +142,8 @@ def test_a_map_with_curl_is_warned_of() -> None:
     grid = Grid3.model_validate(data["field"]["map"]["table"])
     swapped = np.ascontiguousarray(grid.array()[..., [1, 0, 2]])
     data["field"]["map"]["table"]["values"] = base64.b64encode(swapped.astype("<f8").tobytes()).decode()
-    told = fields.of(Scene.from_si(data)).warnings
+    told = Scene.from_si(data).outside_field().warnings
     assert len(told) == 2
     assert "curl" in told[0]
     assert "divergence" in told[1]
-    assert not fields.of(load_scene(ROOT / "data/scenes/pulled_by_map.yaml")).warnings
+    assert not load_scene(ROOT / "data/scenes/pulled_by_map.yaml").outside_field().warnings

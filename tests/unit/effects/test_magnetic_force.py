@@ -15,7 +15,6 @@ from magmpm.effects import acting as effects
 from magmpm.effects import hooks, magnetic_force, magnetic_torque
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import InputError, SolveError
-from magmpm.fields import outside_field as fields
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -55,7 +54,7 @@ def parts(named: Sequence[np.ndarray], x: np.ndarray, F: np.ndarray) -> tuple[An
 def test_hooks_are_what_the_formulas_say() -> None:
     """W = -(1/mu0) B . F Br, P = -(1/mu0) B (x) Br, f = (1/mu0) (grad B)^T F Br with B and grad B of the place."""
     W, P, f, _, M = parts(effects.collect(SCENE), X0, F0)
-    source = fields.of(SCENE)
+    source = SCENE.outside_field()
     B, G = source.at(X0)[0], source.gradient(X0)[0]
     assert pytest.approx(-B @ F0 @ BR / MU0, rel=1e-12) == W
     np.testing.assert_allclose(P, -np.outer(B, BR) / MU0, rtol=1e-12)
@@ -116,7 +115,7 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
     loaded, bare = Energy(model), Energy(replace(model, effects=()))
     c = 2e-5 * rng.standard_normal(loaded.shape)
     x, F, V = loaded.at(c).position, loaded.at(c).F, model.particles.volume
-    source = fields.of(SCENE)
+    source = SCENE.outside_field()
     B, G, m = source.at(x), source.gradient(x), np.einsum("nij,nj->ni", F, model.magnet) / MU0
     f = np.einsum("nji,nj->ni", G, m)
     per_particle = [parts(model.effects, x[p], F[p])[2] * (np.linalg.norm(model.magnet[p]) > 0) for p in range(3)]
@@ -142,7 +141,7 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
 def test_a_small_free_body_accelerates_by_the_gradient() -> None:
     """a = (1/mu0) (grad B)^T Br/rho in the undeformed body: the hook's force over the density."""
     _, _, f, _, _ = parts(effects.collect(SCENE), X0, np.eye(3))
-    G = fields.of(SCENE).gradient(X0)[0]
+    G = SCENE.outside_field().gradient(X0)[0]
     np.testing.assert_allclose(f / RHO, G.T @ BR / (MU0 * RHO), rtol=1e-13)
 
 
@@ -199,7 +198,7 @@ def test_a_point_dipole_in_or_at_the_body_is_refused(place: tuple[float, float, 
 def test_a_point_dipole_that_comes_near_is_met_in_time() -> None:
     moves = {"keyframes": [{"time": 0, "move": (0, 0, 0)}, {"time": 1, "move": (-40e-3, 0, 0)}]}
     scene = scene_in({"dipole": {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0)}, "over_time": moves}, *BOTH)
-    x, source = build(scene).particles.position, fields.of(scene)
+    x, source = build(scene).particles.position, scene.outside_field()
     source.check(x, 0.0)
     with pytest.raises(SolveError, match=r"mm from the point dipole field.dipole at \(6, 0, 0\) mm, nearer than a cell"):
         source.check(x, 0.6)
@@ -210,7 +209,7 @@ def test_a_magnet_that_passes_through_the_body_is_met_in_time() -> None:
     sphere = {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0), "diameter": 2e-3}
     moves = {"keyframes": [{"time": 0, "move": (0, 0, 0)}, {"time": 1, "move": (-40e-3, 0, 0)}]}
     scene = scene_in({"dipole": sphere, "over_time": moves}, *BOTH)
-    x, source = build(scene).particles.position, fields.of(scene)
+    x, source = build(scene).particles.position, scene.outside_field()
     source.check(x, 0.0)
     with pytest.raises(SolveError, match=r"is inside field.dipole, centre \(6, 0, 0\) mm; move the magnet away"):
         source.check(x, 0.6)
