@@ -23,6 +23,7 @@ from magmpm.statics.axis_order import arranged
 from magmpm.statics.block_cholesky import factor, new_panels, solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
 from magmpm.statics.rod_start import straight
 
 
@@ -48,7 +49,7 @@ def solve_small(small: Scene) -> None:
 
             move(build(small))
         else:
-            solve_static(build(small))
+            solve_static(static_model(build(small)))
 
 
 def serve() -> None:
@@ -63,14 +64,14 @@ def serve() -> None:
 
 
 def _tangent(small: Scene) -> None:
-    energy = Energy(arranged(build(small))[0])
+    energy = Energy(arranged(static_model(build(small)))[0])
     model, n = energy.model, len(energy.model.shear)
     rest = np.tile(energy.rest_gradient, (n, 1, 1))
     energy.tangent(Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0))
 
 
 def _energy(small: Scene) -> None:
-    energy = Energy(arranged(build(small))[0])
+    energy = Energy(arranged(static_model(build(small)))[0])
     energy.residual(energy.at(straight(energy.model)))
 
 

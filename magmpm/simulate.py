@@ -25,6 +25,7 @@ from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
 from magmpm.scene import Scene, memory
 from magmpm.statics.equilibrium import Equilibrium, solve_static
+from magmpm.statics.layout import StaticModel, static_model
 
 if TYPE_CHECKING:
     from magmpm.dynamics.time_loop import SimulationState
@@ -54,7 +55,7 @@ def run(
         return _motion(scene, folder, resume, on_progress, on_begin)
     begun = time.perf_counter()
     with memory.within(scene):
-        model = build(scene)
+        model = static_model(build(scene))
     compiled = prepare_kernels(scene)
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
@@ -139,7 +140,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     )
 
 
-def _neighbour(model: Model, start: Result | None) -> Array | None:
+def _neighbour(model: StaticModel, start: Result | None) -> Array | None:
     """What the neighbour's solve added to its rod's shape: nearly the same for this design."""
     if start is None:
         return None
@@ -191,7 +192,7 @@ def _strained(strain: Strain) -> dict[str, Any]:
     return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
 
 
-def _result(model: Model, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
+def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
     scene, point = model.scene, found.point
     position, strain = point.position, strain_of(model, point.position, point.F)
     return Result(

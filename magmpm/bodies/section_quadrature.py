@@ -9,6 +9,7 @@ So the section's area and second moments are right to rounding for any cell size
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,12 @@ class Particles:
     volume: Array
     segment: NDArray[np.int32]
     cell: NDArray[np.int64]
+
+    @cached_property
+    def cell_first(self) -> NDArray[np.int64]:
+        """First particle of each cell, and the end (cells + 1,). A cell that two regions share counts as two: each has one material."""
+        new = np.any(np.diff(self.cell, axis=0) != 0, axis=1) | (np.diff(self.segment) != 0)
+        return np.concatenate([[0], np.flatnonzero(new) + 1, [len(self.cell)]]).astype(np.int64)
 
 
 def gauss(count: int) -> tuple[Array, Array]:

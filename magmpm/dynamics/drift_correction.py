@@ -44,8 +44,7 @@ class Anchor:
     def __init__(self, model: Model) -> None:
         grid, particles = model.grid, model.particles
         cell = particles.cell.astype(np.int64)
-        change = np.flatnonzero((np.diff(cell, axis=0) != 0).any(axis=1) | (np.diff(particles.segment) != 0)) + 1
-        self.cell_first = np.concatenate([[0], change, [len(cell)]]).astype(np.int64)
+        self.cell_first = particles.cell_first
         base = cell[self.cell_first[:-1]]
         self.particle_component = connected_components(model.scene.body.parts, particles.cell, particles.segment)
         self.component = self.particle_component[self.cell_first[:-1]]

@@ -15,11 +15,11 @@ from magmpm.model import Model
 
 
 def volume_change(model: Model, J: Array, averaged: bool) -> Array:
-    """J - 1 (n,) as the volume part of the energy sees it: projected on the cells' modes where averaged (model.volume_modes)."""
+    """J - 1 (n,) as the volume part of the energy sees it: projected on the cells' modes where averaged (bodies.volume_modes)."""
     change = J - 1.0
     if not averaged or model.modes.shape[1] == 0:
         return change
-    first = model.layout.cell_first
+    first = model.particles.cell_first
     moments = np.add.reduceat(model.modes * (model.particles.volume * change)[:, None], first[:-1], axis=0)
     return np.einsum("nk,nk->n", model.modes, np.repeat(moments, np.diff(first), axis=0))
 

@@ -80,15 +80,16 @@ def pack(model: Model) -> Packed:
     real = within < (ends - starts)[cell][:, None]
     particle = order[np.where(real, starts[cell][:, None] + within, starts[cell][:, None])]
 
-    slopes = model.slopes * np.array(model.grid.spacing)[:, None]
-    pattern, kinds = _alike(_lanes(np.concatenate([model.weights.reshape(-1, 9), slopes.reshape(-1, 9)], axis=1), particle))
+    weights, slopes = model.splines()
+    slopes *= np.array(model.grid.spacing)[:, None]
+    pattern, kinds = _alike(_lanes(np.concatenate([weights.reshape(-1, 9), slopes.reshape(-1, 9)], axis=1), particle))
     kinds[:, 9:] /= np.repeat(np.array(model.grid.spacing), 3)[:, None]
     volume = np.where(real, model.particles.volume[particle], 0.0)
     count = model.modes.shape[1]
     moments, modes = _alike(_lanes(model.modes, particle)) if count else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
     strides = (int(shape[1] * shape[2]), int(shape[2]))
     base = first @ np.array([*strides, 1])
-    mass, inverse, place = _nodes(model, base, strides)
+    mass, inverse, place = _nodes(model, weights, base, strides)
     slab_of_cell = slab[order[starts]]
     return Packed(
         particle=np.where(real, particle, -1),
@@ -136,12 +137,14 @@ def _alike(groups: Array) -> tuple[Index, Array]:
     return kind * groups[0].size, groups[first]
 
 
-def _nodes(model: Model, base: Index, strides: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Lumped mass (nodes,) kg, its inverse by component (3 nodes,) 1/kg, and place (nodes, 3) m of the grid's nodes."""
+def _nodes(model: Model, w: Array, base: Index, strides: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Lumped mass (nodes,) kg, its inverse by component (3 nodes,) 1/kg, and place (nodes, 3) m of the grid's nodes.
+
+    w (n, 3, 3): values of the particles' splines.
+    """
     nodes = int(np.prod(model.grid.nodes))
     mass, held = np.zeros(nodes), np.zeros(nodes)
     weight = model.density * model.particles.volume
-    w = model.weights
     for a in range(3):
         for b in range(3):
             for c in range(3):

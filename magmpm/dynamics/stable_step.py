@@ -77,8 +77,8 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
     total = isinstance(motion, TotalMotion)
     h = model.grid.spacing
     if total:
-        weights = np.where(model.weights > 0, model.weights, 1.0)
-        sums = (model.slopes**2 / weights * (model.weights > 0)).sum(axis=2)
+        weights, slopes = model.splines()
+        sums = (slopes**2 / np.where(weights > 0, weights, 1.0) * (weights > 0)).sum(axis=2)
         if model.plane_strain:
             sums[:, 1] = 0.0
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,6 @@ def begin(model: Model) -> SimulationState:
     options = _options(model.scene)
     motion = TotalMotion(model) if formulation(model.scene) == "total" else UpdatedMotion(model)
     stable = stable_step(motion)
-    motion.model = lean(motion.model, motion.formulation)
     _within_memory(motion, options)
     if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
         bounds = ", ".join(f"{name} {step:.4g} s" for name, step in stable.named.items())
@@ -121,14 +120,6 @@ def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> N
                 remedy="raise it, or hold the body together (clamp, ground, walls)",
             )
         )
-
-
-def lean(model: Model, formulation: str) -> Model:
-    """The model without the arrays that a motion has in its own order, or has no use for: a third of the memory."""
-    none = np.zeros((0, 3, 3))
-    if formulation == "total":
-        return replace(model, weights=none, slopes=none)
-    return replace(model, weights=none, slopes=none, modes=np.zeros((0, 0)))
 
 
 def memory(motion: TotalMotion | UpdatedMotion) -> int:

@@ -56,7 +56,7 @@ def _volume_change(J, p, modes, c):
 def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density, x, F, energy, low, high):
     """Potential energy of each cell into energy (cells,) J; smallest and largest det F of its particles into low, high (cells,).
 
-    modes (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see model.volume_modes.
+    modes (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see bodies.volume_modes.
     A cell with det F <= 0 has energy inf.
     """
     for cell in prange(len(energy)):

@@ -87,7 +87,7 @@ def _determinant(F, at):  # type: ignore[no-untyped-def]
 def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, pressed, torn, part, row, x, F):  # type: ignore[no-untyped-def]
     """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
 
-    modes (n, 0) or (n, 4): model.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
+    modes (n, 0) or (n, 4): bodies.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
     (n,), or torn (m) off the fit, or whose A is turned inside out. pressed (n,): only F goes, and only where it is wider than A.
     row (n,): of a particle in x and F, flat in blocks of eight (dynamics.apic).
     """

@@ -131,7 +131,7 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
 
 @compiled
 def _project(modes, at, group, first, count, volume, J, c):  # type: ignore[no-untyped-def]
-    """c (modes,) += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
+    """c (modes,) += moments of J - 1 over a group (bodies.volume_modes), whose modes are from index `at` on."""
     change = load(volume, 8 * group) * (load(J, first) - 1.0)
     for k in range(count):
         c[k] += total(load(modes, at + 8 * k) * change)

@@ -9,9 +9,10 @@ from magmpm.bodies.regions import Line
 from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 from magmpm.results.result import Result
+from magmpm.statics.layout import StaticModel
 
 
-def section_weights(model: Model) -> Array:
+def section_weights(model: StaticModel) -> Array:
     """Weights (nodes_per_plane,) that give the axis from a plane's coefficients: at y = z = 0, or a tube's mean over its section."""
     catheter = model.scene.body.catheter
     if catheter is not None and catheter.inner_diameter > 0.0:
@@ -25,7 +26,7 @@ def _line(model: Model) -> Line:
     return model.line
 
 
-def end_face_weights(model: Model) -> Array:
+def end_face_weights(model: StaticModel) -> Array:
     """Weights (nodes_per_plane,) of the mean over a section."""
     position = model.particles.position
     slice_ = position[:, 0] == position[:, 0].min()
@@ -33,7 +34,7 @@ def end_face_weights(model: Model) -> Array:
     return _plane_weights(model, position[slice_, 1:], share / share.sum())
 
 
-def _plane_weights(model: Model, points: Array, share: Array) -> Array:
+def _plane_weights(model: StaticModel, points: Array, share: Array) -> Array:
     """Sum over points (q, 2) of share times the splines of y and z, for each node of a plane."""
     grid, layout = model.grid, model.layout
     scaled = (points - grid.origin[1:]) / grid.spacing[1:]
@@ -48,7 +49,7 @@ def _plane_weights(model: Model, points: Array, share: Array) -> Array:
     return dense[layout.node_yz[:, 0], layout.node_yz[:, 1]]
 
 
-def along_axis(model: Model, grid: Array, weights: Array, s: Array) -> Array:
+def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Array:
     """Deformed positions (m, 3) m at arc lengths s (m,) m, for plane weights as the functions above give.
 
     grid (planes, m): coefficients of the displacement.
@@ -65,7 +66,7 @@ def along_axis(model: Model, grid: Array, weights: Array, s: Array) -> Array:
     return u + np.outer(s, [1.0, 0.0, 0.0]) + np.array(_line(model).base)
 
 
-def centreline(model: Model, grid: Array) -> Array:
+def centreline(model: StaticModel, grid: Array) -> Array:
     """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at the cells' faces and middles; none for a body without an axis."""
     if model.line is None:
         return np.zeros((0, 4))
@@ -74,7 +75,7 @@ def centreline(model: Model, grid: Array) -> Array:
     return np.column_stack([s, along_axis(model, grid, section_weights(model), s)])
 
 
-def tip(model: Model, grid: Array, position: Array) -> Array:
+def tip(model: StaticModel, grid: Array, position: Array) -> Array:
     """Where the far end is, (3,) m: the mean of a straight body's end face, or the centroid of the last part.
 
     grid (planes, m): coefficients of the displacement; position (n, 3) m: deformed particles.

@@ -15,13 +15,15 @@ from scipy.sparse.csgraph import connected_components
 
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles
+from magmpm.bodies.volume_modes import volume_modes
 from magmpm.errors import SceneError
-from magmpm.model import Index, Model, make_layout, volume_modes
+from magmpm.model import Index
+from magmpm.statics.layout import StaticModel, make_layout
 
 MOST_MEMORY = 4e9  # bytes of the factored tangent
 
 
-def arranged(model: Model) -> tuple[Model, Index]:
+def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
     """The model with renumbered axes, and where each of its particles is in the given one, (n,).
 
     Raises SceneError where a piece hangs on nothing that is held, or the tangent would not fit.
@@ -42,7 +44,7 @@ def arranged(model: Model) -> tuple[Model, Index]:
     return model, of
 
 
-def _renumbered(model: Model) -> tuple[Model, Index]:
+def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     """The model with its longest side as the grid's first axis, and the order its particles are then in."""
     nodes, p = model.grid.nodes, model.particles
     order = max([(0, 1, 2), (1, 2, 0), (2, 0, 1)], key=lambda cycle: nodes[cycle[0]])
@@ -66,13 +68,13 @@ def _renumbered(model: Model) -> tuple[Model, Index]:
         bulk=model.bulk[of],
         magnet=np.ascontiguousarray(model.magnet[of][:, axes]),
         density=model.density[of],
-        modes=volume_modes(particles, layout.cell_first, ratio) if model.modes.shape[1] else model.modes,
+        modes=volume_modes(particles, ratio) if model.modes.shape[1] else model.modes,
         held=held,
         order=order,
     ), of
 
 
-def _all_hang_on_something(model: Model) -> None:
+def _all_hang_on_something(model: StaticModel) -> None:
     """Every piece must be held, or share grid nodes with one that hangs on something."""
     pieces, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
     clamped = np.zeros(len(pieces), bool)

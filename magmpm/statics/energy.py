@@ -13,8 +13,9 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.lapack import addresses
 from magmpm.kernels.equilibrium import cell_energy, scatter_residual, scatter_tangent
 from magmpm.kernels.g2p import gather
-from magmpm.model import Model, kernel_arguments
+from magmpm.model import kernel_arguments
 from magmpm.statics.block_cholesky import fix, new_panels
+from magmpm.statics.layout import StaticModel
 
 
 @dataclass
@@ -33,7 +34,7 @@ class Point:
 class Energy:
     """Potential energy of a model. Holds the work arrays, so that a Newton step allocates next to nothing."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: StaticModel) -> None:
         self.model = model
         layout = model.layout
         self.shape = (layout.planes, layout.m)

@@ -15,12 +15,13 @@ from threadpoolctl import ThreadpoolController
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
-from magmpm.model import Index, Model
+from magmpm.model import Index
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.scene import NO_ENERGY
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimise_together
+from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 
@@ -50,7 +51,7 @@ class Equilibrium:
 
 
 def solve_static(
-    model: Model,
+    model: StaticModel,
     *,
     correction: Array | None = None,
     on_step: Callable[[int, float], None] | None = None,
@@ -80,7 +81,7 @@ def solve_static(
             ) from None
 
 
-def _restored(model: Model, found: Equilibrium, of: Index) -> Equilibrium:
+def _restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
     """An equilibrium with its particles and reference axes as they were before statics.axis_order."""
     if model.order == (0, 1, 2):
         return found
@@ -96,7 +97,7 @@ def _restored(model: Model, found: Equilibrium, of: Index) -> Equilibrium:
 
 
 def _solve(
-    model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
+    model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
     itself = effects.feels_itself(model.scene)
     try:
@@ -110,7 +111,7 @@ def _solve(
     return found
 
 
-def _outside_domain(model: Model, point: object, state: object) -> SolveError | None:
+def _outside_domain(model: StaticModel, point: object, state: object) -> SolveError | None:
     """What to say where a solve has led into a magnet, or to where the field is not known; None elsewhere."""
     if not isinstance(point, Point) or not model.scene.effects.in_a_field:
         return None
@@ -119,7 +120,7 @@ def _outside_domain(model: Model, point: object, state: object) -> SolveError | 
 
 
 def _settle(
-    model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
+    model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
     """Equilibrium where the body's magnets act on each other, from the one where they do not."""
     options = model.scene.solver.static
@@ -133,7 +134,7 @@ def _settle(
 
 
 def _branch(
-    model: Model, correction: Array | None, on_step: Callable[[int, float], None] | None
+    model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
     """Equilibrium on the branch that grows from zero load."""
     options = model.scene.solver.static
@@ -169,12 +170,12 @@ def _branch(
     return _ramp(model, RAMP_STEPS, on_step, warnings)
 
 
-def _most_steps(model: Model) -> int:
+def _most_steps(model: StaticModel) -> int:
     """Newton steps that one solve may take."""
     return model.scene.solver.static.max_steps * (1 if model.line is not None else PATIENCE)
 
 
-def _distance(model: Model, point: Point, rod: RodShape) -> float:
+def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
     """Largest distance between particles near the axis and the rod, over the length."""
     assert model.line is not None  # only straight bodies are rods
     position = model.particles.position - np.array(model.line.base)
@@ -185,7 +186,7 @@ def _distance(model: Model, point: Point, rod: RodShape) -> float:
 
 
 def _ramp(
-    model: Model, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]
+    model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]
 ) -> Equilibrium:
     """Load from zero in `count` equal steps; a step that fails is halved, down to 1/32 of the first."""
     options = model.scene.solver.static

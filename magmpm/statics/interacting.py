@@ -15,9 +15,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
-from magmpm.model import Model
 from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
+from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import (
     LEAST_FRACTION,
     ROUNDING,
@@ -36,7 +36,7 @@ MOST_STEPS = 10  # times max_steps: these steps are cheap
 class InteractingEnergy:
     """The energy of a model, all of it: of its effects each particle for itself, and of those that see the whole body."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: StaticModel) -> None:
         scene = model.scene.with_effects(magnetic_interaction=None)
         self.model = model
         self.alone = Energy(replace(model, scene=scene, effects=effects.collect(scene)))

@@ -14,18 +14,18 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.materials import poisson_ratio
-from magmpm.model import Model
 from magmpm.rod.cosserat import RodShape
+from magmpm.statics.layout import StaticModel
 
 FLAT = 3.0  # width over thickness from which the section is taken for a plate's
 
 
-def straight(model: Model) -> Array:
+def straight(model: StaticModel) -> Array:
     """Coefficients (planes, m) of the undeformed body."""
     return np.zeros((model.layout.planes, model.layout.m))
 
 
-def from_rod(model: Model, rod: RodShape) -> Array:
+def from_rod(model: StaticModel, rod: RodShape) -> Array:
     """Coefficients (planes, m), m, of the displacement that carries the body onto the rod's shape."""
     grid, layout = model.grid, model.layout
     length = rod.s[-1]
@@ -63,25 +63,25 @@ def from_rod(model: Model, rod: RodShape) -> Array:
     return out
 
 
-def _flat(model: Model) -> bool:
+def _flat(model: StaticModel) -> bool:
     """Whether the section keeps its width as it bends: in plane strain, and nearly so in a strip much wider than thick."""
     strip = model.scene.body.strip
     return strip is not None and (strip.plane_strain or strip.width > FLAT * strip.thickness)
 
 
-def plane_frames(model: Model, rod: RodShape) -> Array:
+def plane_frames(model: StaticModel, rod: RodShape) -> Array:
     """The rod's frames at the planes of nodes, (planes, 3, 3)."""
     inside = np.clip(model.plane_coordinates(), 0.0, rod.s[-1])
     return _orthonormal(_interpolate(rod.s, rod.frames.reshape(-1, 9), inside).reshape(-1, 3, 3))
 
 
-def local_correction(model: Model, rod: RodShape, grid: Array) -> Array:
+def local_correction(model: StaticModel, rod: RodShape, grid: Array) -> Array:
     """What coefficients `grid` (planes, m) add to the rod's shape, in its frames: nearly the same for a neighbouring design."""
     extra = (grid - from_rod(model, rod)).reshape(model.layout.planes, -1, 3)
     return np.einsum("pij,pni->pnj", plane_frames(model, rod), extra).reshape(grid.shape)
 
 
-def with_correction(model: Model, rod: RodShape, local: Array) -> Array:
+def with_correction(model: StaticModel, rod: RodShape, local: Array) -> Array:
     """Coefficients (planes, m) of the rod's shape with a neighbour's `local_correction` in this rod's frames."""
     extra = np.einsum("pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3))
     return from_rod(model, rod) + extra.reshape(local.shape)

@@ -51,7 +51,7 @@ def projected(model: Model, change: np.ndarray) -> np.ndarray:
     if not model.modes.shape[1]:
         return change
     found = np.zeros(len(change))
-    for cell in (slice(a, b) for a, b in pairwise(model.layout.cell_first)):
+    for cell in (slice(a, b) for a, b in pairwise(model.particles.cell_first)):
         modes = model.modes[cell]
         found[cell] = modes @ (modes.T @ (model.particles.volume[cell] * change[cell]))
     return found
@@ -104,7 +104,7 @@ class Total:
             first[:, 0] = np.maximum(first[:, 0], 1)
         n = len(first)
         N, dN = np.zeros((n, np.prod(shape))), np.zeros((3, n, np.prod(shape)))
-        w, s, rows = model.weights, model.slopes, np.arange(n)
+        (w, s), rows = model.splines(), np.arange(n)
         for a, b, c in product(range(3), repeat=3):
             node = np.ravel_multi_index((first + np.array([a, b, c])).T, shape)
             N[rows, node] = w[:, 0, a] * w[:, 1, b] * w[:, 2, c]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from magmpm.effects.magnetic_torque import MU0
-from magmpm.model import Model
+from magmpm.statics.layout import StaticModel
 
 LINEAR_STIFFNESS = 5.0  # of G, by docs/design.md: not taken from the model, which is compared with it
 
@@ -37,12 +37,12 @@ class Reference:
     plane by plane.
     """
 
-    model: Model
+    model: StaticModel
     N: np.ndarray
     dN: np.ndarray
 
     @classmethod
-    def of(cls, model: Model) -> Reference:
+    def of(cls, model: StaticModel) -> Reference:
         grid, layout = model.grid, model.layout
         values, slopes = [], []
         for axis in range(3):
@@ -148,7 +148,7 @@ class Reference:
         return full.reshape(3 * nodes, 3 * nodes) + dJ.T @ Q @ dJ
 
 
-def loads(model: Model) -> tuple[np.ndarray, np.ndarray]:
+def loads(model: StaticModel) -> tuple[np.ndarray, np.ndarray]:
     """Field (3,) T and acceleration (3,) m/s^2 of the effects the model's scene names; zeros for those it
     does not.
     """

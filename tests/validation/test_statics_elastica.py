@@ -19,6 +19,7 @@ from magmpm.model import build
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import static_model
 from magmpm.statics.newton import minimise
 from magmpm.statics.rod_start import straight
 
@@ -60,7 +61,7 @@ def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
     """Lowest eigenvalue of the tangent of the straight body, pushed together by a field against its magnetisation."""
     L = slenderness * D
     field = field_for_load(load, np.pi, length=L, diameter=D) * [1, 0, 0]
-    model = build(rod_scene(length=L, diameter=D, field=field, cells=cells))
+    model = static_model(build(rod_scene(length=L, diameter=D, field=field, cells=cells)))
     energy = Energy(model)
     point = minimise(energy, straight(model), tolerance=1e-11, max_steps=60).point
     _, panels = energy.tangent(point)

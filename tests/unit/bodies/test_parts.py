@@ -31,6 +31,7 @@ from magmpm.model import build
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
+from magmpm.statics.layout import static_model
 
 MATERIAL = {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1500.0, "remanence": 0.1}
 
@@ -272,13 +273,13 @@ def test_a_result_of_parts_survives_being_saved(tmp_path: Path) -> None:
 
 def test_held_inside_its_neighbours_the_nodes_around_it_are_held() -> None:
     """A core held in the middle of a bar: no plane does the holding, so every node that the core touches rests."""
-    model = build(
+    model = static_model(build(
         parts_scene(
             {"mesh": box((2, 0, 0), (3, 1, 1)), "clamp": True},
             {"mesh": box((0, 0, 0), (2, 1, 1))},
             {"mesh": box((3, 0, 0), (5, 1, 1))},
         )
-    )
+    ))
     assert model.held.sum() == model.held.size // 5
     assert model.dof == 3 * 4 * 4 * (12 - 4)  # 10 cells of 0.5 mm along x; the core's two touch 4 planes of nodes
     assert not model.free

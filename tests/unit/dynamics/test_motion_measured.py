@@ -37,7 +37,7 @@ def energies(model: Model, moved: SimulationState, averaged: bool) -> dict[str, 
     J, I1 = np.linalg.det(F), np.einsum("nij,nij->n", F, F)
     change = J - 1
     if averaged:
-        first = model.layout.cell_first
+        first = model.particles.cell_first
         moments = np.add.reduceat(model.modes * (V * change)[:, None], first[:-1], axis=0)
         volume = float(np.sum(model.bulk[first[:-1]] * (moments**2).sum(axis=1))) / 2
     else:

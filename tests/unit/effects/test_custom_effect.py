@@ -17,9 +17,10 @@ from reference.taylor import slopes
 from magmpm.compiled.jit import compiled
 from magmpm.effects import gravity
 from magmpm.effects.hooks import NO_DATA, register
-from magmpm.model import Model, build
+from magmpm.model import build
 from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import StaticModel, static_model
 
 # Kernels are cached on disk by the field names of their effects: a name that changes with this file keeps
 # stale ones away.
@@ -75,11 +76,11 @@ register(DTYPE, energy=energy, stress=stress, tangent=tangent, force=force)
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return build(rod_scene(length=6e-3))
+def model() -> StaticModel:
+    return static_model(build(rod_scene(length=6e-3)))
 
 
-def test_gradient_and_tangent_belong_to_its_energy(model: Model, rng: np.random.Generator) -> None:
+def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.random.Generator) -> None:
     """Taylor on the whole model, with only the new effect beside the material, as stiff as it: orders 2 and
     3.
     """
@@ -101,7 +102,7 @@ def test_gradient_and_tangent_belong_to_its_energy(model: Model, rng: np.random.
     assert second[-1] == pytest.approx(3.0, abs=0.2)
 
 
-def test_its_pull_is_gravity(model: Model, rng: np.random.Generator) -> None:
+def test_its_pull_is_gravity(model: StaticModel, rng: np.random.Generator) -> None:
     """Without stiffness it is the weight of gravity.py: the same residual, bit for bit, through other hooks."""
     a = (3.0, 2.0, -9.81)
     ours, theirs = (
@@ -113,7 +114,7 @@ def test_its_pull_is_gravity(model: Model, rng: np.random.Generator) -> None:
     assert ours.at(c).energy == pytest.approx(theirs.at(c).energy, rel=1e-13)
 
 
-def test_its_strength_is_a_value_not_a_program(model: Model, rng: np.random.Generator) -> None:
+def test_its_strength_is_a_value_not_a_program(model: StaticModel, rng: np.random.Generator) -> None:
     """Other parameters act at once, without compiling again: the stress doubles with the stiffness."""
     c = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
     bare, one, two = (

@@ -17,6 +17,7 @@ from magmpm.effects.magnetic_torque import MU0
 from magmpm.model import build
 from magmpm.simulate import run
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import static_model
 
 B, BR, G_EARTH = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08]), np.array([0.3, 0.2, -9.81])
 RHO, U = 1882.0, np.array([1e-3, 2e-3, -3e-3])
@@ -177,7 +178,7 @@ def test_energy_and_derivatives_of_named_effects_agree_in_a_model(rng: np.random
     coefficients.
     """
     scene = rod_scene(length=8e-3, field=B, gravity=G_EARTH)
-    loaded, bare = Energy(build(scene)), Energy(build(scene.with_effects(magnetic_torque=None, gravity=None)))
+    loaded, bare = Energy(static_model(build(scene))), Energy(static_model(build(scene.with_effects(magnetic_torque=None, gravity=None))))
     c, d = 1e-5 * rng.standard_normal((2, *loaded.shape))
     work = float(np.sum((loaded.residual(loaded.at(c)) - bare.residual(bare.at(c))) * d))
     change = [e.at(c + d).energy - e.at(c).energy for e in (loaded, bare)]
@@ -208,7 +209,7 @@ def test_kernels_with_an_effect_of_zeros(rng: np.random.Generator, zeros: tuple[
     """Should a record of zeros reach the kernels, it changes nothing but the last bits, where sums are
     reassociated.
     """
-    bare = build(rod_scene(length=8e-3))
+    bare = static_model(build(rod_scene(length=8e-3)))
     without, with_zero = Energy(bare), Energy(replace(bare, effects=zeros))
     c = 1e-5 * rng.standard_normal(without.shape)
     r0, r1 = (e.residual(e.at(c)) for e in (without, with_zero))

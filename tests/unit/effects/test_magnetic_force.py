@@ -20,6 +20,7 @@ from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import static_model
 
 BR, RHO = np.array([0.1, 0.05, -0.08]), 1882.0
 F0 = np.array([[1.1, 0.2, -0.3], [0.1, 0.8, 0.4], [-0.2, 0.3, 1.2]])
@@ -85,7 +86,7 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
         scene = scene_in({"magnet": magnet}, *BOTH)
     else:
         scene = SCENE
-    model = build(scene)
+    model = static_model(build(scene))
     loaded, bare = Energy(model), Energy(replace(model, effects=()))
     c, v = 2e-5 * rng.standard_normal((2, *loaded.shape))
     point = loaded.at(c)
@@ -111,7 +112,7 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
     """Momentum and angular momentum, by virtual work: moved by a, turned by w, the body's energy changes by the integrals of
     f . a and of (x cross f + (1/mu0) F Br cross B) . w over it.
     """
-    model = build(SCENE)
+    model = static_model(build(SCENE))
     loaded, bare = Energy(model), Energy(replace(model, effects=()))
     c = 2e-5 * rng.standard_normal(loaded.shape)
     x, F, V = loaded.at(c).position, loaded.at(c).F, model.particles.volume

@@ -18,6 +18,7 @@ from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.energy import Energy
 from magmpm.statics.interacting import InteractingEnergy
+from magmpm.statics.layout import static_model
 
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 MIXED = [X, (0.0, 1.0, 0.0), Z, (0.0, -1.0, 0.0), (1.0, 0.0, 1.0)]
@@ -85,7 +86,7 @@ def test_far_away_a_segment_is_a_dipole(rng: np.random.Generator) -> None:
 
 def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
     """Forces cancel, and so do their torques with those of the fields on the moments: in the blocks, and in what the hooks add."""
-    model = build(scene(MIXED))
+    model = static_model(build(scene(MIXED)))
     x, F = bent(model, rng)
     places, moments, _, _, B, f = acting(model, x, F)
     np.testing.assert_allclose(f.sum(axis=0), 0.0, atol=1e-13 * np.abs(f).sum())
@@ -109,7 +110,7 @@ def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
 
 def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator) -> None:
     """The whole model with blocks that touch: the residual is the gradient of the energy, found anew in every place."""
-    model = build(scene(MIXED[:3]))
+    model = static_model(build(scene(MIXED[:3])))
     whole = InteractingEnergy(model)
     c, v = 2e-5 * rng.standard_normal((2, *whole.alone.shape))
     point = whole.at(c)
@@ -130,7 +131,7 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
     alone = rod_scene(length=40e-3, directions=MIXED, field=(0, 1e-3, 8e-3))
     found, without = run(alone.with_effects(magnetic_interaction={})), run(alone)
     assert found.converged
-    whole = InteractingEnergy(build(alone.with_effects(magnetic_interaction={})))
+    whole = InteractingEnergy(static_model(build(alone.with_effects(magnetic_interaction={}))))
     assert np.linalg.norm(found.tip - without.tip) > 1e-4
     start = whole.at(_grid(without, whole))
     loads = np.abs(whole.residual(start)).max()

@@ -11,16 +11,17 @@ import pytest
 from reference.mpm_numpy import Reference
 from reference.scenes import rod_scene
 
-from magmpm.model import Model, build
+from magmpm.model import build
 from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import StaticModel, static_model
 
 ROUNDING = (
     1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
 )
 
 
-def small_scene(**changes: object) -> Model:
+def small_scene(**changes: object) -> StaticModel:
     """3 cells across, 4 along; the segments meet inside a cell."""
     given = {
         "length": 5.3e-3,
@@ -31,7 +32,7 @@ def small_scene(**changes: object) -> Model:
         "gravity": (1.0, -2.0, -9.81),
         "cells": 3,
     }
-    return build(rod_scene(**{**given, **changes}))
+    return static_model(build(rod_scene(**{**given, **changes})))
 
 
 CASES = {
@@ -68,7 +69,7 @@ def test_cell_energy(case: tuple[Energy, Reference, np.ndarray]) -> None:
     energy, reference, c = case
     point = energy.at(c)
     parts, J = reference.energy_parts(c)
-    first = energy.model.layout.cell_first
+    first = energy.model.particles.cell_first
     np.testing.assert_allclose(
         energy._per_cell[0], np.add.reduceat(parts, first[:-1]), atol=ROUNDING * np.abs(parts).sum()
     )
@@ -96,7 +97,7 @@ def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
 def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """The kernels' cells are the reference's: particles that share a grid cell and a segment. No particle is left out."""
     energy, reference, _ = case
-    first = energy.model.layout.cell_first
+    first = energy.model.particles.cell_first
     assert first[-1] == len(energy.model.shear)
     assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(
         cell.tolist() for cell in reference.cells()

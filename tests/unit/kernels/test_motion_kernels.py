@@ -16,6 +16,7 @@ from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, gravity, magnetic_torque
 from magmpm.model import Model, build
+from magmpm.statics.layout import static_model
 
 B, BR, G_EARTH = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08]), np.array([0.3, 0.2, -9.81])
 ROUNDING = 1e-13  # of the largest value: sums over some hundred particles
@@ -27,7 +28,7 @@ LOADS = {
 
 
 def model_of(effects: tuple[np.ndarray, ...] = (), **scene: object) -> Model:
-    return replace(build(rod_scene(length=8e-3, **scene)), effects=effects)  # type: ignore[arg-type]
+    return replace(static_model(build(rod_scene(length=8e-3, **scene))), effects=effects)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("loads", LOADS)

@@ -11,15 +11,16 @@ from reference.mpm_numpy import Reference
 from reference.scenes import rod_scene
 
 from magmpm.bodies.grid import spline_weights
-from magmpm.model import Model, build
+from magmpm.model import build
+from magmpm.statics.layout import StaticModel, static_model
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return build(rod_scene(length=6e-3))
+def model() -> StaticModel:
+    return static_model(build(rod_scene(length=6e-3)))
 
 
-def test_total_force_is_the_energys_slope(model: Model, rng: np.random.Generator) -> None:
+def test_total_force_is_the_energys_slope(model: StaticModel, rng: np.random.Generator) -> None:
     """At rest and without effects: minus the residual of statics' reference, which has its splines from SciPy."""
     total, statics = Total.of(model), Reference.of(model)
     c = np.zeros((len(total.X), 3))
@@ -33,7 +34,7 @@ def test_total_force_is_the_energys_slope(model: Model, rng: np.random.Generator
     assert np.abs(theirs).max() > 1e-3
 
 
-def test_updated_carries_affine_motion(model: Model) -> None:
+def test_updated_carries_affine_motion(model: StaticModel) -> None:
     """A body far from its clamp that moves with an affine field keeps it, and F follows: one step without forces to speak of."""
     state = Updated.of(replace(model, shear=0 * model.shear, bulk=0 * model.bulk))
     state.x += np.array([4 * model.grid.spacing[0], 0.0, 0.0])
@@ -48,7 +49,7 @@ def test_updated_carries_affine_motion(model: Model) -> None:
     np.testing.assert_allclose(state.F, np.tile(np.eye(3) + 1e-4 * L, (len(v), 1, 1)), rtol=0, atol=1e-14)
 
 
-def test_updated_keeps_momentum(model: Model, rng: np.random.Generator) -> None:
+def test_updated_keeps_momentum(model: StaticModel, rng: np.random.Generator) -> None:
     """Away from the clamp, inner forces change neither momentum nor, where the stress is symmetric, spin."""
     state = Updated.of(model)
     state.x += np.array([4 * model.grid.spacing[0], 0.0, 0.0])
@@ -75,7 +76,7 @@ def test_updated_keeps_momentum(model: Model, rng: np.random.Generator) -> None:
     assert np.linalg.norm(l1 - l0) <= 1e-10 * np.linalg.norm(l0)
 
 
-def test_the_clamp_is_a_mirror(model: Model) -> None:
+def test_the_clamp_is_a_mirror(model: StaticModel) -> None:
     """In a uniform motion the nodes beside the face move by r and -r, and the face not at all: v = V (N_2 + r (N_1 - N_0)), where
     r = (m_1 - m_0) / (m_1 + m_0) from the momentum that node 0 gives to its mirror: for a uniform body, of node masses 5/6 and 1/6
     of a cell, 2/3.

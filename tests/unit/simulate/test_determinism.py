@@ -14,6 +14,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import static_model
 
 pytestmark = pytest.mark.skipif(
     numba.config.NUMBA_NUM_THREADS < 2, reason="Numba was started with one thread"
@@ -38,7 +39,7 @@ def _threads_restored() -> Iterator[None]:
 
 def test_kernels_at_any_thread_count(rng: np.random.Generator) -> None:
     """Gather, energy, residual, tangent, factors and solution: 1 and 2 threads, twice each."""
-    model = build(SCENE)
+    model = static_model(build(SCENE))
     c = 1e-6 * rng.standard_normal((model.layout.planes, model.layout.m))
     found = []
     for threads in (1, 2, 2, 1):

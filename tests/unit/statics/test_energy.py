@@ -12,28 +12,29 @@ from reference.taylor import slopes
 from scipy.spatial.transform import Rotation
 
 from magmpm.effects.magnetic_torque import MU0
-from magmpm.model import Model, build
+from magmpm.model import build
 from magmpm.statics.block_cholesky import multiply, to_dense
 from magmpm.statics.energy import Energy
+from magmpm.statics.layout import StaticModel, static_model
 
 LOCKING = pytest.mark.parametrize("locking", ["f-bar", "none"])
 FIELD = (4e-3, -3e-3, 6e-3)
 LINEAR_STIFFNESS = 5.0  # of G: the value that docs/design.md chose by measurement
 
 
-def model_of(**changes: object) -> Model:
+def model_of(**changes: object) -> StaticModel:
     given = {"length": 8e-3, "directions": [(1, 0, 0), (0.3, -0.5, 0.8)], "shear": [G, G / 3], "cells": 3}
-    return build(rod_scene(**{**given, **changes}))
+    return static_model(build(rod_scene(**{**given, **changes})))
 
 
-def unclamped(model: Model) -> Model:
+def unclamped(model: StaticModel) -> StaticModel:
     """The body without the cells at the clamp, which give way to nothing: the rest is free in space."""
     free = model.particles.cell[:, 0] > 0
     volume = np.where(free, model.particles.volume, 0.0)
     return replace(model, particles=replace(model.particles, volume=volume))
 
 
-def coordinates(model: Model) -> np.ndarray:
+def coordinates(model: StaticModel) -> np.ndarray:
     """Greville points of the free nodes, (planes, nodes, 3) m: coefficients that make the splines x, y and z themselves."""
     grid, nodes = model.grid, model.layout.node_yz
     x = grid.node_coordinates(0)[1:]
@@ -41,13 +42,13 @@ def coordinates(model: Model) -> np.ndarray:
     return np.stack(np.broadcast_arrays(x[:, None], y, z), axis=-1)
 
 
-def affine(model: Model, A: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def affine(model: StaticModel, A: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Coefficients (planes, m) of the displacement that carries X to A X + shift, except in the clamped cells."""
     X = coordinates(model)
     return (X @ A.T + shift - X).reshape(model.layout.planes, -1)
 
 
-def random_coefficients(model: Model, rng: np.random.Generator, size: float = 5e-5) -> np.ndarray:
+def random_coefficients(model: StaticModel, rng: np.random.Generator, size: float = 5e-5) -> np.ndarray:
     return size * rng.standard_normal((model.layout.planes, model.layout.m))
 
 
@@ -216,13 +217,13 @@ def test_volume_modes_are_orthogonal(cells: int, inner: float, ratio: float) -> 
     V, modes = model.particles.volume, model.modes
     share = min(1.0, LINEAR_STIFFNESS / ratio)
     full = 0
-    for a, b in pairwise(model.layout.cell_first):
+    for a, b in pairwise(model.particles.cell_first):
         gram = modes[a:b].T @ (V[a:b, None] * modes[a:b])
         kept = np.diag(gram) > share / 2
         np.testing.assert_allclose(gram, np.diag(kept * [1, share, share, share]), rtol=0, atol=1e-12)
         assert kept[0], "the mean is always there"
         full += kept.all()
-    assert full > len(model.layout.cell_first) / 2
+    assert full > len(model.particles.cell_first) / 2
 
 
 def test_projection_leaves_linear_fields_alone() -> None:
@@ -230,7 +231,7 @@ def test_projection_leaves_linear_fields_alone() -> None:
     model = model_of(cells=4, bulk_to_shear=0.9 * LINEAR_STIFFNESS)
     V, modes = model.particles.volume, model.modes
     J = 1 + model.particles.position @ [30.0, -20.0, 10.0]
-    for a, b in pairwise(model.layout.cell_first):
+    for a, b in pairwise(model.particles.cell_first):
         seen = 1 + modes[a:b] @ (modes[a:b].T @ (V[a:b] * (J[a:b] - 1)))
         np.testing.assert_allclose(seen, J[a:b], rtol=1e-12)
 

@@ -21,6 +21,7 @@ from magmpm.statics import equilibrium
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
 from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.rod_start import from_rod, straight
 
@@ -102,7 +103,7 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
     """The rod's shape on the grid: its axis is the rod's to second order in the cell; sections narrow as they should, so that volume
     changes little but at the clamp; no load, no displacement at all.
     """
-    model = build(spatial_scene(cells=4))
+    model = static_model(build(spatial_scene(cells=4)))
     rod = solve_rod(model.scene)
     begin = from_rod(model, rod)
     axis = measures.centreline(model, begin)
@@ -116,13 +117,13 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
     det = np.linalg.det(point.F)
     assert np.abs(det[away] - 1).max() < 0.06
     assert 0.8 < point.min_det_F < point.max_det_F < 1.2
-    rest = build(rod_scene(length=L))
+    rest = static_model(build(rod_scene(length=L)))
     assert not from_rod(rest, solve_rod(rest.scene)).any()
 
 
 def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
     """Newton from the rod's shape plus noise that strains every cell by some percent finds the same minimum."""
-    model = build(spatial_scene())
+    model = static_model(build(spatial_scene()))
     begin = from_rod(model, solve_rod(model.scene))
     found = minimise(Energy(model), begin, tolerance=1e-11, max_steps=60)
     noise = 0.02 * model.grid.spacing[1] * rng.standard_normal(begin.shape)
@@ -134,7 +135,7 @@ def test_it_is_a_stable_equilibrium() -> None:
     """At the answer the tangent is positive definite, and a Newton step from there would win less than 1e-11 of the energy, the
     tolerance, and move nothing by more than the root of that, 3e-6, of the length.
     """
-    model = build(spatial_scene())
+    model = static_model(build(spatial_scene()))
     energy = Energy(model)
     found = solve_static(model)
     residual, panels = energy.tangent(found.point)
@@ -177,7 +178,7 @@ def test_newton_leaves_an_unstable_equilibrium() -> None:
     curvature to the buckled shape that the rod's start finds. (Slowly: hence the rod.)
     """
     scene = antiparallel(5.0)
-    model = build(scene)
+    model = static_model(build(scene))
     found = minimise(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
     assert found.left_unstable >= 1
     tip = measures.along_axis(model, found.point.grid, measures.end_face_weights(model), np.array([40e-3]))[0]
@@ -276,7 +277,7 @@ def test_unconverged_ramp_returns_its_last_good_state(monkeypatch: pytest.Monkey
 
 def test_numbers_that_are_not_finite_end_in_an_error() -> None:
     """NaN in the material never becomes an answer, and is found at once."""
-    model = build(spatial_scene())
+    model = static_model(build(spatial_scene()))
     shear = model.shear.copy()
     shear[7] = np.nan
     with np.errstate(all="ignore"), pytest.raises(SolveError):
@@ -285,7 +286,7 @@ def test_numbers_that_are_not_finite_end_in_an_error() -> None:
 
 def test_torn_start_is_refused() -> None:
     """A start with det F <= 0 has no energy to lower."""
-    model = build(spatial_scene())
+    model = static_model(build(spatial_scene()))
     torn = straight(model)
     torn[3] = 2 * model.grid.spacing[0]
     with pytest.raises(SolveError, match="det F <= 0"):

@@ -1,0 +1,130 @@
+"""The unknowns of a static solve: which a model has, how they are numbered, and which of them each cell touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Array, Grid
+from magmpm.bodies.section_quadrature import Particles
+from magmpm.model import Index, Model
+from magmpm.statics.block_cholesky import split_plane
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which unknowns each cell touches.
+
+    Unknowns are numbered plane by plane along x: `planes` planes of m = 3 nodes_per_plane, dof = 3 node + component. A cell touches
+    planes cell_plane .. + 2, and in each, three rows of three neighbouring nodes, the first of each in cell_row.
+    A "cell" here is the part of a grid cell that belongs to one segment: it has one material.
+    """
+
+    planes: int
+    nodes_per_plane: int
+    cell_first: Index  # (cells + 1,) first particle of each cell
+    cell_plane: Index  # (cells,)
+    cell_row: Index  # (cells, 3)
+    slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes
+    node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
+    fixed: NDArray[np.bool_]  # (planes, m) unknowns that stay zero: of nodes without material, of held parts, along y in plane strain
+
+    @property
+    def m(self) -> int:
+        """Unknowns of a plane."""
+        return 3 * self.nodes_per_plane
+
+    @property
+    def split(self) -> int:
+        """Where the two halves of the factorisation meet (statics.block_cholesky)."""
+        return split_plane(self.planes)
+
+    @property
+    def most(self) -> int:
+        """Largest number of particles in a cell."""
+        return int(np.diff(self.cell_first).max())
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticModel(Model):
+    """A model with what the static solve adds to it: the numbering of its unknowns, and its splines. See ``static_model``."""
+
+    layout: Layout
+    weights: Array  # (n, 3, 3): axis, node
+    slopes: Array  # (n, 3, 3) 1/m
+    order: tuple[int, int, int] = (0, 1, 2)  # reference axes that the grid's axes are: see statics.axis_order
+
+    @property
+    def dof(self) -> int:
+        """Number of unknowns."""
+        return self.layout.planes * self.layout.m - int(self.layout.fixed.sum())
+
+    def plane_coordinates(self) -> Array:
+        """x (planes,) m of the planes of unknowns, counted from the body's base."""
+        x = self.grid.node_coordinates(0)[int(self.clamped_face) :]
+        return x - self.grid.origin[0]
+
+
+def static_model(model: Model) -> StaticModel:
+    """The model with numbered unknowns, in its own axes."""
+    weights, slopes = model.splines()
+    layout = make_layout(
+        model.grid, model.particles, weights, model.held, clamped_face=model.clamped_face, plane_strain=model.plane_strain
+    )
+    return StaticModel(**vars(model), layout=layout, weights=weights, slopes=slopes)
+
+
+def make_layout(
+    grid: Grid, particles: Particles, weights: Array, held: NDArray[np.bool_], *, clamped_face: bool, plane_strain: bool
+) -> Layout:
+    """Numbering of the unknowns. clamped_face: node 0 along x is eliminated (bodies.grid.clamp_first_node) and has none."""
+    cell_first = particles.cell_first
+    ix, iy, iz = particles.cell[cell_first[:-1]].T
+
+    # Each row of nodes keeps one unbroken run, so a cell's three nodes along z are neighbours in the numbering.
+    _, rows, columns = grid.nodes
+    low, high = np.full(rows, columns), np.full(rows, -1)
+    in_row = [1, 1, 1] if plane_strain else [0, 1, 2]  # in plane strain one row stands for all three
+    for shift in in_row:
+        np.minimum.at(low, iy + shift, iz)
+        np.maximum.at(high, iy + shift, iz + 2)
+    counts = np.maximum(high - low + 1, 0)
+    start = np.concatenate([[0], np.cumsum(counts)])
+    cell_row = np.stack([start[iy + shift] + iz - low[iy + shift] for shift in in_row], axis=1)
+    node_yz = np.array([(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
+
+    cell_plane = np.maximum(ix - 1, 0) if clamped_face else ix
+    slab = cell_plane // 2
+    slab_first = np.searchsorted(slab, np.arange(slab.max() + 2))
+    planes, nodes = grid.nodes[0] - int(clamped_face), int(start[-1])
+    touched = _touched(cell_first, cell_plane, cell_row, weights, (planes, nodes))
+    fixed = np.repeat(~touched, 3, axis=1)  # nodes without material would be free to be anything
+    if held.any():
+        still = held[:, None, None] * weights
+        fixed |= np.repeat(_touched(cell_first, cell_plane, cell_row, still, (planes, nodes)), 3, axis=1)
+    if plane_strain:
+        fixed[:, 1::3] = True
+    return Layout(
+        planes=planes,
+        nodes_per_plane=nodes,
+        cell_first=cell_first,
+        cell_plane=cell_plane.astype(np.int64),
+        cell_row=cell_row.astype(np.int64),
+        slab_first=slab_first.astype(np.int64),
+        node_yz=node_yz.astype(np.int64),
+        fixed=fixed,
+    )
+
+
+def _touched(
+    cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Nodes (planes, nodes_per_plane) that some particle touches."""
+    heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
+    touched = np.zeros(shape, bool)
+    for a, b, c in np.ndindex(3, 3, 3):
+        on = heaviest[:, 0, a] & heaviest[:, 1, b] & heaviest[:, 2, c]
+        touched[cell_plane[on] + a, cell_row[on, b] + c] = True
+    return touched
