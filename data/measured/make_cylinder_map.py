@@ -1,9 +1,9 @@
-"""Writes cylinder_map.csv: the field of a cylinder magnet on a regular grid, with the noise of a Hall probe, as one would measure it.
+"""Writes cylinder_map.csv: the field of a cylinder magnet on a regular grid, as a Hall probe would measure it, with its noise.
 
 python data/measured/make_cylinder_map.py
 
-The magnet: diameter 20 mm, length 20 mm, Br 1.3 T along +x, its centre at the origin of the map. The noise, 0.02 mT in each
-component, is that of a three-axis Hall probe; numbers are rounded to 0.001 mT. The exact field is magpylib's.
+The magnet: diameter 20 mm, length 20 mm, Br 1.3 T along +x, its center at the origin of the map. The noise, 0.02 mT in each
+component, is that of a three-axis Hall probe; numbers are rounded to 0.001 mT. magpylib computes the exact field.
 """
 
 from __future__ import annotations

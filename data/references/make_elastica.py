@@ -1,12 +1,12 @@
-"""Writes elastica_load5.csv, the known answer that data/scenes/elastica.yaml names.
+"""Writes elastica_load5.csv, the reference solution of data/scenes/elastica.yaml.
 
     python data/references/make_elastica.py
 
-A rod that neither stretches nor shears, clamped at s = 0 and magnetised along its axis, in a field across it:
+A rod that neither stretches nor shears, clamped at s = 0 and magnetized along its axis, in a transverse field:
 
     theta'' + load cos(theta) = 0,  theta(0) = 0,  theta'(1) = 0,  load = M B A L^2 / (E I),
 
-with s over L. Solved by shooting on theta'(0); the CSV holds a rod of 40 mm that bends in the x-z plane.
+with s in units of L. Solved by shooting on theta'(0); the CSV file contains a rod of 40 mm that bends in the x-z plane.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LOAD, LENGTH, POINTS = 5.0, 40e-3, 41
 
 
 def shoot(curvature: float, at: np.ndarray) -> np.ndarray:
-    """theta, theta', x/L, z/L, (4, m), at arc lengths over L, from the curvature at the clamp."""
+    """theta, theta', x/L, z/L, (4, m), at the arc lengths `at` (over L), for a given curvature at the clamp."""
 
     def slope(_: float, y: np.ndarray) -> list[float]:
         return [y[1], -LOAD * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])]

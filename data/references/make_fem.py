@@ -1,21 +1,21 @@
-"""Reference solutions of catheters by 3D finite elements, independent of the package's own solvers.
+"""Reference solutions of catheters by 3D finite elements, independent of the solvers of this package.
 
     pip install -e .[fem]
-    python data/references/make_fem.py [NAME ...] [--out DIR]    # some minutes a case; no name: every case
+    python data/references/make_fem.py [NAME ...] [--out DIR]    # some minutes per case; without a name: every case
 
-NGSolve finds the displacement u, zero on the face x = 0, that minimises over the body the integral of
+NGSolve finds the displacement u, zero on the face x = 0, that minimizes the integral over the body of
 
     W = G/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2 - (1/mu0) B . (F Br) - rho g . u,
     F = I + grad u, J = det F.
 
-- Branch: field and gravity grow together from zero in equal steps, with elements of low order, so that the
-  solution is the one connected with the straight rod. The lowest vibrations at each step and the end must be stable.
-- Accuracy: then the order rises to 4 at full load. Elements are tetrahedra curved to order 5, with
-  prisms and hexes shrinking geometrically towards the rim of the clamp, where the stress is singular: without
-  those the tip of a 40 mm rod stays 0.02 to 0.03 mm short, and finer meshes hardly help. All is done on two
-  meshes: the finer one counts, the distance between both is its stated error.
+- Branch: field and gravity grow together from zero in equal steps, with elements of low order, so that the solution is on
+  the branch of the straight rod. The lowest vibration modes at each step and at the end must be stable.
+- Accuracy: at full load the order rises to 4. Elements are tetrahedra curved to order 5, with prisms and hexahedra that shrink
+  geometrically toward the rim of the clamp, where the stress is singular. Without them the tip of a 40 mm rod stays 0.02 to
+  0.03 mm short, and finer meshes hardly help. Each case is solved on two meshes: the finer one is the result, and the
+  distance between the two is its stated error.
 
-Inside, units are N, mm, MPa, tonne, s; what is written is SI, but for keys and columns that end in _mm.
+The code uses N, mm, MPa, tonne, s; the written files are in SI, except keys and columns that end in _mm.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Case:
-    """What is solved, in SI; `steps` of order `ramp_order` from zero to full load."""
+    """One problem, in SI; `steps` load steps with elements of order `ramp_order` from zero to full load."""
 
     segments: tuple[Segment, ...]  # base to tip
     diameter: float
@@ -74,13 +74,13 @@ class Case:
 
 
 def pointing(azimuth: float, elevation: float) -> Vector:
-    """Unit vector from degrees: azimuth from +x towards +y, elevation from that plane towards +z."""
+    """Unit vector from degrees: azimuth from +x toward +y, elevation from that plane toward +z."""
     a, e = math.radians(azimuth), math.radians(elevation)
     return (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
 
 
 def equal_segments(length: float, remanence: float, *directions: Vector) -> tuple[Segment, ...]:
-    """Segments that share the length, with G = 120 kPa."""
+    """Segments of equal length, with G = 120 kPa."""
     return tuple(Segment(direction, length / len(directions), 120e3, remanence) for direction in directions)
 
 
@@ -93,7 +93,7 @@ MIXED = (
     *(Segment(NONE, 8e-3, 60e3, 0.0), Segment(pointing(30, -10), 4e-3, 120e3, 0.12)),
     *(Segment(NONE, 10e-3, 60e3, 0.0), Segment(pointing(-75, -20), 8e-3, 120e3, 0.12)),
 )
-MESH_SIZES = (0.32, 0.25)  # of the diameter: coarse, fine
+MESH_SIZES = (0.32, 0.25)  # relative to the diameter: coarse, fine
 CASES = {
     "axial_transverse_5mT": Case(AXIAL, 4e-3, field=(0.0, 0.0, 5e-3)),
     "three_segments_3d": Case(THREE, 3e-3, field=(0.0, 5e-3, 7e-3)),
@@ -106,7 +106,7 @@ CASES = {
 
 
 def make_mesh(case: Case, size: float) -> ngs.Mesh:
-    """Elements of about `size` (mm), one region a segment; faces `clamp` and `tip`."""
+    """Mesh with elements of about `size` (mm) and one region per segment; faces `clamp` and `tip`."""
     parts, start = [], 0.0
     for number, segment in enumerate(case.segments):
         base, length = occ.Pnt(start, 0, 0), segment.length * 1e3
@@ -127,7 +127,7 @@ def make_mesh(case: Case, size: float) -> ngs.Mesh:
 
 
 class Equilibrium:
-    """One case on one mesh at one order: its energy, and Newton's way down it."""
+    """One case on one mesh at one order: its energy, and Newton's method to minimize it."""
 
     def __init__(self, case: Case, mesh: ngs.Mesh, order: int) -> None:
         self.case, self.mesh, self.order = case, mesh, order
@@ -163,8 +163,8 @@ class Equilibrium:
         self.form.AssembleLinearization(self.u.vec)
         return self.form.mat.Inverse(self.free, inverse="sparsecholesky")
 
-    def minimise(self, tolerance: float = 1e-13, max_steps: int = 200) -> None:
-        """Newton with backtracking, until a step can win less than `tolerance` of the energy."""
+    def minimize(self, tolerance: float = 1e-13, max_steps: int = 200) -> None:
+        """Newton's method with backtracking, until a step would lower the energy by less than `tolerance` of it."""
         state = self.u.vec
         residual, step, start = (state.CreateVector() for _ in range(3))
         for _ in range(max_steps):
@@ -174,9 +174,9 @@ class Equilibrium:
             decrement, energy, fraction = ngs.InnerProduct(step, residual), self.form.Energy(state), 1.0
             start.data = state
             state.data -= step
-            if abs(decrement) < tolerance * abs(energy):  # less than rounding leaves of the energy: no search
+            if abs(decrement) < tolerance * abs(energy):  # below the rounding error of the energy: no line search
                 return
-            # "not <": the energy is not a number where det F < 0
+            # "not <": the energy is NaN where det F < 0
             while not self.form.Energy(state) < energy - 1e-4 * fraction * decrement:
                 fraction /= 2
                 if fraction < 1e-6:
@@ -185,7 +185,7 @@ class Equilibrium:
         raise RuntimeError(f"{max_steps} Newton steps do not converge at load {self.load.Get():g}")
 
     def frequencies(self, count: int = 4) -> list[float]:
-        """Lowest natural frequencies (Hz) about the present state; RuntimeError if it is unstable."""
+        """Lowest natural frequencies (Hz) about the current state; RuntimeError if it is unstable."""
         inverse = self.tangent_inverse()
         v, w = self.space.TnT()
         mass = ngs.BilinearForm(self.case.density * 1e-12 * v * w * ngs.dx, symmetric=True).Assemble()
@@ -217,10 +217,10 @@ class Equilibrium:
         return np.array(moved) / area * 1e-3 + [self.case.length, 0, 0]
 
     def centreline(self, s: np.ndarray) -> np.ndarray:
-        """Deformed positions (m, 3) at s (m): of the points (s, 0, 0); of a tube, means of its section."""
+        """Deformed positions (m, 3) at s (m): of the points (s, 0, 0), or for a tube the mean over its section."""
         outer, inner = self.case.diameter * 500, self.case.inner_diameter * 500
         points, weights = np.zeros((1, 2)), np.ones(1)
-        if inner > 0:  # area mean: Gauss in the square of the radius, equal steps in the angle
+        if inner > 0:  # area mean: Gauss rule in the squared radius, equal steps in the angle
             node, weight = np.polynomial.legendre.leggauss(4)
             radius = np.sqrt((outer**2 + inner**2 + (outer**2 - inner**2) * node) / 2)
             turn = np.exp(1j * np.arange(24) * math.tau / 24)
@@ -230,7 +230,7 @@ class Equilibrium:
         return np.einsum("p,mpc->mc", weights, np.array(moved)) * 1e-3 + np.outer(s, X_AXIS)
 
     def energy(self) -> dict[str, float]:
-        """Integrals (J) of the terms of W and their total."""
+        """Integrals (J) of the terms of W, and their sum."""
         case = self.case
         parts = {k: 1e-3 * ngs.Integrate(d, self.mesh, order=12) for k, d in self.densities(self.u).items()}
         section = math.pi / 4 * (case.diameter**2 - case.inner_diameter**2)
@@ -241,12 +241,12 @@ class Equilibrium:
 
 
 def solve(case: Case, size: float) -> tuple[Equilibrium, list[dict[str, object]], list[float]]:
-    """On a mesh of `size` (m) up in load, then in order. Also a row per order, and the last frequencies."""
+    """Raise the load, then the order, on a mesh of `size` (m). Also return one row per order, and the final frequencies."""
     now = Equilibrium(case, make_mesh(case, size * 1e3), case.ramp_order)
     rows: list[dict[str, object]] = []
     for number in range(1, case.steps + 1):
         now.load.Set(number / case.steps)
-        now.minimise()
+        now.minimize()
         modes = now.frequencies()
         say(f"  load {number}/{case.steps}: {now.newton_steps} Newton steps, modes {np.round(modes, 2)} Hz")
     for order in range(case.ramp_order, 5):
@@ -254,7 +254,7 @@ def solve(case: Case, size: float) -> tuple[Equilibrium, list[dict[str, object]]
         if order > case.ramp_order:
             now = Equilibrium(case, before.mesh, order)
             now.u.Set(before.u)
-            now.minimise()
+            now.minimize()
         tip, seconds = now.tip(), time.perf_counter() - started
         rows.append({"mesh_size": size, "order": order, "ndof": now.space.ndof, "tip": tip.tolist()})
         say(f"  order {order}, {now.space.ndof} unknowns: {now.newton_steps} Newton steps, {seconds:.0f} s")
@@ -263,7 +263,7 @@ def solve(case: Case, size: float) -> tuple[Equilibrium, list[dict[str, object]]
 
 
 def make(name: str, folder: Path) -> None:
-    """Solve a case on both meshes; write NAME.csv and its entry in fem.json."""
+    """Solve a case on both meshes; write NAME.csv and the entry in fem.json."""
     case = CASES[name]
     s = np.linspace(0.2e-3, case.length - 0.2e-3, 21)
     lines, convergence = [], []

@@ -1,21 +1,21 @@
-"""Writes zhao_beam.json: the beam of Zhao et al. in a field against its magnetisation, by finite elements, as published, as an elastica.
+"""Writes zhao_beam.json: the beam of Zhao et al. in a field opposite to its magnetization: finite elements, published values, elastica.
 
     pip install -e .[fem]
     python data/references/make_zhao_beam.py [--plane-strain] [--refined] [--out FILE]    # minutes; --plane-strain: 2D only, seconds
 
-NGSolve minimises, over displacements that are zero on the face x = 0, the integral of
+NGSolve minimizes, over displacements that are zero on the face x = 0, the integral of
 
     W = G/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2 - (1/mu0) B . (F Br),  F = I + grad u, J = det F, K = 20 G,
 
 in the plane x-z, where nothing varies along y and u_y = 0, and in 3D for a width of 5 mm (half of it, with u_y = 0 on the middle plane).
-The straight beam is an equilibrium at any field. So the buckled branch is entered at the largest field, with a field across the beam beside
-it that is then taken away, and followed down. Elements are of order 3. The stress is singular at the rim of the clamp: --refined lets
-them shrink towards it (SOURCES.md says what that changes).
+The straight beam is an equilibrium in any field. So the buckled branch is reached at the largest field with an additional transverse field,
+which is then removed, and the branch is followed to lower fields. Elements are of order 3. The stress is singular at the rim of the clamp;
+with --refined the elements shrink toward it (SOURCES.md says what that changes).
 
-`published` are numbers read off figures, to about 0.005 (SOURCES.md). `elastica`: theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0,
-load = 12 Br B L^2 / (mu0 E' h^2): sqrt(load) = K(k^2), the complete elliptic integral, and the tip is off by 2 k / sqrt(load).
+`published`: values read from figures, to about 0.005 (SOURCES.md). `elastica`: theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0,
+load = 12 Br B L^2 / (mu0 E' h^2): sqrt(load) = K(k^2), the complete elliptic integral, and the tip deflection is 2 k / sqrt(load).
 
-Inside, units are N, mm, MPa.
+The code uses N, mm, MPa.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ HERE = Path(__file__).resolve().parent
 MU0 = 4e-7 * math.pi  # T m / A
 LENGTH, THICKNESS, WIDTH = 17.2, 0.84, 5.0  # mm
 G, RATIO, REMANENCE = 0.303, 20.0, 0.143  # MPa, K/G, T
-FIELDS = [5, 7, 10, 15, 25, 40]  # mT; at 5, the threshold of buckling, there are no finite elements
-SIDE = 0.2  # of the field, across the beam on the way to the buckled branch
+FIELDS = [5, 7, 10, 15, 25, 40]  # mT; at 5, the buckling threshold, there is no finite-element solution
+SIDE = 0.2  # of the field: transverse field used to reach the buckled branch
 MESH = {"plane_strain": 0.28, "width_5mm": 0.42}  # mm
 PUBLISHED = {
     "experiment": [0.55, 0.758, 0.78, 0.68, 0.53, 0.42],
@@ -58,7 +58,7 @@ SOLVED = (
 
 
 def make_mesh(kind: str, refined: bool) -> ngs.Mesh:
-    """Of the plane x-z, or of half the width: faces `clamp`, `tip` and `middle`."""
+    """Mesh of the plane x-z, or of half the width, with the faces `clamp`, `tip` and `middle`."""
     if kind == "plane_strain":
         shape = occ.MoveTo(0, -THICKNESS / 2).Rectangle(LENGTH, THICKNESS).Face()
         shape.edges.Min(occ.X).name, shape.edges.Max(occ.X).name = "clamp", "tip"
@@ -75,7 +75,7 @@ def make_mesh(kind: str, refined: bool) -> ngs.Mesh:
 
 
 class Beam:
-    """The beam and its field (T): `against` it and `across` it."""
+    """The beam and its field (T): `against` the magnetization and `across` the beam."""
 
     def __init__(self, kind: str, refined: bool) -> None:
         self.mesh, self.plane = make_mesh(kind, refined), kind == "plane_strain"
@@ -94,8 +94,8 @@ class Beam:
         self.form = ngs.BilinearForm(self.space, symmetric=True)
         self.form += ngs.Variation((elastic + magnetic).Compile() * ngs.dx(bonus_intorder=2))
 
-    def minimise(self) -> None:
-        """Newton's method with backtracking, until a step can win less than 1e-13 of the energy."""
+    def minimize(self) -> None:
+        """Newton's method with backtracking, until a step would lower the energy by less than 1e-13 of it."""
         state = self.u.vec
         residual, step, start = (state.CreateVector() for _ in range(3))
         for _ in range(100):
@@ -107,7 +107,7 @@ class Beam:
             state.data -= step
             if abs(decrement) < 1e-13 * abs(energy):
                 return
-            while not self.form.Energy(state) < energy - 1e-4 * fraction * decrement:  # "not <": also where it is no number
+            while not self.form.Energy(state) < energy - 1e-4 * fraction * decrement:  # "not <" is also true for NaN
                 fraction /= 2
                 if fraction < 1e-6:
                     raise RuntimeError(f"no way down at {self.against.Get():g} T")
@@ -115,26 +115,26 @@ class Beam:
         raise RuntimeError(f"Newton's method does not converge at {self.against.Get():g} T")
 
     def tip(self) -> tuple[float, float]:
-        """Mean displacement of the end face, across the beam and along it, over the length."""
+        """Mean displacement of the end face across and along the beam, over the length."""
         end = self.mesh.Boundaries("tip")
         area, moved = (ngs.Integrate(f, self.mesh, definedon=end, order=8) for f in (ngs.CF(1), self.u))
         return abs(moved[-1]) / area / LENGTH, moved[0] / area / LENGTH
 
 
 def buckled(kind: str, refined: bool) -> dict[str, list[float | None]]:
-    """Tips of the buckled branch at FIELDS; none where a field is at the threshold."""
+    """Tip displacements on the buckled branch at FIELDS; None at the threshold field."""
     beam = Beam(kind, refined)
     say(f"{kind}: {beam.space.ndof} unknowns")
     most = 1e-3 * FIELDS[-1]
     for share in np.linspace(0, 1, 9)[1:]:
         beam.against.Set(share * most)
         beam.across.Set(SIDE * share * most)
-        beam.minimise()
+        beam.minimize()
     tips: dict[int, tuple[float, float]] = {}
     beam.across.Set(0.0)
     for field in FIELDS[:0:-1]:
         beam.against.Set(1e-3 * field)
-        beam.minimise()
+        beam.minimize()
         tips[field] = beam.tip()
         say(f"  {field} mT: deflection {tips[field][0]:.5f}, axial {tips[field][1]:.5f} of the length")
     rows = [tips.get(field) for field in FIELDS]
@@ -143,7 +143,7 @@ def buckled(kind: str, refined: bool) -> dict[str, list[float | None]]:
 
 
 def elastica(modulus: float) -> list[float]:
-    """Deflections of the tip at FIELDS, over the length, of a beam of this bending modulus (MPa) that does not stretch; 0: straight."""
+    """Tip deflections at FIELDS, over the length, of an inextensible beam with this bending modulus (MPa); 0: straight."""
     found = []
     for field in FIELDS:
         load = 12 * REMANENCE * 1e-3 * field / MU0 * 1e-6 * (LENGTH / THICKNESS) ** 2 / modulus
@@ -156,20 +156,20 @@ def elastica(modulus: float) -> list[float]:
 
 
 def _above(m: float, load: float) -> float:
-    """Zero where m = k^2 is that of the load."""
+    """Zero where m = k^2 belongs to the load."""
     return float(ellipk(m)) - math.sqrt(load)
 
 
 def text(book: dict[str, Any]) -> str:
-    """As JSON, a list on one line."""
+    """JSON text with each list on one line."""
     plain = json.dumps(book, indent=2)
     return re.sub(r"\[[^\]]*\]", lambda found: re.sub(r"\s*\n\s*", " ", found[0]).replace("[ ", "[").replace(" ]", "]"), plain) + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--plane-strain", action="store_true", help="solve in the plane only; what is there of the other stays")
-    parser.add_argument("--refined", action="store_true", help="elements that shrink towards the clamp's rim")
+    parser.add_argument("--plane-strain", action="store_true", help="solve only plane strain; keep the existing values for 5 mm")
+    parser.add_argument("--refined", action="store_true", help="elements that shrink toward the rim of the clamp")
     parser.add_argument("--out", type=Path, default=HERE / "zhao_beam.json", help="file to write")
     options = parser.parse_args()
     ngs.SetNumThreads(1)

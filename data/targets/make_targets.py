@@ -1,12 +1,12 @@
-"""The targets of the shipped studies: space curves with a given curvature, made with no solver.
+"""Writes the targets of the example studies: space curves of prescribed curvature, computed without a solver.
 
     python data/targets/make_targets.py
 
-Each is the axis of an inextensible rod, 40 mm long, clamped along +x, whose curvature vector is prescribed along s in a frame that does
-not turn about the tangent (Bishop's). In-plane bending is in the plane of the shipped scene's field, (0, 0.6, 0.8).
+Each target is the axis of an inextensible rod, 40 mm long, clamped along +x. Its curvature vector is prescribed along s in a frame that
+does not rotate about the tangent (the Bishop frame). In-plane bending lies in the plane of the field of the example scene, (0, 0.6, 0.8).
 
-C: bends one way, strongest at the base: 75 degrees in all.
-S: bends up and, past 55 % of the length, back; the outer three quarters bend sideways too, so that it leaves the plane.
+C: bends in one direction, most at the base, by 75 degrees in total.
+S: bends up and, beyond 55 % of the length, back; the outer three quarters also bend sideways, so that the curve leaves the plane.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ UP, SIDE = np.array([0.0, 0.6, 0.8]), np.array([0.0, -0.8, 0.6])
 STEPS = 2000
 ROWS = 21
 
-Bend = Callable[[float], float]  # of s/L, degrees over the length
+Bend = Callable[[float], float]  # function of s/L: curvature in degrees per length
 
 
 def curve(up: Bend, side: Bend) -> np.ndarray:
-    """Rows [s, x, y, z] (STEPS + 1, 4) m of the curve that bends by up and side; midpoint rule, exact in its rotations."""
+    """Rows [s, x, y, z] (STEPS + 1, 4) m of the curve with curvatures `up` and `side`; midpoint rule, with exact rotations."""
     frame = np.stack([[1.0, 0.0, 0.0], UP, SIDE], axis=1)
     h = 1 / STEPS
     rows = [np.zeros(4)]
@@ -43,12 +43,12 @@ def curve(up: Bend, side: Bend) -> np.ndarray:
 
 
 def c_shape() -> np.ndarray:
-    """75 degrees, the curvature falling to nothing at the tip as 1 - (s/L)^2."""
+    """75 degrees in total; the curvature decreases to zero at the tip as 1 - (s/L)^2."""
     return curve(lambda x: 75 * 1.5 * (1 - x * x), lambda x: 0.0)
 
 
 def s_shape() -> np.ndarray:
-    """Up at 90 degrees a length, back at 60 past 55 %, and sideways at up to 60."""
+    """Upward with up to 90 degrees per length, beyond 55 % back with up to 60, and sideways with up to 60."""
     turn = 0.55
 
     def up(x: float) -> float:

@@ -1,14 +1,14 @@
-"""Builds the gallery: runs the scenes of data/scenes/gallery, draws them, and brings the pages' pictures and numbers up to date.
+"""Builds the gallery: runs the scenes of data/scenes/gallery, draws them, and updates the pictures and numbers on the pages.
 
     python docs/gallery/build.py [--fresh] [NAME ...]
 
-Results and movies go to runs/gallery/NAME; a poster of less than 300 kB to docs/images/gallery/NAME.png, and the movie beside it if it is
-smaller than 1 MiB. The page docs/gallery/NAME.md is made if it is missing, with the scene's leading comment as its text; in one that is
-there, only what stands between the marks `<!-- measured -->` and `<!-- /measured -->` is replaced. A scene whose result is of this very
-scene is not run again, unless --fresh says so.
+Results and movies go to runs/gallery/NAME. A poster of less than 300 kB goes to docs/images/gallery/NAME.png, and the movie beside it if it
+is smaller than 1 MiB. If the page docs/gallery/NAME.md is missing, it is written, with the leading comment of the scene as its text. On an
+existing page, only the text between the marks `<!-- measured -->` and `<!-- /measured -->` is replaced. A scene is not run again if its
+results belong to exactly this scene, unless --fresh is given.
 
-MOMENTS says which moments a poster shows where the first, the last, and the one most unlike both do not tell it best; BESIDE which scenes
-are shown beside another, on its page.
+MOMENTS names the moments that a poster shows, for scenes where the default (the first, the last, and the one that differs most from both)
+is not the best choice. BESIDE names scenes that are shown on the page of another scene.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
 
 
 def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
-    """The command. root: of the repository, or of a copy of its layout. Returns the exit status."""
+    """The command. root: the repository, or a folder with the same layout. Returns the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("names", metavar="NAME", nargs="*", help="scenes, without .yaml [all]")
-    parser.add_argument("--fresh", action="store_true", help="run scenes again whose results are there")
+    parser.add_argument("--fresh", action="store_true", help="run all scenes again, also those with results")
     options = parser.parse_args(arguments)
     scenes = {path.stem: path for path in sorted((root / "data/scenes/gallery").glob("*.yaml"))}
     unknown = [name for name in options.names if name not in scenes]
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
 
 
 def build(root: Path, name: str, scenes: Sequence[Path], *, fresh: bool = False) -> int:
-    """Run and draw a page's scenes, and bring it up to date. Returns the exit status of what failed, or 0."""
+    """Run and draw the scenes of a page, and update the page. Returns the exit status of the step that failed, or 0."""
     folders = [root / "runs/gallery" / scene.stem for scene in scenes]
     for scene, results in zip(scenes, folders):
         if fresh or not is_result_of(scene, results):
@@ -97,7 +97,7 @@ def build(root: Path, name: str, scenes: Sequence[Path], *, fresh: bool = False)
 
 
 def draw_moments(name: str, folders: Sequence[Path]) -> None:
-    """The moments of MOMENTS instead of those that `magmpm render` chose; of scenes of BESIDE all, one below another, and their movie."""
+    """Draw the moments of MOMENTS instead of those that `magmpm render` chose; scenes of BESIDE one below another, with a common movie."""
     if name not in MOMENTS and len(folders) == 1:
         return
     plays = [Play(Motion.load(folder)) for folder in folders]
@@ -116,7 +116,7 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
 
 
 def is_result_of(scene: Path, results: Path) -> bool:
-    """Whether a folder holds the finished result of this very scene."""
+    """Whether a folder holds the finished result of exactly this scene."""
     try:
         saved = json.loads((results / "result.json").read_text(encoding="utf-8"))
         now = load_scene(scene).hash()
@@ -126,7 +126,7 @@ def is_result_of(scene: Path, results: Path) -> bool:
 
 
 def poster(picture: Path, most: int = POSTER_BYTES) -> bytes:
-    """A PNG of at most so many bytes: fewer colours first, then smaller."""
+    """A PNG of at most `most` bytes: first with fewer colors, then smaller."""
     with Image.open(picture) as opened:
         image = opened.convert("RGB")
     for share in (1.0, 0.85, 0.7, 0.55, 0.4):
@@ -160,7 +160,7 @@ def write_page(root: Path, name: str, scene: Path, folders: Sequence[Path]) -> P
         f"![{saved['name']}](../images/gallery/{name}.png)",
         "",
         *([f"[Movie](../images/gallery/{name}.mp4)", ""] if movie.exists() else []),
-        f"Run it with `magmpm run data/scenes/gallery/{name}.yaml --render`; all of the gallery with `make gallery`.",
+        f"Run it with `magmpm run data/scenes/gallery/{name}.yaml --render`; run the whole gallery with `make gallery`.",
         "",
         block,
         "",
@@ -170,7 +170,7 @@ def write_page(root: Path, name: str, scene: Path, folders: Sequence[Path]) -> P
 
 
 def leading_comment(scene: Path) -> str:
-    """The text of the comment that a scene file begins with."""
+    """The text of the comment at the start of a scene file."""
     lines = []
     for line in scene.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):
@@ -180,7 +180,7 @@ def leading_comment(scene: Path) -> str:
 
 
 def table(scenes: dict[str, list[tuple[str, str]]]) -> list[str]:
-    """The table of what was measured, a column for each scene; of several each has its name above."""
+    """The table of measured values, one column for each scene; with several scenes each column has the name of its scene."""
     known = [dict(rows) for rows in scenes.values()]
     names = dict.fromkeys(name for rows in scenes.values() for name, _ in rows)
     above = f" {' | '.join(scenes)} |" if len(scenes) > 1 else " |"
@@ -189,7 +189,7 @@ def table(scenes: dict[str, list[tuple[str, str]]]) -> list[str]:
 
 
 def measured(saved: dict[str, Any], results: Path) -> list[tuple[str, str]]:
-    """What was measured, name and value: from result.json, energies.csv and contacts.csv."""
+    """The measured values (name, value), from result.json, energies.csv and contacts.csv."""
     seconds = saved["seconds"]
     rows = [("particles", f"{saved['particles']:,}".replace(",", " "))]
     if saved.get("formulation", "static") == "static":
@@ -202,11 +202,11 @@ def measured(saved: dict[str, Any], results: Path) -> list[tuple[str, str]]:
                 f"{saved['time']:g} s in {saved['iterations']} steps of {1e6 * saved['time_step']:.3g} µs",
             ),
             ("formulation", saved["formulation"]),
-            ("particle-steps a second, frames included", f"{rate:.1f} million"),
+            ("particle-steps per second, frames included", f"{rate:.1f} million"),
         ]
     rows += [
         (
-            "time of the run",
+            "run time",
             f"{seconds['setup'] + seconds['solve']:.1f} s, and {seconds['compile']:.1f} s to load or compile",
         ),
         ("tip at the end (mm)", ", ".join(f"{1e3 * x:.2f}" for x in saved["tip"])),
@@ -218,13 +218,13 @@ def measured(saved: dict[str, Any], results: Path) -> list[tuple[str, str]]:
 
 
 def physics(name: str, results: Path) -> list[tuple[str, str]]:
-    """What this scene is about, in numbers, as measure.py, beside this file, has it."""
+    """The numbers that this scene demonstrates, from measure.py in this folder."""
     found: list[tuple[str, str]] = measures().rows(name, results)
     return found
 
 
 def measures() -> ModuleType:
-    """measure.py, beside this file."""
+    """The module measure.py in this folder."""
     if str(HERE) not in sys.path:
         sys.path.insert(0, str(HERE))
     import measure
@@ -244,7 +244,7 @@ def _from_tables(results: Path) -> list[tuple[str, str]]:
         of = [row for row in contacts if row["effect"] == effect]
         force = max(sum(float(row[f"F{axis}"]) ** 2 for axis in "xyz") ** 0.5 for row in of)
         depths = [float(row["depth"]) for row in of if row["depth"]]
-        deepest = f"; deepest {1e6 * max(depths):.3g} µm" if depths else ""
+        deepest = f"; largest depth {1e6 * max(depths):.3g} µm" if depths else ""
         rows.append((f"largest contact force, {effect.replace('_', ' ')}", f"{1e3 * force:.3g} mN{deepest}"))
     return rows
 
@@ -257,7 +257,7 @@ def _table(path: Path) -> list[dict[str, str]]:
 
 
 def write_index(root: Path, scenes: dict[str, Path]) -> Path:
-    """docs/gallery/README.md: every page that is there, with its poster."""
+    """Write docs/gallery/README.md: every existing page, with its poster."""
     lines = [
         "# Gallery",
         "",

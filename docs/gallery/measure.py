@@ -1,8 +1,8 @@
-"""What the gallery's scenes are about, in numbers, from the results in runs/gallery.
+"""The numbers that the scenes of the gallery demonstrate, from the results in runs/gallery.
 
     python docs/gallery/measure.py [--results FOLDER] NAME ...
 
-`build.py` puts the same rows on each scene's page; tests hold them to their bounds.
+`build.py` writes the same rows on the page of each scene; tests check their bounds.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Rows = list[tuple[str, str]]
 
 
 def equilibrium_of(scene: Scene) -> Result:
-    """The static answer to a scene of motion, without the effects that only motion has."""
+    """The static equilibrium of a dynamic scene, without the effects that act only in motion."""
     data = scene.to_si()
     data["solver"]["dynamic"] = None
     data["effects"].update(dict.fromkeys(IN_MOTION))
@@ -38,29 +38,29 @@ def equilibrium_of(scene: Scene) -> Result:
 
 
 def distance_from(moved: Result, still: Result) -> tuple[float, float]:
-    """Largest distance of the axis from another's, and that of the tip, over the length."""
+    """Largest distance between two deformed axes, and the distance between their tips, both over the length."""
     gap = np.linalg.norm(moved.centreline[:, 1:] - still.centreline[:, 1:], axis=1)
     length = float(moved.centreline[-1, 0])
     return float(gap.max()) / length, float(np.linalg.norm(moved.tip - still.tip)) / length
 
 
-def mass_centre(motion: Motion, number: int, piece: int | None = None) -> Array:
-    """Mean position (3,) m, by volume, of the body or of one of its pieces in a frame."""
-    mine = np.ones(len(motion.part), bool) if piece is None else motion.part == piece
+def mass_center(motion: Motion, number: int, part: int | None = None) -> Array:
+    """Volume average (3,) m of the position of the body, or of one of its parts, in a frame."""
+    mine = np.ones(len(motion.part), bool) if part is None else motion.part == part
     position, volume = motion.position(number)[mine].astype(float), motion.volume[mine]
     return np.asarray(volume @ position / volume.sum())
 
 
 def steps_along_x(motion: Motion, period: float) -> Array:
-    """How far (m) the body's centre gets along x in each whole period (s)."""
+    """Displacement (m) of the center of the body along x in each whole period (s)."""
     count = int(motion.times[-1] / period * (1 + 1e-9))
-    at = [mass_centre(motion, motion.nearest(k * period))[0] for k in range(count + 1)]
+    at = [mass_center(motion, motion.nearest(k * period))[0] for k in range(count + 1)]
     return np.diff(at)
 
 
-def turned(motion: Motion, number: int, piece: int) -> float:
-    """Angle in degrees by which a piece has turned since the first frame: of the rotation that fits its particles best."""
-    mine = motion.part == piece
+def turned(motion: Motion, number: int, part: int) -> float:
+    """Angle (degrees) by which a part has rotated since the first frame: the rotation that fits its particles best."""
+    mine = motion.part == part
     before, now = motion.reference[mine].astype(float), motion.position(number)[mine].astype(float)
     u, _, vt = np.linalg.svd((before - before.mean(0)).T @ (now - now.mean(0)))
     rotation = vt.T @ np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)]) @ u.T
@@ -68,7 +68,7 @@ def turned(motion: Motion, number: int, piece: int) -> float:
 
 
 def tentacle(folder: Path) -> Rows:
-    """Where it settles, against statics."""
+    """Settled position, against statics."""
     moved = Result.load(folder)
     axis, tip = distance_from(moved, equilibrium_of(Scene.from_si(moved.scene)))
     return [
@@ -81,7 +81,7 @@ PERIOD = 0.1  # s, of the walking field
 
 
 def walk(folder: Path) -> Rows:
-    """How far it walks a cycle, against itself without friction and in the mirrored field."""
+    """Distance walked in each cycle."""
     steps = 1e3 * steps_along_x(Motion.load(folder), PERIOD)
     text = ", ".join(f"{step:.3f}" for step in steps)
     spread = np.ptp(steps[1:]) / abs(steps[1:].mean())
@@ -89,17 +89,17 @@ def walk(folder: Path) -> Rows:
         ("distance walked in each cycle (mm)", text),
         (
             "mean of the cycles after the first",
-            f"{steps[1:].mean():.3f} mm; they differ by {100 * spread:.1f} %",
+            f"{steps[1:].mean():.3f} mm; spread {100 * spread:.1f} %",
         ),
     ]
 
 
 def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
-    """Tip (x, z) m of pulled_catheter.yaml by another model, with its magnet moved by `move` (3,) m: an inextensible elastica, its
-    magnetic part pulled and turned by a point dipole of the magnet's moment.
+    """Tip (x, z) m of pulled_catheter.yaml by another model, with its magnet moved by `move` (3,) m: an inextensible elastica, whose
+    magnetic segment feels force and torque of a point dipole with the moment of the magnet.
 
-    M' = -(n_z cos a - n_x sin a + m_x B_z - m_z B_x), n' = -grad (m . B), a' = M / (E I), all of it per length of the deformed axis,
-    n = M = 0 at the tip and a = 0 at the base; iterated from straight.
+    M' = -(n_z cos a - n_x sin a + m_x B_z - m_z B_x), n' = -grad (m . B), a' = M / (E I), all per length of the deformed axis,
+    n = M = 0 at the tip and a = 0 at the base; solved by iteration from the straight rod.
     """
     catheter, magnets = scene.body.catheter, scene.field.magnet
     assert catheter is not None
@@ -123,7 +123,7 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
         return np.asarray(1e-7 * (3 * unit * (moment @ unit) - moment[:, None]) / distance**3)
 
     def beyond(load: Array) -> Array:
-        """Integral from each point to the tip."""
+        """The integral from each point to the tip."""
         return np.asarray((np.cumsum(load[::-1])[::-1] - 0.5 * load) * ds)
 
     angle = np.zeros(points)
@@ -143,7 +143,7 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
 
 
 def pull(folder: Path) -> Rows:
-    """Where the tip ends, against statics and against a rod and a dipole."""
+    """Final position of the tip, against statics and against a rod and a dipole."""
     moved = Result.load(folder)
     scene = Scene.from_si(moved.scene)
     assert scene.field.over_time is not None
@@ -155,32 +155,32 @@ def pull(folder: Path) -> Rows:
         ("tip at the end (mm): statics", f"{1e3 * still.tip[0]:.3f}, {1e3 * still.tip[2]:.3f}"),
         ("tip at the end (mm): elastica and point dipole", f"{1e3 * rod[0]:.3f}, {1e3 * rod[1]:.3f}"),
         (
-            "motion from statics, largest along the axis",
+            "distance of the motion from statics, largest along the axis",
             f"{100 * axis:.3f} % of the length; tip {100 * tip:.3f} %",
         ),
     ]
 
 
-HUB, BALL, ARMS = 0, 1, range(3, 15, 2)  # parts of gripper.yaml: ARMS are the outer pieces
+HUB, BALL, ARMS = 0, 1, range(3, 15, 2)  # parts of gripper.yaml; ARMS: the outer halves
 
 
 def grip(folder: Path) -> Rows:
-    """How far the arms close and how high the ball is, at moments of the schedule, and what the ground carries."""
+    """Rotation of the arms, height of the ball and load on the ground, at moments of the schedule."""
     motion = Motion.load(folder)
-    rest = mass_centre(motion, 0, BALL)[2]
+    rest = mass_center(motion, 0, BALL)[2]
     weight = 9.81 * 1000.0 * motion.volume[motion.part == BALL].sum()
     found = []
     for name, time in (("closed", 0.1), ("released, at the end", motion.times[-1])):
         k = motion.nearest(time)
-        angles = [turned(motion, k, piece) for piece in ARMS]
-        height = 1e3 * (mass_centre(motion, k, BALL)[2] - rest)
+        angles = [turned(motion, k, arm) for arm in ARMS]
+        height = 1e3 * (mass_center(motion, k, BALL)[2] - rest)
         carried = motion.contacts["ground"]["Fz"][k] if "ground" in motion.contacts else 0.0
         found += [
             (
-                f"{name}: outer halves of the arms have turned by",
+                f"{name}: rotation of the outer halves of the arms",
                 f"{min(angles):.1f} to {max(angles):.1f} degrees",
             ),
-            (f"{name}: ball's height above where it lay", f"{height:.3f} mm"),
+            (f"{name}: height of the ball above its initial position", f"{height:.3f} mm"),
             (
                 f"{name}: force of the ground",
                 f"{1e3 * carried:.3f} mN; the ball weighs {1e3 * weight:.3f} mN",
@@ -190,7 +190,7 @@ def grip(folder: Path) -> Rows:
 
 
 def smallest_gap(motion: Motion, scene: Scene) -> tuple[float, float]:
-    """Smallest gap over all frames, in cells, between parts of a strip that are not neighbours in it, and its time (s)."""
+    """Smallest gap over all frames, in cells, between folds of a strip that are not neighbors along it, and its time (s)."""
     h = scene.thickness / scene.resolution.cells_across
     reference = motion.reference.astype(float)
     size, apart = h / scene.resolution.particles_per_cell, scene.thickness + 4 * h
@@ -202,32 +202,32 @@ def smallest_gap(motion: Motion, scene: Scene) -> tuple[float, float]:
 
 
 def farthest(motion: Motion, number: int) -> float:
-    """Largest displacement (m) of any particle in a frame."""
+    """Largest displacement (m) of a particle in a frame."""
     away = motion.position(number).astype(float) - motion.reference
     return float(np.linalg.norm(away, axis=1).max())
 
 
 def fold(folder: Path) -> Rows:
-    """How near it comes to itself, and how well it opens."""
+    """Smallest gap between the halves, and how completely the strip opens."""
     motion = Motion.load(folder)
     scene = Scene.from_si(motion.scene)
     gap, when = smallest_gap(motion, scene)
     most = max(farthest(motion, k) for k in range(len(motion)))
     return [
         ("smallest gap between the halves", f"{gap:.2f} cells, at {when:.3g} s"),
-        ("largest displacement on the way", f"{100 * most / scene.length:.1f} % of the length"),
+        ("largest displacement during the motion", f"{100 * most / scene.length:.1f} % of the length"),
         (
-            "largest displacement left at the end",
+            "largest displacement at the end",
             f"{100 * farthest(motion, -1) / scene.length:.2f} % of the length",
         ),
     ]
 
 
-SWEPT = (7.0, 10.0, 15.0, 25.0, 40.0)  # mT: of data/references/zhao_beam.json, past the threshold of buckling
+SWEPT = (7.0, 10.0, 15.0, 25.0, 40.0)  # mT: the fields of data/references/zhao_beam.json above the buckling threshold
 
 
 def end_of(motion: Motion, number: int) -> Array:
-    """Middle (3,) m of a strip's free end in a frame: the last two columns of particles, drawn out to the end."""
+    """Center (3,) m of the free end of a strip in a frame: extrapolated to the end from the last two columns of particles."""
     position, along = motion.position(number).astype(float), motion.reference[:, 0].astype(float)
     column = np.unique(along.round(9))
     end, before = (position[np.isclose(along, x, rtol=0, atol=1e-8)].mean(axis=0) for x in column[[-1, -2]])
@@ -236,17 +236,17 @@ def end_of(motion: Motion, number: int) -> Array:
 
 
 def deflection(motion: Motion, number: int) -> float:
-    """Of a strip's free end, across it, over its length."""
+    """Transverse deflection of the free end of a strip, over its length."""
     return float(end_of(motion, number)[2]) / float((motion.scene or {})["body"]["strip"]["length"])
 
 
 def frame_at(motion: Motion, field: float) -> int:
-    """The last frame in a field of that strength (mT) along -x, to 0.1 %."""
+    """The last frame in which the field along -x has this strength (mT), to 0.1 %."""
     return int(np.flatnonzero(np.isclose(-1e3 * motion.fields[:, 0], field, rtol=1e-3))[-1])
 
 
 def words(motion: Motion, number: int) -> str:
-    """What stands above Zhao's beam in a picture: which, in what field, and how far it is deflected."""
+    """Caption of Zhao's beam in a picture: which variant, in what field, and its deflection."""
     plane = (motion.scene or {})["body"]["strip"]["plane_strain"]
     strength = 1e3 * float(np.linalg.norm(motion.fields[number]))
     return (
@@ -255,7 +255,7 @@ def words(motion: Motion, number: int) -> str:
 
 
 def against_finite_elements(motion: Motion) -> Array:
-    """Deflection, over the length, at the fields of SWEPT: as swept, and by finite elements; (2, 5)."""
+    """Deflection over the length at the fields of SWEPT: in the sweep, and by finite elements; (2, 5)."""
     known = json.loads((ROOT / "data/references/zhao_beam.json").read_text(encoding="utf-8"))
     plane = (motion.scene or {})["body"]["strip"]["plane_strain"]
     fem = known["finite_elements"]["plane_strain" if plane else "width_5mm"]["deflection"]
@@ -264,18 +264,18 @@ def against_finite_elements(motion: Motion) -> Array:
 
 
 def sweep(folder: Path) -> Rows:
-    """The beam's deflection in each field as it passes through it, against finite elements and statics."""
+    """Deflection of the beam in each field of the sweep, against finite elements and statics."""
     motion, moved = Motion.load(folder), Result.load(folder)
     found, fem = against_finite_elements(motion)
     rows = [
-        (f"deflection over the length at {B:g} mT (finite elements)", f"{d:.4f} ({known:.4f})")
+        (f"deflection / length at {B:g} mT (finite elements)", f"{d:.4f} ({known:.4f})")
         for B, d, known in zip(SWEPT, found, fem, strict=True)
     ]
     _, tip = distance_from(moved, equilibrium_of(Scene.from_si(moved.scene)))
     return [
         *rows,
         ("largest difference from finite elements", f"{100 * np.abs(found - fem).max():.2f} % of the length"),
-        ("tip at the end from static equilibrium on the same grid", f"{100 * tip:.3f} % of the length"),
+        ("distance of the final tip from static equilibrium on the same grid", f"{100 * tip:.3f} % of the length"),
     ]
 
 
@@ -292,7 +292,7 @@ MEASURES: dict[str, Callable[[Path], Rows]] = {
 
 
 def rows(name: str, folder: Path) -> Rows:
-    """What a scene shows, in numbers: name and value; nothing for scenes that are not in MEASURES."""
+    """The numbers that a scene demonstrates (name, value); empty for scenes that are not in MEASURES."""
     return MEASURES[name](folder) if name in MEASURES else []
 
 

@@ -1,10 +1,10 @@
-"""Zhao's beam past buckling: equilibria over the field, and what docs/gallery/zhao_beam.md compares them with, and its picture.
+"""Zhao's beam past buckling: equilibria over the field, their comparison in docs/gallery/zhao_beam.md, and its picture.
 
     python docs/gallery/zhao_beam.py [--motion [plane_strain] [width_5mm]]
 
-Runs data/scenes/zhao_plane_strain.yaml and zhao_width_5mm.yaml at every field of data/references/zhao_beam.json, and what the differences
-hang on (width, K/G): a minute or two. --motion also lets the beam swing into place in the dynamic solver, and settle: some minutes more in
-plane strain, half an hour with the width; without it, the numbers of the last time stay.
+Runs data/scenes/zhao_plane_strain.yaml and zhao_width_5mm.yaml at every field of data/references/zhao_beam.json, and varies what the
+differences depend on (width, K/G): a minute or two. With --motion the dynamic solver also lets the beam swing and settle: some minutes more
+in plane strain, half an hour with the width. Without it, the earlier numbers of the motion stay.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/gallery/zhao_beam.md"
 PICTURE = ROOT / "docs/images/gallery/zhao_beam_fields.png"
 NUMBERS = ROOT / "docs/gallery/zhao_beam.json"
-BEGIN, END = "<!-- compared -->", "<!-- /compared -->"  # build.py has the marks of what is measured
+BEGIN, END = "<!-- compared -->", "<!-- /compared -->"  # build.py has the marks of the measured table
 SCENES = {"plane_strain": "zhao_plane_strain", "width_5mm": "zhao_width_5mm"}
 NAMES = {"plane_strain": "plane strain", "width_5mm": "5 mm wide"}
 CURVE = (
@@ -43,13 +43,13 @@ CURVE = (
     25.0,
     32.0,
     40.0,
-)  # mT: of the lines in the picture
+)  # mT: points of the lines in the picture
 MOTION_CELLS = 3  # through the thickness
-DENSITY, DAMPING = 1900.0, 80.0  # kg/m^3, 1/s: of the motion, whose end depends on neither
+DENSITY, DAMPING = 1900.0, 80.0  # kg/m^3, 1/s: for the motion; its final state depends on neither
 
 
 def changed(scene: Scene, **changes: Any) -> Scene:
-    """The scene with another strip (width, in m) or K/G."""
+    """The scene with other settings of its strip (width, in m) or another K/G."""
     data = scene.to_si()
     ratio = changes.pop("bulk_to_shear", None)
     if ratio is not None:
@@ -60,13 +60,13 @@ def changed(scene: Scene, **changes: Any) -> Scene:
 
 
 def tip_at(scene: Scene, field: float) -> tuple[float, float]:
-    """Deflection, and displacement along the beam, of the tip over the length at a field (mT) against the magnetisation."""
+    """Tip deflection and axial tip displacement, over the length, in a field (mT) opposite to the magnetization."""
     tip = run(scene.with_field([-1e-3 * field, 0.0, 0.0])).tip / scene.length
     return float(tip[2]), float(tip[0] - 1)
 
 
 def settled(scene: Scene, field: float) -> tuple[float, float]:
-    """The same after motion: a transverse field of a tenth says which way, and passes; then the beam swings itself to rest."""
+    """The same after motion: a transverse field of a tenth selects the direction, then goes to zero, and the beam swings until it rests."""
     data = scene.with_cells(MOTION_CELLS).to_si()
     side = [-1e-3 * field, 0.0, 1e-4 * field]
     alone = [-1e-3 * field, 0.0, 0.0]
@@ -113,7 +113,7 @@ def sweep(fields: list[float], motion: list[str]) -> dict[str, Any]:
 
 
 def draw(found: dict[str, Any], known: dict[str, Any]) -> Path:
-    """The picture: deflection over the field."""
+    """Draw the picture: deflection against field."""
     published, fem, curves = known["published"], known["finite_elements"], found["curves"]
     x = known["field_mT"]
     return compare(
@@ -134,7 +134,7 @@ def draw(found: dict[str, Any], known: dict[str, Any]) -> Path:
 
 
 def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
-    """The page's measured part."""
+    """The lines of the measured section of the page."""
     fields = found["field_mT"]
     rows: list[tuple[str, list[float | None]]] = []
     for key, name in NAMES.items():
@@ -155,7 +155,7 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
         ("elastica, 4 G", known["elastica"]["4G"]),
     ]
     lines = [
-        "Deflection of the tip over the length:",
+        "Tip deflection over the length:",
         "",
         f"| field (mT) | {' | '.join(f'{x:g}' for x in fields)} |",
     ]
@@ -163,7 +163,7 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
     lines += [
         f"| {name} | {' | '.join('' if v is None else f'{v:.4g}' for v in values)} |" for name, values in rows
     ]
-    lines += ["", "Largest errors against our finite elements from 7 mT up, per cent of the length:", ""]
+    lines += ["", "Largest errors against our finite elements from 7 mT up, in percent of the length:", ""]
     lines += ["| | across the beam | along it |", "| --- | --- | --- |"]
     for key, name in NAMES.items():
         fem = known["finite_elements"][key]
@@ -174,7 +174,7 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
             ]
             lines.append(f"| {name}, {label} | {100 * errors[0]:.2f} | {100 * errors[1]:.2f} |")
     some = found["variants"]["fields_mT"]
-    lines += ["", "What the deflection hangs on (statics; widths with 2 cells through the thickness):", ""]
+    lines += ["", "What the deflection depends on (statics; widths with 2 cells through the thickness):", ""]
     lines += [f"| field (mT) | {' | '.join(f'{x:g}' for x in some)} |", "| --- |" + " --- |" * len(some)]
     lines += [
         f"| {name} | {' | '.join(f'{v:.4f}' for v in values)} |"
@@ -197,7 +197,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--motion", nargs="*", choices=list(SCENES), help="settled motion as well, of both or of those named"
+        "--motion", nargs="*", choices=list(SCENES), help="also compute the settled motion, for both scenes or for those named"
     )
     options = parser.parse_args()
     known = json.loads((ROOT / "data/references/zhao_beam.json").read_text(encoding="utf-8"))

@@ -207,13 +207,13 @@ def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(
     angles = [measure.turned(motion, closed, arm) for arm in measure.ARMS]
     assert min(angles) > 90  # past straight down: under the ball
     assert np.ptp(angles) < 5  # six arms alike, but for how each lies on the grid
-    height = [measure.mass_centre(motion, k, measure.BALL)[2] for k in (0, closed, -1)]
+    height = [measure.mass_center(motion, k, measure.BALL)[2] for k in (0, closed, -1)]
     cell = 0.5e-3
     assert height[1] - height[0] > 0.5 * cell  # 1 measured
     assert motion.contacts["ground"]["count"][closed] == 0  # held by the arms alone
     assert height[2] - height[0] < 0.2 * cell  # it lies again
     # Symmetric: the ball stays on the axis. A tenth of a cell for how six arms lie on a square grid.
-    assert np.abs(measure.mass_centre(motion, closed, measure.BALL)[:2]).max() < 0.1 * cell
+    assert np.abs(measure.mass_center(motion, closed, measure.BALL)[:2]).max() < 0.1 * cell
 
 
 # (e) The pulled catheter. Statics with the magnet's own field, against an elastica and a point dipole: two models, which differ by the

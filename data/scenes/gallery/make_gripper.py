@@ -1,8 +1,8 @@
-"""Writes meshes/gripper_*.stl, the parts of gripper.yaml, in millimetres; and prints the `meshes` of the scene.
+"""Writes meshes/gripper_*.stl, the parts of gripper.yaml, in millimeters, and prints the `meshes` of the scene.
 
     python data/scenes/gallery/make_gripper.py
 
-A hexagonal hub from whose sides six arms of two pieces each stand out, flat, in the plane z = 0 to 1 mm; and below it a ball.
+Six flat arms, each of two halves, extend from the sides of a hexagonal hub, between z = 0 and 1 mm; a ball lies below the hub.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.compiled.arrays import Array
 
 HUB = 3.0  # mm, from the axis to its sides
-INNER, OUTER = 4.0, 4.5  # lengths of an arm's two pieces
+INNER, OUTER = 4.0, 4.5  # lengths of the two halves of an arm
 WIDTH, THICKNESS = 2.0, 1.0
-BALL, BALL_AT = 2.5, -4.75  # radius, and height of its centre
-LEAN = 60.0  # degrees: how far the outer piece's magnetisation points out of the plane
+BALL, BALL_AT = 2.5, -4.75  # radius, and height of its center
+TILT = 60.0  # degrees: angle of the magnetization of the outer half out of the plane
 
 
 def box(lower: Array, upper: Array) -> Mesh:
@@ -43,7 +43,7 @@ def box(lower: Array, upper: Array) -> Mesh:
 
 
 def turned(mesh: Mesh, angle: float) -> Mesh:
-    """A mesh turned about the z axis, radians."""
+    """A mesh rotated about the z axis by `angle` (radians)."""
     c, s = math.cos(angle), math.sin(angle)
     return Mesh(mesh.vertices @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), mesh.faces)
 
@@ -65,7 +65,7 @@ def hub() -> Mesh:
 
 
 def ball(levels: int = 3) -> Mesh:
-    """An icosahedron whose triangles are split and blown up to the sphere, of the ball's volume."""
+    """An icosahedron whose triangles are subdivided and projected to a sphere, scaled to the volume of the ball."""
     g = (1 + math.sqrt(5)) / 2
     points = [
         np.array(p, float)
@@ -135,12 +135,12 @@ if __name__ == "__main__":
     folder.mkdir(exist_ok=True)
     write_stl(hub(), folder / "gripper_hub.stl")
     write_stl(ball(), folder / "gripper_ball.stl")
-    lean = math.radians(LEAN)
+    outer = math.radians(TILT)
     for k in range(6):
         angle = k * math.pi / 3
-        for name, begin, length, tilt in (("inner", HUB, INNER, 0.0), ("outer", HUB + INNER, OUTER, lean)):
-            piece = box(np.array([begin, -WIDTH / 2, 0]), np.array([begin + length, WIDTH / 2, THICKNESS]))
-            write_stl(turned(piece, angle), folder / f"gripper_{name}_{k + 1}.stl")
+        for name, begin, length, tilt in (("inner", HUB, INNER, 0.0), ("outer", HUB + INNER, OUTER, outer)):
+            half = box(np.array([begin, -WIDTH / 2, 0]), np.array([begin + length, WIDTH / 2, THICKNESS]))
+            write_stl(turned(half, angle), folder / f"gripper_{name}_{k + 1}.stl")
             m = (math.cos(tilt) * math.cos(angle), math.cos(tilt) * math.sin(angle), math.sin(tilt))
             text = ", ".join(f"{x:.4f}" for x in m)
             print(

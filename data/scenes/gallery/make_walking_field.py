@@ -2,9 +2,10 @@
 
     python data/scenes/gallery/make_walking_field.py
 
-In each period of 0.1 s the field turns evenly by 45 degrees in the x-z plane, from 180 degrees (-x) to 225 degrees, while its size
-grows evenly from 0 to 10 mT; then, within 1 ms, it starts over. Such fields walk strips of one harmonic: Hu, Lum, Mastrangeli, Sitti,
-Nature 554 (2018) 81-85. The mirror image turns from 270 to 225 degrees: the strip's profile is its own mirror image about 225 degrees.
+In each period of 0.1 s the field rotates uniformly by 45 degrees in the x-z plane, from 180 degrees (-x) to 225 degrees, while its
+magnitude grows linearly from 0 to 10 mT; then it starts again within 1 ms. Such fields make strips with a one-harmonic magnetization
+walk: Hu, Lum, Mastrangeli, Sitti, Nature 554 (2018) 81-85. The mirror image rotates from 270 to 225 degrees, because the magnetization
+profile of the strip is its own mirror image about 225 degrees.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-PERIOD, PERIODS, MOST, RESTART, POINTS = 0.1, 6, 10.0, 1e-3, 20  # s, -, mT, s, rows a period
+PERIOD, PERIODS, MOST, RESTART, POINTS = 0.1, 6, 10.0, 1e-3, 20  # s, -, mT, s, rows per period
 
 
 def rows(begin: float, end: float) -> list[str]:
-    """Rows of time, Bx, By, Bz for a field that turns from one angle to another (degrees), over all periods."""
+    """Rows of time, Bx, By, Bz for a field that rotates from one angle to another (degrees), over all periods."""
     out = []
     for period in range(PERIODS):
         for k in range(POINTS + 1):
