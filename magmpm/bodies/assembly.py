@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
-from magmpm.bodies.mesh_keys import read_mesh
 from magmpm.bodies.regions import Region
 from magmpm.bodies.surface_mesh import (
     PREFIX,
-    overlap_of,
+    overlaps,
+    read_mesh,
     size_fault,
     thickness_of,
     unpack_mesh,
@@ -94,12 +94,11 @@ class Parts(Settings):
         for k, found in enumerate(sizes):
             if found is not None:
                 raise fault(*found, (k, "mesh"))
-        for (i, one), (j, other) in itertools.combinations(enumerate(meshes), 2):
-            shared, smaller = overlap_of(one.mesh, other.mesh), min(one.volume, other.volume)
+        for i, j, shared, smaller in overlaps([part.mesh for part in meshes]):
             if shared > MAY_OVERLAP * smaller:
                 raise fault(
-                    f"parts must not overlap: {other.name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
-                    f"{one.name or f'part {i + 1}'}, {100 * shared / smaller:.3g} % of the smaller",
+                    f"parts must not overlap: {meshes[j].name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
+                    f"{meshes[i].name or f'part {i + 1}'}, {100 * shared / smaller:.3g} % of the smaller",
                     "move or trim one of them; faces may touch",
                     (j, "mesh"),
                 )
@@ -122,7 +121,7 @@ class Parts(Settings):
         return self
 
     def part_thickness(self, index: int) -> float:
-        """Thickness of a part, m: see meshes.thickness_of."""
+        """Thickness of a part, m: see surface_mesh.thickness_of."""
         return thickness_of(self.meshes[index].mesh) * UNITS[self.unit]
 
     def triangles(self) -> list[Array]:

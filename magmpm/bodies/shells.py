@@ -1,56 +1,95 @@
 """The shells of a closed mesh, its connected surfaces: which encloses which, and whether every point is inside the body once or not at all.
 
-An outward shell is a piece of the body, an inward one a cavity within a piece. Where pieces share a volume it would count twice; an
-inward shell outside of every piece would count less than nothing. Both leave the sum of the volumes positive, so shells are told apart.
+An outward shell is a solid, an inward one a cavity within a solid. Where solids overlap, their volume would count twice; an inward shell
+outside every solid would count less than nothing. Both leave the sum of the volumes positive, so each shell is checked against the others.
+What two solids share is computed exactly, by Manifold (https://github.com/elalish/manifold). Manifold takes each edge as shared by two
+triangles; where more meet, its answer depends on their order, so such edges are taken apart here first.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError
 
-LINES = 40  # lines along x each way, by which what two meshes share is measured
-TOLERANCE = 1e-3  # of the smaller of two shells: what they may share, or lack of being one in the other; faces may touch
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+TOLERANCE = 1e-3  # of the smaller of two shells: touching faces of a drawing never fit exactly
 NOTHING = 1e-9  # of the mesh's box: a shell with less volume than this is none
 SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
 SAME_ANGLE = 1e-3  # rad: triangles nearer to each other than this around their edge are one plane
-PAIRS = 1_000_000  # of lines and triangles looked at at a time
-SHOWN = 3  # shells of each kind that a message tells of
+SHOWN = 3  # shells of each kind that a message names
 
 Index = NDArray[Any]
 
 
-def shells_of(vertices: Array, faces: Index) -> tuple[Index, Index]:
-    """The shell (f,) that each triangle of a closed mesh, with consistent normals, belongs to; and first vertices of edges around which
-    some sector is covered twice, or less than once where another is not at all.
+class MeshError(InputError):
+    """A mesh that can't be used: rule and remedy, for messages to quote."""
+
+    def __init__(self, rule: str, remedy: str) -> None:
+        super().__init__(f"{rule}; {remedy}")
+        self.rule, self.remedy = rule, remedy
+
+
+def solid_of(vertices: Array, faces: Index) -> Manifold:
+    """A closed mesh, vertices (v, 3) and faces (f, 3) that face consistently, for exact intersections and rays. Raises MeshError."""
+    return _solid(*_taken_apart(vertices, faces)[:2])
+
+
+def shells_of(vertices: Array, faces: Index) -> tuple[list[Manifold], Index]:
+    """The shells of a closed mesh whose triangles face consistently; and first vertices of edges around which some sector is covered
+    twice, or less than once where another is not at all.
 
     Triangles that share an edge are of one shell. Where four or more meet at an edge, as where two boxes touch, each goes with the next
     one on the side of the material.
     """
-    from scipy.sparse import coo_matrix  # only where a scene has a mesh: scipy takes a fifth of a second
-    from scipy.sparse.csgraph import connected_components
+    *mesh, overlaps = _taken_apart(vertices, faces)
+    return _solid(*mesh).decompose(), overlaps
 
+
+def _solid(vertices: Array, faces: Index) -> Manifold:
+    from manifold3d import Error, Manifold, Mesh64  # only where a scene has a mesh
+
+    solid = Manifold(Mesh64(np.array(vertices, np.float64, order="C"), np.array(faces, np.uint64, order="C")))
+    if solid.status() != Error.NoError:
+        raise MeshError(f"a mesh must be a closed surface, and this one is not ({solid.status().name})", "export the part again")
+    return solid
+
+
+def _taken_apart(vertices: Array, faces: Index) -> tuple[Array, Index, Index]:
+    """The same surface with every edge in two triangles, and the overlaps of `shells_of`.
+
+    Where more meet at an edge, each pair of them after the first gets an edge of its own: by way of a vertex of its own in the middle.
+    """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    face = np.tile(np.arange(len(faces)), 3)
     low, high = edges.min(1), edges.max(1)
     _, of, used = np.unique(low * len(vertices) + high, return_inverse=True, return_counts=True)
-    order = np.argsort(of, kind="stable")
-    first = np.concatenate([[0], np.cumsum(used)])
-    pairs = [face[order[np.add.outer(first[:-1][used == 2], [0, 1])]]]
-    overlaps, size = [], float(np.ptp(vertices, axis=0).max())
+    order, first = np.argsort(of, kind="stable"), np.concatenate([[0], np.cumsum(used)])
+    middles: dict[int, dict[int, int]] = {}  # of a face: vertex in the middle of its side
+    added, overlaps, size = [vertices], [], float(np.ptp(vertices, axis=0).max())
     for k in np.flatnonzero(used > 2):
         around = order[first[k] : first[k + 1]]
-        matched, covered_once = _matched(vertices, faces[face[around]], edges[around], size)
-        pairs.append(face[around[matched]])
+        pairs, covered_once = _matched(vertices, faces[around % len(faces)], edges[around], size)
         if not covered_once:
             overlaps.append(low[around[0]])
-    links = np.concatenate(pairs)
-    graph = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(len(faces), len(faces)))
-    return np.asarray(connected_components(graph, directed=False)[1]), np.array(overlaps, np.int64)
+        for pair in around[pairs[1:]]:
+            for side in pair:
+                middles.setdefault(side % len(faces), {})[side // len(faces)] = len(vertices) + len(added) - 1
+            added.append(vertices[edges[pair[0]]].mean(axis=0, keepdims=True))
+    split = []
+    for face, middle in middles.items():
+        ring = [vertex for side in range(3) for vertex in (faces[face, side], middle.get(side)) if vertex is not None]
+        start = ring.index(next(iter(middle.values())))
+        ring = ring[start:] + ring[:start]  # a fan around a vertex in the middle of a side: no triangle of it is flat
+        split += [(ring[0], *ring[n : n + 2]) for n in range(1, len(ring) - 1)]
+    whole = np.delete(faces, list(middles), axis=0)
+    return np.concatenate(added), np.concatenate([whole, np.array(split, faces.dtype).reshape(-1, 3)]), np.array(overlaps, np.int64)
 
 
 def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[Index, bool]:
@@ -96,44 +135,47 @@ def trouble(vertices: Array, faces: Index, size: float) -> tuple[str, str] | Non
             "would count twice",
             "remove the doubled solid (in MeshLab: Remove Duplicate Faces), and export the part again",
         )
-    label, overlaps = shells_of(vertices, faces)
+    shells, overlaps = shells_of(vertices, faces)
     if len(overlaps):
         return (
             f"a mesh must cover each point once, and beside {len(overlaps)} edges of this one, where several pieces meet, solids overlap "
             f"or one is inverted, the first near ({', '.join(f'{x:.4g}' for x in vertices[overlaps[0]])})",
             "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what stands twice, and export the part again",
         )
-    if label.max() == 0:
-        return None
-    order = np.argsort(label, kind="stable")
-    shells = [vertices[faces[part]] for part in np.split(order, np.cumsum(np.bincount(label))[:-1])]
-    volume = np.array([_volume(shell) for shell in shells])
-    solid = np.flatnonzero(np.abs(volume) > NOTHING * size)
-    return _misplaced([shells[k] for k in solid], volume[solid])
+    return _misplaced([shell for shell in shells if abs(shell.volume()) > NOTHING * size])
 
 
-def _volume(triangles: Array) -> float:
-    """Signed volume within triangles (f, 3, 3)."""
-    a, b, c = (triangles[:, k] - triangles[0, 0] for k in range(3))
-    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
+def overlapping_boxes(solids: Sequence[Manifold]) -> list[tuple[int, int]]:
+    """Pairs (i, j), i < j, of solids whose boxes overlap."""
+    box = np.array([solid.bounding_box() for solid in solids]).reshape(-1, 6)
+    low, high = box[:, :3], box[:, 3:]
+    return [
+        (i, int(j))
+        for i in range(len(box))
+        for j in i + 1 + np.flatnonzero(np.all((low[i + 1 :] < high[i]) & (high[i + 1 :] > low[i]), axis=1))
+    ]
 
 
-def _misplaced(shells: list[Array], volume: Array) -> tuple[str, str] | None:
-    """What is wrong with shells (each (f, 3, 3)) of signed volumes (k,), as `trouble` says it."""
-    low = np.array([shell.min(axis=(0, 1)) for shell in shells])
-    high = np.array([shell.max(axis=(0, 1)) for shell in shells])
+def _outward(shell: Manifold) -> Manifold:
+    """The solid within a shell, whichever way it faces."""
+    if shell.volume() >= 0:
+        return shell
+    mesh = shell.to_mesh64()
+    return _solid(mesh.vert_properties[:, :3], mesh.tri_verts[:, ::-1])
+
+
+def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
+    """What is wrong with the shells, as `trouble` says it."""
+    volume, solids = np.array([shell.volume() for shell in shells]), [_outward(shell) for shell in shells]
     around = np.zeros(len(shells))  # how often a point just outside of each shell is inside of others
     crossed: list[str] = []
-    for i in range(len(shells)):
-        for j in (i + 1 + np.flatnonzero(np.all((low[i + 1 :] < high[i]) & (high[i + 1 :] > low[i]), axis=1))).tolist():
-            inner, outer = (i, j) if abs(volume[i]) <= abs(volume[j]) else (j, i)
-            share, own = _within(shells[inner], shells[outer])
-            slack = TOLERANCE * (high[inner] - low[inner])
-            boxed = np.all((low[inner] >= low[outer] - slack) & (high[inner] <= high[outer] + slack))
-            if boxed and share > (1 - TOLERANCE) * own:
-                around[inner] += np.sign(volume[outer])
-            elif share > TOLERANCE * abs(volume[inner]):
-                crossed.append(f"{_named(i, volume)} and {_named(j, volume)} share {share:.3g}")
+    for i, j in overlapping_boxes(solids):
+        inner, outer = (i, j) if abs(volume[i]) <= abs(volume[j]) else (j, i)
+        share = (solids[i] ^ solids[j]).volume()
+        if share > (1 - TOLERANCE) * abs(volume[inner]):
+            around[inner] += np.sign(volume[outer])
+        elif share > TOLERANCE * abs(volume[inner]):
+            crossed.append(f"{_named(i, volume)} and {_named(j, volume)} share {share:.3g}")
     outward = volume > 0
     inverted = [_named(k, volume) for k in np.flatnonzero(~outward & (around < 1)).tolist()]
     nested = [_named(k, volume) for k in np.flatnonzero(outward & (around > 0)).tolist()]
@@ -162,62 +204,3 @@ def _named(k: int, volume: Array) -> str:
 def _list(names: list[str]) -> str:
     more = len(names) - SHOWN
     return ", ".join(names[:SHOWN]) + (f" and {more} more" if more > 0 else "")
-
-
-def shared(one: Array, other: Array) -> float:
-    """Volume within both of two closed meshes of triangles (f, 3, 3), whichever way they face, within a few per cent."""
-    return _within(one, other)[0]
-
-
-def _within(one: Array, other: Array) -> tuple[float, float]:
-    """Volumes within both of two closed meshes, and within the first, of the box that both their boxes share.
-
-    Exact along LINES^2 lines parallel to x through that box.
-    """
-    meshes = (one, other)
-    low = np.max([t.min(axis=(0, 1)) for t in meshes], axis=0)
-    high = np.min([t.max(axis=(0, 1)) for t in meshes], axis=0)
-    smaller = min(abs(_volume(t)) for t in meshes)
-    if np.any(high <= low) or np.prod(high - low) < 1e-6 * smaller:
-        return 0.0, 0.0
-    # An irrational shift of each row keeps lines off edges that are parallel to the axes.
-    k = np.arange(LINES * LINES)
-    unit = np.column_stack([(k + 0.5) / len(k), (k * 0.6180339887498949 + 0.37) % 1.0])
-    yz = low[1:] + unit * (high - low)[1:]
-    near = [t[np.all((t[:, :, 1:].min(1) <= high[1:]) & (t[:, :, 1:].max(1) >= low[1:]), axis=1)] for t in meshes]
-    lines = list(zip(*(_crossings(t, yz) for t in near), strict=True))
-    each = float(np.prod((high - low)[1:])) / len(yz)
-    span = np.array([low[0], high[0]])
-    return each * sum(_shared_length(a, b) for a, b in lines), each * sum(_shared_length(a, span) for a, _ in lines)
-
-
-def _crossings(triangles: Array, yz: Array) -> list[Array]:
-    """For each line (y, z), of rising y, the sorted x at which it enters and leaves the mesh."""
-    first = np.searchsorted(yz[:, 0], triangles[:, :, 1].min(1), side="left")
-    count = np.searchsorted(yz[:, 0], triangles[:, :, 1].max(1), side="right") - first
-    where: list[tuple[Index, Array]] = [(np.zeros(0, np.int64), np.zeros(0))]
-    chunks = np.searchsorted(np.cumsum(count), np.arange(PAIRS, count.sum() + PAIRS, PAIRS), side="left")
-    for part in np.split(np.arange(len(triangles)), chunks):
-        face = np.repeat(part, count[part])
-        line = np.repeat(first[part] - np.cumsum(count[part]) + count[part], count[part]) + np.arange(len(face))
-        a, b, c = triangles[face, 0], triangles[face, 1], triangles[face, 2]
-        area = (b[:, 1] - a[:, 1]) * (c[:, 2] - a[:, 2]) - (b[:, 2] - a[:, 2]) * (c[:, 1] - a[:, 1])
-        d = yz[line] - a[:, 1:]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = (d[:, 0] * (c[:, 2] - a[:, 2]) - d[:, 1] * (c[:, 1] - a[:, 1])) / area
-            v = (d[:, 1] * (b[:, 1] - a[:, 1]) - d[:, 0] * (b[:, 2] - a[:, 2])) / area
-            hit = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1))
-        a, b, c = a[hit, 0], b[hit, 0], c[hit, 0]
-        where.append((line[hit], a + u[hit] * (b - a) + v[hit] * (c - a)))
-    line, x = (np.concatenate(values) for values in zip(*where, strict=True))
-    order = np.lexsort((x, line))
-    return np.split(x[order], np.cumsum(np.bincount(line, minlength=len(yz)))[:-1])
-
-
-def _shared_length(a: Array, b: Array) -> float:
-    """Length that two sets of intervals (sorted ends; an odd one out is dropped) share."""
-    total = 0.0
-    for s, e in a[: len(a) // 2 * 2].reshape(-1, 2):
-        for t, f in b[: len(b) // 2 * 2].reshape(-1, 2):
-            total += max(0.0, min(e, f) - max(s, t))
-    return total

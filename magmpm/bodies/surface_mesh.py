@@ -1,7 +1,7 @@
 """Closed triangle meshes of parts: read from STL, checked, and measured.
 
-A mesh is kept in a scene as text (base64 of its arrays), so that a scene stays one immutable value: results hold the mesh they were made
-with, and its hash covers every vertex.
+A scene keeps a mesh as text (base64 of its arrays), so that it stays one immutable value and stands without its files: results hold the
+mesh they were made with, and the scene's hash covers every vertex.
 """
 
 from __future__ import annotations
@@ -9,17 +9,23 @@ from __future__ import annotations
 import base64
 import re
 import zlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationInfo
 
-from magmpm.bodies.shells import SAME, shared, trouble
+from magmpm.bodies.shells import SAME, MeshError, overlapping_boxes, solid_of, trouble
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.regular_file import UnfitFile, read_regular
+from magmpm.inputs.settings import fault, folder_of
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
@@ -27,16 +33,9 @@ MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle, and
 LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
 FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
 RAYS = 400  # points from which the thickness is measured
+LEAST_RAY = 1e-6  # of the mesh's size: a surface nearer than this is the one the ray starts from
 THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL
-
-
-class MeshError(Exception):
-    """A mesh that can't be used: rule and remedy, as complaints show them."""
-
-    def __init__(self, rule: str, remedy: str) -> None:
-        super().__init__(f"{rule}; {remedy}")
-        self.rule, self.remedy = rule, remedy
 
 
 @dataclass(frozen=True)
@@ -204,6 +203,25 @@ def unpack_mesh(text: str) -> Mesh:
     return Mesh(vertices, faces.astype(np.int64))
 
 
+def read_mesh(value: Any, info: ValidationInfo) -> Any:
+    """Validator of a key that names a mesh: the file's mesh as the text a scene keeps; such a text is taken as it is."""
+    if not isinstance(value, (str, Path)):
+        raise fault("must be the path of an STL file", "write, say, `mesh: meshes/base.stl`")
+    try:
+        if isinstance(value, str) and value.startswith(PREFIX):
+            unpack_mesh(value)
+            return value
+        return pack_mesh(read_stl(folder_of(info) / value))
+    except MeshError as error:
+        raise fault(error.rule, error.remedy) from None
+
+
+@lru_cache(maxsize=256)
+def _stored_solid(text: str) -> Manifold:
+    mesh = unpack_mesh(text)
+    return solid_of(mesh.vertices, mesh.faces)
+
+
 @lru_cache(maxsize=256)
 def thickness_of(text: str) -> float:
     """Thickness of a stored mesh in its unit: a tenth of its surface has the opposite surface this near or nearer.
@@ -220,35 +238,16 @@ def thickness_of(text: str) -> float:
     weights = np.concatenate([1 - u, u * (1 - v), u * v]).T
     start = np.einsum("rk,rki->ri", weights, triangles[face])
     inward = -normal[face] / double[face, None]
-    nearest = np.full(RAYS, np.inf)
-    least = 1e-6 * float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    for first in range(0, len(triangles), 5000):
-        far = _hits(start, inward, triangles[first : first + 5000])
-        far[far < least] = np.inf
-        nearest = np.minimum(nearest, far.min(axis=1))
-    found = nearest[np.isfinite(nearest)]
+    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    solid, found = _stored_solid(text), []
+    for begin, end in zip(start, start + 2 * size * inward, strict=True):
+        far = [2 * size * hit.distance for hit in solid.ray_cast(begin, end)]
+        found += [x for x in far if x >= LEAST_RAY * size][:1]
     return float(np.quantile(found, THINNEST_SHARE, method="inverted_cdf"))
 
 
-def _hits(start: Array, along: Array, triangles: Array) -> Array:
-    """Distance (r, f) from points (r, 3) along unit vectors (r, 3) to triangles (f, 3, 3), inf where missed.
-
-    Source: Moller and Trumbore, J. Graphics Tools 2 (1997) 21-28.
-    """
-    a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    p = np.cross(along[:, None], ac[None])
-    det = np.einsum("fi,rfi->rf", ab, p)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        offset = start[:, None] - a[None]
-        u = np.einsum("rfi,rfi->rf", offset, p) / det
-        q = np.cross(offset, ab[None])
-        v = np.einsum("ri,rfi->rf", along, q) / det
-        t = np.einsum("fi,rfi->rf", ac, q) / det
-        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
-    return np.where(hit, t, np.inf)
-
-
-@lru_cache(maxsize=4096)
-def overlap_of(one: str, other: str) -> float:
-    """Volume (in their unit cubed) that two stored meshes share, within a few per cent: see shells.shared."""
-    return shared(unpack_mesh(one).triangles, unpack_mesh(other).triangles)
+def overlaps(texts: Sequence[str]) -> Iterator[tuple[int, int, float, float]]:
+    """Pairs (i, j) of stored meshes, with the volumes that they share and that the smaller one has, in their unit cubed."""
+    solids = [_stored_solid(text) for text in texts]
+    for i, j in overlapping_boxes(solids):
+        yield i, j, (solids[i] ^ solids[j]).volume(), min(solids[i].volume(), solids[j].volume())

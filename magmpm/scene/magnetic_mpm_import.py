@@ -10,7 +10,6 @@ method, IEEE Robotics and Automation Letters 8 (2023).
 from __future__ import annotations
 
 import difflib
-import itertools
 import math
 import os
 from collections.abc import Mapping
@@ -24,7 +23,7 @@ import yaml
 from pydantic import Field, model_validator
 
 from magmpm.bodies.assembly import MAX_PARTS, MAY_OVERLAP
-from magmpm.bodies.surface_mesh import MeshError, overlap_of, pack_mesh, read_stl, unpack_mesh, volume_of
+from magmpm.bodies.surface_mesh import MeshError, overlaps, pack_mesh, read_stl, unpack_mesh
 from magmpm.errors import InputError, report
 from magmpm.inputs.regular_file import read_regular
 from magmpm.inputs.settings import Settings, fault, read_yaml, validate
@@ -239,9 +238,7 @@ def _unused(path: Path, found: list[Path]) -> list[str]:
 def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
     """Segments may touch, not overlap: which of two materials fills the volume they share would be anyone's guess."""
     wrong = []
-    for (i, one), (j, other) in itertools.combinations(enumerate(texts), 2):
-        shared = overlap_of(one, other)
-        smaller = min(volume_of(unpack_mesh(text).triangles) for text in (one, other))
+    for i, j, shared, smaller in overlaps(texts):
         if shared > MAY_OVERLAP * smaller:
             wrong.append(report(
                 f"{path}: segments[{j}].mesh", received=robot.segments[j].mesh,

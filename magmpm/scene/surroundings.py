@@ -11,8 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from magmpm.bodies.assembly import UNITS
 from magmpm.bodies.curves import curve, tightest_bend
-from magmpm.bodies.mesh_keys import read_mesh
-from magmpm.bodies.surface_mesh import size_fault, unpack_mesh
+from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import TableError, read_centreline
 from magmpm.inputs.settings import Quantity, Settings, fault, folder_of

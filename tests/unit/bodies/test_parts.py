@@ -12,13 +12,13 @@ from reference.solids import ball, box, turned
 from magmpm.bodies.cut_cells import cell_moments
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
-from magmpm.bodies.shells import shells_of
+from magmpm.bodies.shells import shells_of, solid_of
 from magmpm.bodies.surface_mesh import (
     Mesh,
     MeshError,
     _merged,
     checked,
-    overlap_of,
+    overlaps,
     pack_mesh,
     read_stl,
     thickness_of,
@@ -203,9 +203,9 @@ def test_shells_of_a_mesh_cover_each_point_once(mesh: tuple[np.ndarray, np.ndarr
 
 def test_boxes_that_touch_are_shells_of_their_own() -> None:
     vertices, faces = together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4)))
-    label, overlaps = shells_of(vertices, faces)
-    assert len(overlaps) == 0
-    assert [volume_of(vertices[faces[label == k]]) for k in range(3)] == pytest.approx([64.0, 64.0, 64.0])
+    shells, overlapping = shells_of(vertices, faces)
+    assert len(overlapping) == 0
+    assert [shell.volume() for shell in shells] == pytest.approx([64.0, 64.0, 64.0], rel=1e-12)  # rounding
 
 
 def test_thickness_and_overlap() -> None:
@@ -214,12 +214,40 @@ def test_thickness_and_overlap() -> None:
     assert thickness_of(pack_mesh(turned(plate, (1, 1, 0), 0.5))) == pytest.approx(0.5)
     # A polyhedron within the ball: cos(pi/24)^2 of its diameter between opposite faces.
     assert thickness_of(pack_mesh(ball((0, 0, 0), 2.0))) == pytest.approx(4.0, rel=0.03)
-    one, other = pack_mesh(plate), pack_mesh(box((9, 0, 0), (12, 6, 0.5)))
-    assert overlap_of(one, other) == pytest.approx(3.0, rel=1e-6)
-    assert overlap_of(one, pack_mesh(box((10, 0, 0), (12, 6, 0.5)))) == 0.0
-    assert overlap_of(pack_mesh(ball((0, 0, 0), 1)), pack_mesh(ball((0, 0, 0), 1))) == pytest.approx(
-        volume_of(ball((0, 0, 0), 1).triangles), rel=0.01
-    )  # 1600 lines
+    one, sphere = pack_mesh(plate), pack_mesh(ball((0, 0, 0), 1))
+    assert list(overlaps([one, pack_mesh(box((10, 0, 0), (12, 6, 0.5)))])) == []
+    ((_, _, shared, smaller),) = overlaps([one, pack_mesh(box((9, 0, 0), (12, 6, 0.5)))])
+    assert (shared, smaller) == pytest.approx((3.0, 9.0), rel=1e-12)  # exact but for rounding
+    ((_, _, shared, smaller),) = overlaps([sphere, sphere])
+    assert shared == pytest.approx(volume_of(ball((0, 0, 0), 1).triangles), rel=1e-12)
+
+
+def voxels(cells: set[tuple[int, int, int]], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The surface of unit cubes, faces between two of them left out, triangles in any order."""
+    cube = box((0, 0, 0), (1, 1, 1)).triangles
+    outward = np.cross(cube[:, 1] - cube[:, 0], cube[:, 2] - cube[:, 0]).round().astype(int)
+    corners = [t + c for c in cells for t, n in zip(cube, outward, strict=True) if tuple((n + c).tolist()) not in cells]
+    vertices, faces = _merged(np.array(corners))
+    return vertices, faces[rng.permutation(len(faces))]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_volumes_are_exact_whatever_order_the_triangles_have(seed: int) -> None:
+    """Cubes placed at random touch along edges and at corners. What two such bodies share is the sum over pairs of cubes, for any shift."""
+    rng = np.random.default_rng(seed)
+    one, other = ({tuple(c) for c in np.argwhere(rng.random((4, 4, 4)) < 0.5).tolist()} for _ in range(2))
+    solids = []
+    for cells in (one, other):
+        mesh = voxels(cells, rng)
+        checked(*mesh)
+        solids.append(solid_of(*mesh))
+        # 64 cubes of volume 1: rounding of a few hundred sums
+        assert sum(shell.volume() for shell in shells_of(*mesh)[0]) == pytest.approx(len(cells), rel=1e-12)
+        assert solids[-1].volume() == pytest.approx(len(cells), rel=1e-12)
+    for shift in ((0.0, 0.0, 0.0), (0.3, 0.45, 0.2)):
+        apart = np.abs(np.array(list(one))[:, None] - np.array(list(other)) - shift)
+        want = np.clip(1 - apart, 0, None).prod(axis=2).sum()
+        assert (solids[0] ^ solids[1].translate(shift)).volume() == pytest.approx(want, abs=1e-10)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
