@@ -24,6 +24,7 @@ from magmpm.results.motion_files import CHECKPOINT
 from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
 from magmpm.scene import Scene, memory
+from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 
@@ -121,7 +122,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
         **_particles(model, moved.x, moved.F, moved.time),
         grid_correction=np.zeros((0, 0)),
         centreline=axis,
-        tip=axis[-1, 1:] if len(axis) else measures.piece_means(model, moved.x)[-1],
+        tip=axis[-1, 1:] if len(axis) else measures.region_means(model, moved.x)[-1],
         converged=not failure,
         iterations=moved.steps,
         dof=moved.motion.unknowns,
@@ -178,8 +179,8 @@ def _particles(model: Model, position: Array, F: Array, time: float | None) -> d
         "particle_volume": particles.volume,
         "particle_segment": particles.segment,
         "particle_det_F": np.linalg.det(F),
-        "segment_center": measures.piece_means(model, position),
-        "segment_remanence": measures.piece_means(model, np.einsum("nij,nj->ni", F, model.magnet[:, :3])),
+        "segment_center": measures.region_means(model, position),
+        "segment_remanence": measures.region_means(model, np.einsum("nij,nj->ni", F, model.magnet[:, :3])),
         "field": outside,
         "particles": len(position),
         "section": model.section,
@@ -198,8 +199,8 @@ def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], f
     return Result(
         **_particles(model, position, point.F, None),
         grid_correction=found.correction,
-        centreline=measures.centreline(model, point.grid),
-        tip=measures.tip(model, point.grid, position),
+        centreline=axis_of_unknowns.centreline(model, point.grid),
+        tip=measures.region_means(model, position)[-1] if model.line is None else axis_of_unknowns.tip(model, point.grid),
         converged=found.converged,
         iterations=found.steps,
         dof=model.dof,

@@ -48,7 +48,7 @@ def test_a_run_that_ends_in_nan_ends_with_status_3(
     """As means over a segment without particles did: no result is written, and the reason names what is not finite."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(HOLLOW.read_text(encoding="utf-8").replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
-    monkeypatch.setattr(measures, "piece_means", lambda model, values: np.full((1, 3), np.nan))
+    monkeypatch.setattr(measures, "region_means", lambda model, values: np.full((1, 3), np.nan))
     assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--json"]) == 3
     printed = capsys.readouterr()
     assert "not finite (in segment_center, segment_remanence)" in printed.err

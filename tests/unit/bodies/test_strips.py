@@ -98,7 +98,7 @@ def test_a_profile_turns_at_every_particle() -> None:
     want = 0.1 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
     np.testing.assert_allclose(model.magnet, want, atol=1e-15)
     assert len(scene.regions()) == 8
-    mean = measures.piece_means(model, model.magnet)
+    mean = measures.region_means(model, model.magnet)
     # Mean over an eighth of a turn: sin(pi/8)/(pi/8) = 0.974 of the piece's own direction.
     np.testing.assert_allclose(mean, 0.974 * scene.segment_remanence(), atol=0.002)
 

@@ -13,6 +13,7 @@ from magmpm.model import build
 from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.simulate import run
+from magmpm.statics import axis as axis_of_statics
 from magmpm.statics.layout import StaticModel, static_model
 
 L = 16e-3
@@ -38,13 +39,13 @@ def test_axis_of_a_known_displacement(inner: float) -> None:
     model = static_model(build(rod_scene(length=L, inner_diameter=inner, cells=3)))
     a, b = np.array([0.02, -0.1, 0.2]), np.array([-3.0, 5.0, 8.0])
     grid = coefficients(model, a, b)
-    rows = measures.centreline(model, grid)
+    rows = axis_of_statics.centreline(model, grid)
     s = rows[:, 0]
     assert s[0] == 0
     assert s[-1] == pytest.approx(L, rel=1e-15)
     expected = np.outer(s, [1, 0, 0]) + np.outer(s, a) + np.outer(s**2, b)
     np.testing.assert_allclose(rows[:, 1:], expected, rtol=0, atol=1e-14 * L)
-    tip = measures.along_axis(model, grid, measures.end_face_weights(model), np.array([L]))
+    tip = axis_of_statics.along_axis(model, grid, axis_of_statics.end_face_weights(model), np.array([L]))
     np.testing.assert_allclose(tip[0], expected[-1], rtol=0, atol=1e-14 * L)
 
 
@@ -57,8 +58,8 @@ def test_end_face_mean_sees_the_section() -> None:
     field[:, :, 2] = y**2 + z**2 - h**2 / 2  # coefficients of y^2 + z^2
     flat = field.reshape(model.layout.planes, -1)
     at = np.array([L])
-    mean = measures.along_axis(model, flat, measures.end_face_weights(model), at)[0, 2]
-    axis = measures.along_axis(model, flat, measures.section_weights(model), at)[0, 2]
+    mean = axis_of_statics.along_axis(model, flat, axis_of_statics.end_face_weights(model), at)[0, 2]
+    axis = axis_of_statics.along_axis(model, flat, axis_of_statics.section_weights(model), at)[0, 2]
     assert mean == pytest.approx(4e-3**2 / 8, rel=1e-12)
     assert axis == pytest.approx(0, abs=1e-20)
 

@@ -12,12 +12,11 @@ from scipy.spatial import cKDTree
 
 from magmpm.errors import SolveError
 from magmpm.model import build
-from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.statics import equilibrium
+from magmpm.statics import axis, equilibrium
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
@@ -106,11 +105,11 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
     model = static_model(build(spatial_scene(cells=4)))
     rod = solve_rod(model.scene)
     begin = from_rod(model, rod)
-    axis = measures.centreline(model, begin)
+    line = axis.centreline(model, begin)
     inside = (
-        axis[:, 0] > model.grid.spacing[0]
+        line[:, 0] > model.grid.spacing[0]
     )  # at the clamp the section may not turn, which the rod does not know
-    gap = axis[inside, 1:] - rod.at(axis[inside, 0])
+    gap = line[inside, 1:] - rod.at(line[inside, 0])
     assert np.abs(gap).max() < 2e-3 * L
     point = Energy(model).at(begin)
     away = model.particles.position[:, 0] > 4e-3  # a diameter from the clamp
@@ -181,7 +180,7 @@ def test_newton_leaves_an_unstable_equilibrium() -> None:
     model = static_model(build(scene))
     found = minimise(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
     assert found.left_unstable >= 1
-    tip = measures.along_axis(model, found.point.grid, measures.end_face_weights(model), np.array([40e-3]))[0]
+    tip = axis.along_axis(model, found.point.grid, axis.end_face_weights(model), np.array([40e-3]))[0]
     expected = run(scene).tip
     assert tip[0] == pytest.approx(expected[0], abs=1e-5 * 40e-3)
     assert np.hypot(tip[1], tip[2]) == pytest.approx(expected[2], abs=1e-5 * 40e-3)

@@ -1,0 +1,82 @@
+"""The deformed axis and tip of an equilibrium, from the spline coefficients of its displacement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.bodies.grid import spline_weights
+from magmpm.bodies.regions import Line
+from magmpm.compiled.arrays import Array
+from magmpm.model import Model
+from magmpm.statics.layout import StaticModel
+
+
+def section_weights(model: StaticModel) -> Array:
+    """Weights (nodes_per_plane,) that give the axis from a plane's coefficients: at y = z = 0, or a tube's mean over its section."""
+    catheter = model.scene.body.catheter
+    if catheter is not None and catheter.inner_diameter > 0.0:
+        return end_face_weights(model)
+    return _plane_weights(model, np.array([_line(model).base[1:]]), np.ones(1))
+
+
+def _line(model: Model) -> Line:
+    if model.line is None:
+        raise ValueError("only a straight body (catheter, strip) has an axis to measure")
+    return model.line
+
+
+def end_face_weights(model: StaticModel) -> Array:
+    """Weights (nodes_per_plane,) of the mean over a section."""
+    position = model.particles.position
+    slice_ = position[:, 0] == position[:, 0].min()
+    share = model.particles.volume[slice_]
+    return _plane_weights(model, position[slice_, 1:], share / share.sum())
+
+
+def _plane_weights(model: StaticModel, points: Array, share: Array) -> Array:
+    """Sum over points (q, 2) of share times the splines of y and z, for each node of a plane."""
+    grid, layout = model.grid, model.layout
+    scaled = (points - grid.origin[1:]) / grid.spacing[1:]
+    cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(grid.cells[1:]) - 1)
+    weights = spline_weights(scaled - cell)
+    if model.plane_strain:  # the middle row of nodes stands for all three
+        weights[:, 0] = np.array([0.0, 1.0, 0.0])
+    dense = np.zeros(grid.nodes[1:])
+    for a in range(3):
+        for b in range(3):
+            np.add.at(dense, (cell[:, 0] + a, cell[:, 1] + b), share * weights[:, 0, a] * weights[:, 1, b])
+    return dense[layout.node_yz[:, 0], layout.node_yz[:, 1]]
+
+
+def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Array:
+    """Deformed positions (m, 3) m at arc lengths s (m,) m, for plane weights as the functions above give.
+
+    grid (planes, m): coefficients of the displacement.
+    """
+    planes = grid.reshape(model.layout.planes, -1, 3).transpose(0, 2, 1) @ weights
+    if model.clamped_face:
+        planes = np.concatenate([-planes[:1], planes])  # node 0, which the clamp eliminates
+    if model.scene.body.shape.clamp == "both":
+        planes[-1] = -planes[-2]  # as at the lower face
+    h = model.grid.spacing[0]
+    cell = np.clip(np.floor(s / h + 1e-12).astype(int), 0, model.grid.cells[0] - 1)
+    N = spline_weights(s / h - cell)
+    u = sum(N[:, a, None] * planes[cell + a] for a in range(3))
+    return u + np.outer(s, [1.0, 0.0, 0.0]) + np.array(_line(model).base)
+
+
+def centreline(model: StaticModel, grid: Array) -> Array:
+    """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at the cells' faces and middles; none for a body without an axis."""
+    if model.line is None:
+        return np.zeros((0, 4))
+    cells = model.grid.cells[0]
+    s = np.linspace(0.0, model.grid.spacing[0] * cells, 2 * cells + 1)
+    return np.column_stack([s, along_axis(model, grid, section_weights(model), s)])
+
+
+def tip(model: StaticModel, grid: Array) -> Array:
+    """Where the far end of a straight body is, (3,) m: the mean of its end face.
+
+    grid (planes, m): coefficients of the displacement.
+    """
+    return along_axis(model, grid, end_face_weights(model), np.array([_line(model).length]))[0]
