@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data/scenes/five_segments.yaml"
 STUDY = ROOT / "data/studies/s_shape.yaml"
 OUT = ROOT / "runs/bench"
-NEIGHBOUR = 0.05  # how far each magnetisation is moved for the warm start: 3 degrees
+NEIGHBOUR = 0.05  # how far each magnetization is moved for the warm start: 3 degrees
 
 
 @dataclass(frozen=True)

@@ -207,7 +207,7 @@ def sampler() -> Figures:
 
 
 def stability() -> Figures:
-    """Hard cases: each measure by the case's name, and in per cent; what takes long included."""
+    """Hard cases: each measure by the case's name, and in percent; what takes long included."""
     return _cases(slow=True)
 
 

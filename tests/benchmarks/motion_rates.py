@@ -134,7 +134,7 @@ def million() -> dict[str, float]:
 
 
 def mechanism_percent() -> float:
-    """What a step without effects takes more than a kernel written without the mechanism, per cent."""
+    """What a step without effects takes more than a kernel written without the mechanism, percent."""
     import plain_total
 
     model, motion, dt = started("total")
@@ -173,7 +173,7 @@ def mechanism_percent() -> float:
 
 
 def effect_costs() -> dict[str, float]:
-    """Per cent that each effect by itself adds to a step (total formulation), as `magmpm effects` prints it.
+    """Percent that each effect by itself adds to a step (total formulation), as `magmpm effects` prints it.
 
     Contact also of a body that touches: with the ground through it, so that a quarter of its particles press on it, and in a tube
     that is narrower than it is, so that all of its skin does.

@@ -85,7 +85,7 @@ def test_run_prints_one_json_object_as_the_contract_says(
     assert np.linalg.norm(rod - [0.02, 0, 0]) > 8e-4  # it bends,
     assert (
         np.linalg.norm(rod - out["tip"]) < 0.01 * 0.02
-    )  # and in metres: the rod is good to 1 % of the length
+    )  # and in meters: the rod is good to 1 % of the length
     saved = Result.load("runs/small")
     assert saved.tip.tolist() == out["tip"]
 

@@ -141,10 +141,10 @@ def walks(measure: ModuleType, tmp_path: Path, cycles: int, steady: float, **cha
     changes["solver__dynamic__duration"] = 2 * measure.PERIOD
     slippery = scene("walking_strip", effects__ground__friction=0.0, **changes)
     nowhere = measure.steps_along_x(moved(slippery, tmp_path / "slips"), measure.PERIOD)
-    assert np.abs(nowhere).max() < 0.01 * steps.mean()  # no force along x: the centre stays
+    assert np.abs(nowhere).max() < 0.01 * steps.mean()  # no force along x: the center stays
     mirrored = mirror_of(scene("walking_strip", **changes))
     back = measure.steps_along_x(moved(mirrored, tmp_path / "back"), measure.PERIOD)[1:]
-    # The mirrored strip is the strip with its magnetisation turned by 90 degrees; that turning the field does the same is true of
+    # The mirrored strip is the strip with its magnetization turned by 90 degrees; that turning the field does the same is true of
     # a thin strip, which turns without stretching. This one bends by half its thickness over its radius, some percent.
     assert back == pytest.approx(-steps[:1], rel=0.08)
 

@@ -1,6 +1,6 @@
 """For every effect a scene in which it acts: what the contract of effects puts each of them through.
 
-The usual scene is a short clamped catheter of two magnetised segments, and the effect at its first example's settings. SCENES has what an
+The usual scene is a short clamped catheter of two magnetized segments, and the effect at its first example's settings. SCENES has what an
 effect needs beyond that to do anything: a field, an obstacle that touches the body. An effect that does nothing in its scene fails the
 contract, so a new one that the usual scene does not wake up gets an entry here.
 """

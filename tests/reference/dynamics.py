@@ -178,7 +178,7 @@ class Updated:
         m, momentum, fixed = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, bool)
         stencil = []
         for a, b, c in product(range(3), repeat=3):
-            node = cell + np.array([a, b, c])  # node i is centred on origin + (i - 1/2) h
+            node = cell + np.array([a, b, c])  # node i is centered on origin + (i - 1/2) h
             d = model.grid.origin + (node - 0.5) * h - self.x
             N = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             at = (piece, *(node - low).T)

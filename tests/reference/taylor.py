@@ -9,7 +9,7 @@ import numpy as np
 
 
 def slopes(remainder: Callable[[float], Any], steps: Sequence[float]) -> np.ndarray:
-    """Orders at which the norm of remainder(t) falls between neighbouring steps t, (len(steps) - 1,)."""
+    """Orders at which the norm of remainder(t) falls between neighboring steps t, (len(steps) - 1,)."""
     sizes = np.array([np.linalg.norm(np.atleast_1d(remainder(t))) for t in steps])
     return np.diff(np.log(sizes)) / np.diff(np.log(np.asarray(steps)))
 

@@ -51,7 +51,7 @@ def test_incompressible_limit_is_reached() -> None:
 @pytest.mark.parametrize("first", ["stiff", "soft"])
 def test_stiffness_contrast(ratio: float, first: str) -> None:
     """Segments alternate between G and G/ratio, as magnetic rings on soft joints do. The joints' ends are held by their stiff
-    neighbours, which a rod does not know: 1 to 2 % of L.
+    neighbors, which a rod does not know: 1 to 2 % of L.
     """
     moduli = np.array([G, G / ratio, G, G / ratio])
     moduli = moduli if first == "stiff" else moduli[::-1]
@@ -115,7 +115,7 @@ def test_strong_field(B: float) -> None:
 
 @pytest.mark.parametrize("cells", [2, 3, 4])
 def test_as_long_as_thick(cells: int) -> None:
-    """L = D, where a rod is no model at all: it converges, turned towards the field, the same on every grid within 5 %."""
+    """L = D, where a rod is no model at all: it converges, turned toward the field, the same on every grid within 5 %."""
     result = run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=cells))
     finer = run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=6))
     assert result.converged
@@ -145,7 +145,7 @@ def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) ->
 
 
 def test_slice_of_another_magnetisation() -> None:
-    """A slice of 0.1 mm, 1/13 of a cell, magnetised across at the tip of a rod that is magnetised along: it turns the tip by its own
+    """A slice of 0.1 mm, 1/13 of a cell, magnetized across at the tip of a rod that is magnetized along: it turns the tip by its own
     small torque, A Br B/mu0 x 0.1 mm, as the rod says.
     """
     given = {"lengths": [39.9e-3, 0.1e-3], "field": (8e-3, 0, 0), "cells": 3}

@@ -110,7 +110,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 def in_field(over_time: dict[str, Any], uniform: tuple[float, ...] = FIELD) -> Scene:
-    """The catheter, magnetised along x, in motion in a uniform field that changes."""
+    """The catheter, magnetized along x, in motion in a uniform field that changes."""
     data = rod_scene(field=uniform).to_si()
     data["solver"]["dynamic"] = {"duration": 1.0}
     data["field"]["over_time"] = over_time

@@ -25,7 +25,7 @@ def space_of(folder: Path, text: str = STUDY, scene: str | None = None) -> Searc
 
 
 def test_angles_mean_what_they_are_called() -> None:
-    """along lifts towards the tip (+x); around turns about the axis, from +y towards +z."""
+    """along lifts toward the tip (+x); around turns about the axis, from +y toward +z."""
     tight = {"rtol": 0, "atol": 1e-15}  # rounding of sines and cosines
     np.testing.assert_allclose(direction(around=0, along=0), [0, 1, 0], **tight)
     np.testing.assert_allclose(direction(around=90, along=0), [0, 0, 1], **tight)

@@ -76,7 +76,7 @@ def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
 
 
 def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
-    """With the surroundings' damping: the contact force is the weight, and the block gives way by g LAYERS / w^2, nanometres."""
+    """With the surroundings' damping: the contact force is the weight, and the block gives way by g LAYERS / w^2, nanometers."""
     ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
     effects = {"gravity": {}, "damping": {"rate": 400.0}, "ground": ground}
     model = build(moving_scene(block(SIZE, position=[0.0, 0.0, SIZE[2] / 2 + 0.1e-3]), effects))

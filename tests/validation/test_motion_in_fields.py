@@ -29,7 +29,7 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
     """Momentum grows by the integral of (1/mu0) (grad B)^T F Br, spin by that of x cross it and of (1/mu0) F Br cross B, summed step by
-    step: to 1e-6 of their size. The first step gives the centre the acceleration (1/mu0) mean of (grad B)^T Br over rho.
+    step: to 1e-6 of their size. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over rho.
     """
     scene = in_field(free_rod(formulation=formulation, **BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)

@@ -61,7 +61,7 @@ CLAMPED = {"total": 0.2e-2, "updated": 1e-2}  # of the length
 
 @pytest.mark.parametrize("formulation", CLAMPED)
 def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it(formulation: str) -> None:
-    """Magnetised outwards from its middle, it bows in a field across; its far end stays."""
+    """Magnetized outwards from its middle, it bows in a field across; its far end stays."""
     halves = [{"magnetization": [sign, 0.0, 0.0]} for sign in (1.0, -1.0)]
     strip = {"length": 20e-3, "width": 4e-3, "thickness": 2e-3, "material": "m", "clamp": "both", "segments": halves}
     _settles({"strip": strip}, formulation, length=20e-3, field=20e-3)

@@ -31,7 +31,7 @@ def test_tip(angle: int, load: float) -> None:
     phi = np.radians(angle)
     field = field_for_load(load, phi, length=L, diameter=D)
     if angle == 180:
-        field[2] = 0.0  # exactly against the magnetisation: sin(pi) is not 0
+        field[2] = 0.0  # exactly against the magnetization: sin(pi) is not 0
     shape = solve_rod(rod_scene(length=L, diameter=D, field=field), extensible=False)
     exact = elastica(load, phi)
     x, y, z = shape.position[-1] / L

@@ -58,7 +58,7 @@ def test_large_turns(load: float, angle: int) -> None:
 
 
 def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
-    """Lowest eigenvalue of the tangent of the straight body, pushed together by a field against its magnetisation."""
+    """Lowest eigenvalue of the tangent of the straight body, pushed together by a field against its magnetization."""
     L = slenderness * D
     field = field_for_load(load, np.pi, length=L, diameter=D) * [1, 0, 0]
     model = static_model(build(rod_scene(length=L, diameter=D, field=field, cells=cells)))
@@ -103,7 +103,7 @@ def test_buckles_within_three_percent(part: float, buckled: bool) -> None:
 
 @pytest.mark.parametrize("load", [0.5, 3.0, 10.0])
 def test_twist(load: float) -> None:
-    """Magnetised along +y, field along +z: G J theta'' = -m B cos(theta). The last cells' twist within 0.5 %, and no bending.
+    """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta). The last cells' twist within 0.5 %, and no bending.
 
     A round shaft does not warp, so the clamp holds nothing but the turn; what is left is the grid, 0.05 to 0.2 % at 3 cells.
     """
@@ -135,7 +135,7 @@ def test_own_weight(weight: float) -> None:
 
 @pytest.mark.parametrize("B", [0.1, 1.0])
 def test_stretch(B: float) -> None:
-    """A strong field along the magnetisation stretches the rod: away from the ends F = diag(a, b, b) solves P_xx = Br B/mu0, P_yy = 0.
+    """A strong field along the magnetization stretches the rod: away from the ends F = diag(a, b, b) solves P_xx = Br B/mu0, P_yy = 0.
 
     At 1 T that is 28 %. Uniform stress is equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain.
     """

@@ -23,7 +23,7 @@ ACROSS, ALONG = 0.003, 0.008  # of L: measured 0.0016 and 0.0042 in plane strain
 
 
 def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
-    """Deflection and axial displacement of the tip over the length in a field (mT) against the magnetisation."""
+    """Deflection and axial displacement of the tip over the length in a field (mT) against the magnetization."""
     tip = run(scene.with_field([-1e-3 * field, 0.0, 0.0])).tip / L
     assert abs(tip[1]) < 1e-6
     return float(tip[2]), float(tip[0] - 1)
@@ -34,7 +34,7 @@ def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
     [("zhao_plane_strain", "plane_strain"), pytest.param("zhao_width_5mm", "width_5mm", marks=pytest.mark.slow)],
 )
 def test_the_tip_is_where_finite_elements_have_it(name: str, key: str) -> None:
-    """From 7 to 40 mT, on the branch towards +z, from nothing but the scene: within 0.3 % of L across the beam, 0.8 % along it."""
+    """From 7 to 40 mT, on the branch toward +z, from nothing but the scene: within 0.3 % of L across the beam, 0.8 % along it."""
     scene = load_scene(DATA / f"scenes/{name}.yaml")
     found = np.array([tip_over_length(scene, field) for field in FIELDS])
     want = REFERENCE["finite_elements"][key]
@@ -74,7 +74,7 @@ def test_it_swings_into_place_and_settles(name: str) -> None:
 
 
 def test_the_mirror_image_is_the_other_branch() -> None:
-    """A transverse field of 1 % towards -z chooses the branch: the same deflection downwards, within what 0.6 degrees turn it: 1 % of L."""
+    """A transverse field of 1 % toward -z chooses the branch: the same deflection downwards, within what 0.6 degrees turn it: 1 % of L."""
     scene = load_scene(DATA / "scenes/zhao_plane_strain.yaml").with_cells(2)
     up, down = (run(scene.with_field([-25e-3, 0.0, side * 0.25e-3])).tip / L for side in (1, -1))
     assert up[2] == pytest.approx(-down[2], abs=1e-6)

@@ -15,7 +15,7 @@ from reference.mpm_numpy import spline_matrix
 from magmpm.bodies.grid import Grid, clamp_first_node, spline_slopes, spline_weights
 
 inside = st.floats(0.0, 1.0)
-greville = np.array([-0.5, 0.5, 1.5])  # centres of a cell's three splines, in cells from its lower face
+greville = np.array([-0.5, 0.5, 1.5])  # centers of a cell's three splines, in cells from its lower face
 
 
 @given(inside)
@@ -40,7 +40,7 @@ def test_reproduces_polynomials_to_degree_two(xi: float) -> None:
 
 
 def test_same_splines_as_scipy() -> None:
-    """Cell i carries nodes i, i + 1, i + 2 of the grid's B-splines, node i centred on cell i - 1."""
+    """Cell i carries nodes i, i + 1, i + 2 of the grid's B-splines, node i centered on cell i - 1."""
     cells, h, origin = 5, 0.4, -1.0
     grid = Grid(np.full(3, origin), np.full(3, h), (cells, cells, cells))
     xi = np.linspace(0.01, 0.99, 7)

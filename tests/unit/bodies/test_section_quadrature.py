@@ -63,7 +63,7 @@ def test_section_is_exact(cells: int, ratio: float, count: int) -> None:
 )
 @settings(max_examples=60)
 def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[float], ratio: float) -> None:
-    """Unequal rectangles that lie askew of the disc's centre: nothing hangs on symmetry."""
+    """Unequal rectangles that lie askew of the disc's center: nothing hangs on symmetry."""
     edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
     check_section(*rectangles(*edges), 1.0, ratio, 2)
 

@@ -39,7 +39,7 @@ def crushed(formulation: str, *, ratio: float = 20.0, to: float = 0.2) -> Simula
 
 
 def strained(motion: TotalMotion | UpdatedMotion, rng: np.random.Generator) -> None:
-    """Random strains of some ten per cent, another for each particle."""
+    """Random strains of some ten percent, another for each particle."""
     model = motion.model
     if isinstance(motion, TotalMotion):
         motion.u[:] = 5e-5 * rng.standard_normal(len(motion.u)) * (motion.packed.inverse_mass > 0)

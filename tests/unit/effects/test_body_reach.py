@@ -103,7 +103,7 @@ def test_the_scenes_that_come_along_reach_what_they_name(path: Path) -> None:
 
 
 def test_a_lumen_in_another_unit_is_refused() -> None:
-    """A vessel in millimetres read as metres reaches to kilometres."""
+    """A vessel in millimeters read as meters reaches to kilometers."""
     solid = box((-5e3, -5e3, -5e3), (5e3, 5e3, 5e3))
     says = r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the unit \(m\)"
     with pytest.raises(InputError, match=says):

@@ -152,7 +152,7 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
 
 
 def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
-    """All ways the least; towards a plane, what the body's and its particles' extents that way differ by."""
+    """All ways the least; toward a plane, what the body's and its particles' extents that way differ by."""
     for cells in (2, 3, 4):
         scene = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
         x = build(scene).particles.position
@@ -288,7 +288,7 @@ def outward(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 
 def test_gap_of_two_folds(rng: np.random.Generator) -> None:
-    """Two layers of a folded strip: their distance less a particle's size; neighbours in the body do not count."""
+    """Two layers of a folded strip: their distance less a particle's size; neighbors in the body do not count."""
     x = np.arange(100) * 0.5e-3
     flat = np.column_stack([x, 0 * x, 0 * x])
     folded = np.where(x[:, None] < 25e-3, flat, np.column_stack([50e-3 - x, 0 * x, 0 * x + 2e-3]))

@@ -85,9 +85,9 @@ def test_skew_part_of_the_stress_is_the_torque() -> None:
 
 
 def test_torque_turns_the_magnet_into_the_field() -> None:
-    """The energy falls as F Br turns towards B: the sign that decides which way a catheter bends."""
+    """The energy falls as F Br turns toward B: the sign that decides which way a catheter bends."""
     named, field = magnetic_torque.parameters(np.array([0, 0, 1e-3])), 0.0
-    for angle in (0.3, 0.6, 0.9):  # about -y: from +x towards +z
+    for angle in (0.3, 0.6, 0.9):  # about -y: from +x toward +z
         turned = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
         W = total_energy(named, np.array([0.1, 0, 0]), RHO, U, turned)
         assert field > W

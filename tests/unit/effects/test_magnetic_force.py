@@ -104,7 +104,7 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     change = [(e.residual(e.at(c + small)) - e.residual(e.at(c - small))) / 2 for e in (loaded, bare)]
     K0 = to_dense(bare.tangent(bare.at(c))[1], model.layout.split)
     share = (K - K0) @ small.ravel()
-    # central differences of fields that vary over millimetres, at steps of 2e-7 m: 1e-6, and rounding of the body's own stiffness
+    # central differences of fields that vary over millimeters, at steps of 2e-7 m: 1e-6, and rounding of the body's own stiffness
     np.testing.assert_allclose((change[0] - change[1]).ravel(), share, rtol=0, atol=1e-5 * np.abs(share).max())
 
 
@@ -135,7 +135,7 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
         return -float(V @ np.einsum("ni,ni->n", source.at(x @ R.T + t * a), m @ R.T))
 
     h = 1e-6
-    # central differences over a micrometre of a field that varies over millimetres: 1e-7 of the work; rounding 1e-8
+    # central differences over a micrometer of a field that varies over millimeters: 1e-7 of the work; rounding 1e-8
     assert -(energy(h) - energy(-h)) / (2 * h) == pytest.approx(work, rel=1e-6)
 
 

@@ -173,7 +173,7 @@ def test_one_magnetised_segment_is_alone() -> None:
 
 
 def test_blocks_are_whole_cells_of_one_segment() -> None:
-    """Every magnetised particle has one; a block is no larger than a segment, and no longer than two of its own widths."""
+    """Every magnetized particle has one; a block is no larger than a segment, and no longer than two of its own widths."""
     model = build(scene([X, (0, 0, 0), Z], cells=4, across=2))
     block, p = model.magnet[:, 3], model.particles
     assert np.all((block >= 0) == model.magnet[:, :3].any(axis=1))

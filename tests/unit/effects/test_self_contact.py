@@ -1,4 +1,4 @@
-"""Pairs of particles that are near and not neighbours: as all pairs, looked at one by one, say."""
+"""Pairs of particles that are near and not neighbors: as all pairs, looked at one by one, say."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generato
 
 
 def test_inside_a_dipoles_sphere_all_is_finite() -> None:
-    """The inner field of a magnetised sphere, 2/3 mu0 M; nothing pulls."""
+    """The inner field of a magnetized sphere, 2/3 mu0 M; nothing pulls."""
     radius = 5e-3
     data = dipoles(np.concatenate([POSITION, MOMENT, [radius]]))
     B, G = at(place(), data, np.stack([POSITION, POSITION + 1e-3]))
@@ -171,7 +171,7 @@ def test_spline_converges_at_fourth_order(rng: np.random.Generator) -> None:
         found = table.evaluate(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)), x)
         errors.append([np.abs(found[0] - exact).max(), np.abs(found[1] - slope).max()])
     orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
-    # A dipole's higher derivatives grow so fast that the orders are still falling towards 4 and 3 on these grids.
+    # A dipole's higher derivatives grow so fast that the orders are still falling toward 4 and 3 on these grids.
     assert 3.9 < orders[-1, 0] < 5.5
     assert 2.9 < orders[-1, 1] < 4.5
 
@@ -338,7 +338,7 @@ def test_rotation_is_right_handed_and_stops() -> None:
 
 
 def test_rotation_turns_sources_about_its_centre() -> None:
-    """The sources' frame: a point at the centre stays, one beside it goes round, and the field goes with it."""
+    """The sources' frame: a point at the center stays, one beside it goes round, and the field goes with it."""
     over = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "center": (60e-3, 0, 0)}}
     field = source(dipole={"position": (70e-3, 0, 0), "moment": (1, 0, 0)}, over_time=over)
     where = places(field, np.array([0.25]))[0]

@@ -121,7 +121,7 @@ def test_crushed_cell_has_infinite_energy() -> None:
     model = small_scene(cells=2)
     energy = Energy(model)
     c = np.zeros(energy.shape)
-    c[2, :] = 8e-3  # one plane moved past its neighbours
+    c[2, :] = 8e-3  # one plane moved past its neighbors
     point = energy.at(c)
     assert point.energy == np.inf
     assert point.min_det_F < 0

@@ -25,7 +25,7 @@ def bent() -> Result:
 
 
 def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of the displacement a x + b x^2, which the clamped splines hold exactly: at node centres g, a g + b (g^2 - h^2/4)."""
+    """Of the displacement a x + b x^2, which the clamped splines hold exactly: at node centers g, a g + b (g^2 - h^2/4)."""
     g, h = model.grid.node_coordinates(0)[1:], model.grid.spacing[0]
     planes = np.outer(g, a) + np.outer(g**2 - h**2 / 4, b)
     return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(

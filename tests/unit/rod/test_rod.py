@@ -100,7 +100,7 @@ def test_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> Non
 
 
 def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator) -> None:
-    """Central differences along each unknown, and each pair of neighbours: nothing hides behind a random direction."""
+    """Central differences along each unknown, and each pair of neighbors: nothing hides behind a random direction."""
     chain = Chain(rod_model(spatial(), elements=6), rng)
     g, H = chain.derivatives()
     n, h = g.size, 1e-4
@@ -147,7 +147,7 @@ def test_small_transverse_field() -> None:
 
 
 def test_axial_field_stretches() -> None:
-    """A field along the magnetisation pulls: strain Br B/(mu0 E), all along."""
+    """A field along the magnetization pulls: strain Br B/(mu0 E), all along."""
     shape = solve_rod(slender(field=(5e-3, 0, 0)))
     strain = BR * 5e-3 / (MU0 * E)
     np.testing.assert_allclose(shape.position[:, 0], shape.s * (1 + strain), rtol=1e-12)
@@ -165,7 +165,7 @@ def test_part_of_the_load() -> None:
 
 
 def test_piecewise_stiffness_and_magnetisation() -> None:
-    """Three unequal segments, one soft, the last unmagnetised: theta' = M(s)/(E I(s)), M(s) = m B (magnetised length beyond s)."""
+    """Three unequal segments, one soft, the last unmagnetized: theta' = M(s)/(E I(s)), M(s) = m B (magnetized length beyond s)."""
     lengths, moduli, magnets = np.array([7e-3, 20e-3, 13e-3]), np.array([G, G / 5, 3 * G]), [1, 1, 0]
     B = 1e-7
     scene = slender(lengths=lengths, shear=moduli, directions=[(m, 0, 0) for m in magnets], field=(0, 0, B))
@@ -198,7 +198,7 @@ def test_heavy_rod(weight: float) -> None:
 
 @pytest.mark.parametrize("load", [0.5, 3.0, 10.0])
 def test_twist_is_a_pendulum(load: float) -> None:
-    """Magnetised along +y, field along +z: G J theta'' = -m B cos(theta), the elastica's equation at 90 degrees, with no bending."""
+    """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta), the elastica's equation at 90 degrees, with no bending."""
     B = load * 2 * G * INERTIA / (MOMENT * L**2)
     shape = solve_rod(slender(directions=[(0, 1, 0)], field=(0, 0, B)))
     twist = np.arctan2(shape.frames[:, 2, 1], shape.frames[:, 1, 1])
@@ -267,7 +267,7 @@ def test_position_between_frames() -> None:
 
 
 def test_buckles_at_the_critical_load() -> None:
-    """Field against the magnetisation: straight at 0.995 of pi^2/4 and bent at 1.005, towards +z, as the elastica says."""
+    """Field against the magnetization: straight at 0.995 of pi^2/4 and bent at 1.005, toward +z, as the elastica says."""
     critical = np.pi**2 / 4
     for part, bent in ((0.995, False), (1.005, True)):
         field = field_for_load(part * critical, np.pi, length=L, diameter=D) * [1, 0, 0]

@@ -85,7 +85,7 @@ def test_directions_by_angles_and_by_components(tmp_path: Path) -> None:
         scene = scene_of(tmp_path, FIVE.read_text().replace("[1, 0, 0]", text))
         return scene.body.catheter.segments[0].magnetization
 
-    assert direction("{azimuth: 90 deg}") == (0.0, 1.0, 0.0)  # from +x towards +y; elevation 0 unless given
+    assert direction("{azimuth: 90 deg}") == (0.0, 1.0, 0.0)  # from +x toward +y; elevation 0 unless given
     assert direction("{azimuth: 0 deg, elevation: 90 deg}") == (0.0, 0.0, 1.0)
     e, a = np.radians([10.0, 30.0])
     np.testing.assert_allclose(  # rounding of a few operations
@@ -187,7 +187,7 @@ def test_a_scene_is_rebuilt_from_its_own_data(path: Path) -> None:
     data = json.loads(json.dumps(scene.to_si()))
     again = Scene.from_si(data)
     assert again == scene
-    assert again.to_si() == scene.to_si()  # bitwise: directions are not normalised anew
+    assert again.to_si() == scene.to_si()  # bitwise: directions are not normalized anew
     assert again.hash() == scene.hash()
     assert hash(again) == hash(scene)
     assert pickle.loads(pickle.dumps(scene)) == scene == copy.deepcopy(scene)

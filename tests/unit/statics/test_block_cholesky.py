@@ -61,7 +61,7 @@ def test_layout(rng: np.random.Generator, planes: int, m: int) -> None:
 
 @SIZES
 def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
-    """factor then solve gives numpy.linalg.solve, for several right-hand sides from one factorisation."""
+    """factor then solve gives numpy.linalg.solve, for several right-hand sides from one factorization."""
     A = random_banded(rng, planes, m)
     panels, split = to_panels(A, planes, m), split_plane(planes)
     assert factor(panels, split) == -1

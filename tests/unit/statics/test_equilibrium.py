@@ -72,7 +72,7 @@ def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
 
 
 def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
-    """From the rod, from the straight body in 1 or 6 load steps, from two neighbouring designs: the same shape.
+    """From the rod, from the straight body in 1 or 6 load steps, from two neighboring designs: the same shape.
 
     The solve stops where a step can win 1e-11 of the energy, so shapes differ by at most about the root of that, 3e-6.
     """
@@ -149,7 +149,7 @@ def test_it_is_a_stable_equilibrium() -> None:
 
 
 def antiparallel(load: float, **changes: object) -> Scene:
-    """Magnetised along +x in a field along -x. The elastica buckles at load pi^2/4 = 2.467, this short coarse body at about 2.53."""
+    """Magnetized along +x in a field along -x. The elastica buckles at load pi^2/4 = 2.467, this short coarse body at about 2.53."""
     given = {"length": 40e-3, "diameter": 4e-3}
     return rod_scene(field=field_for_load(load, np.pi, **given) * [1, 0, 1], **given, **changes)
 
@@ -164,7 +164,7 @@ def test_straight_below_the_critical_load(load: float) -> None:
 
 @pytest.mark.parametrize("load", [2.6, 2.8, 5.0, 25.0])
 def test_buckles_towards_z_above_it(load: float) -> None:
-    """Every azimuth is as good; it goes towards +z, always. (The elastica's tip is at 0.40, 0.55, 0.79, 0.40 of L.)"""
+    """Every azimuth is as good; it goes toward +z, always. (The elastica's tip is at 0.40, 0.55, 0.79, 0.40 of L.)"""
     result = run(antiparallel(load))
     assert result.tip[2] > 0.3 * 40e-3
     assert abs(result.tip[1]) < 1e-3 * 40e-3
@@ -215,7 +215,7 @@ def test_standing_column_falls_over() -> None:
 
 
 def test_unloaded_body_is_exactly_undeformed(spatial: Result) -> None:
-    """No load, no motion: cold exactly; from a bent neighbour to rounding of the bent shape."""
+    """No load, no motion: cold exactly; from a bent neighbor to rounding of the bent shape."""
     rest = spatial_scene(field=(0, 0, 0), gravity=(0, 0, 0))
     assert largest_move(run(rest)) == 0
     assert largest_move(run(rod_scene(length=L))) == 0
