@@ -1,7 +1,7 @@
-"""Statics as the grid gets finer: order, final error, and what F-bar is worth.
+"""Convergence of statics with the grid: order, final error, and the benefit of F-bar.
 
-The limit is set by the rim of the clamp, where a held nearly incompressible body has a singular stress, r^(lambda - 1) with lambda about
-0.7: global errors fall as h^(2 lambda), about h^1.5, however smooth the splines.
+The rim of the clamp limits the order: a held, nearly incompressible body has a singular stress there, r^(lambda - 1) with lambda about
+0.7. Global errors fall as h^(2 lambda), about h^1.5, whatever the order of the splines.
 Source: Williams, J. Appl. Mech. 19 (1952) 526-528; Babuska and Suri, SIAM Review 36 (1994) 578-632.
 """
 
@@ -35,21 +35,21 @@ def errors(problem: Problem, cells: list[int], **solver: object) -> list[float]:
 
 @given_problem
 def test_error_falls(problem: Problem) -> None:
-    """From 3 to 6 cells: each grid better than the one before, at order 1.4 or more, to 0.05 % of L at 6."""
+    """From 3 to 6 cells: each grid is better than the previous one, at order 1.4 or more, down to 0.05 % of L at 6."""
     cells = [3, 4, 6]
     found = errors(problem, cells)
     assert found == sorted(found, reverse=True)
     assert (
         convergence_order(1 / np.array(cells), found) >= 1.4
-    )  # 3 cells are not yet where the order is constant
+    )  # at 3 cells the order is not yet constant
     assert found[-1] < 0.05e-2
 
 
 @pytest.mark.slow
 @every_problem
 def test_order(problem: Problem) -> None:
-    """From 4 to 8 cells at order 1.5 (bound of the task), to 0.03 % of L at 8. An order can be measured only where the error at
-    4 cells is at least twice what the finite elements state as their own.
+    """From 4 to 8 cells at order 1.5 (required), down to 0.03 % of L at 8. The order can only be measured if the error at 4 cells
+    is at least twice the stated error of the finite elements.
     """
     cells = [4, 5, 6, 8]
     found = errors(problem, cells)
@@ -62,16 +62,16 @@ def test_order(problem: Problem) -> None:
 
 
 def test_order_is_measured_somewhere() -> None:
-    """The references of the two given cases are good enough to measure an order: their errors are below 0.005 % of L."""
+    """The references of the two given cases are accurate enough to measure an order: their errors are below 0.005 % of L."""
     assert all(problem.error < 0.005e-2 for problem in GIVEN.values())
 
 
 @pytest.mark.slow
 @given_problem
 def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
-    """Richardson: what 4, 6 and 8 cells point at, u + c h^p, is the finite elements' answer, to 0.02 % of L.
+    """Richardson extrapolation u + c h^p from 4, 6 and 8 cells gives the finite-element solution, to 0.02 % of L.
 
-    Self-convergence, with an order p of its own of at least 1.3: the answer is not tuned to a grid, nor to the reference.
+    This is self-convergence with a fitted order p of at least 1.3: the result is tuned neither to a grid nor to the reference.
     """
     cells = np.array([4.0, 6.0, 8.0])
     s = problem.centreline[:, 0]
@@ -88,7 +88,7 @@ def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
 @given_problem
 @pytest.mark.parametrize("cells", [2, 3, 4])
 def test_f_bar_wins(problem: Problem, cells: int) -> None:
-    """At K = 20 G it halves the error of any coarse grid: the reason it is the default."""
+    """At K = 20 G it halves the error of any coarse grid; therefore it is the default."""
     (averaged,) = errors(problem, [cells], anti_locking="f-bar")
     (plain,) = errors(problem, [cells], anti_locking="none")
     assert averaged < plain / 2
@@ -122,7 +122,7 @@ def test_f_bar_wins_when_nearly_incompressible(ratio: float, load: float) -> Non
 
 @pytest.mark.parametrize("particles", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
 def test_more_particles_change_little(particles: int) -> None:
-    """2 particles a direction are enough: 3 or 4 move the centreline by less than the grid's own error, 0.1 % of L at 3 cells."""
+    """2 particles per direction are enough: 3 or 4 move the centerline by less than the error of the grid, 0.1 % of L at 3 cells."""
     problem = GIVEN["three_segments_3d"]
     base = problem.scene(3)
     data = base.to_si()

@@ -1,7 +1,7 @@
-"""Scenes at the edge of what a user may ask: they converge, in few steps, to the answer of the rod or of a tamer twin.
+"""Scenes at the limits of what a user may request: they converge, in few steps, to the result of the rod or of a milder scene.
 
 Rod and statics differ by about 0.05 D/L of the deflection on a solid rod (tests/validation/test_rod_statics.py); bounds here are a few
-times that, for these bodies are neither slender nor smooth.
+times that, because these bodies are neither slender nor smooth.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def tips(scene: Scene, most_steps: int) -> tuple[np.ndarray, np.ndarray]:
     ("ratio", "most_steps"), [(0.7, 8), (2, 8), (20, 8), (100, 20), (500, 30), (2000, 40)]
 )
 def test_any_bulk_modulus(ratio: float, most_steps: int) -> None:
-    """K/G from a sponge (nu = 0.02) to 0.4997, tip turned by 50 to 100 degrees: within 2.5 % of L of the rod."""
+    """K/G from a sponge (nu = 0.02) to nu = 0.4997, tip rotated by 50 to 100 degrees: within 2.5 % of L of the rod."""
     statics, rod = tips(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3), most_steps)
     assert np.linalg.norm(statics - rod) < 2.5e-2
 
 
 def test_incompressible_limit_is_reached() -> None:
-    """With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes by E, 9/(2000 x 3) = 0.1 %, and no more."""
+    """With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %."""
     one, two = (
         run(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3)).tip
         for ratio in (500, 2000)
@@ -50,8 +50,8 @@ def test_incompressible_limit_is_reached() -> None:
 @pytest.mark.parametrize("ratio", [10, 100, 1000])
 @pytest.mark.parametrize("first", ["stiff", "soft"])
 def test_stiffness_contrast(ratio: float, first: str) -> None:
-    """Segments alternate between G and G/ratio, as magnetic rings on soft joints do. The joints' ends are held by their stiff
-    neighbors, which a rod does not know: 1 to 2 % of L.
+    """Segments alternate between G and G/ratio, like magnetic rings on soft joints. Stiff neighbors restrain the ends of the
+    joints, which a rod ignores: 1 to 2 % of L.
     """
     moduli = np.array([G, G / ratio, G, G / ratio])
     moduli = moduli if first == "stiff" else moduli[::-1]
@@ -65,28 +65,28 @@ def test_stiffness_contrast(ratio: float, first: str) -> None:
 
 
 def test_cells_with_slivers() -> None:
-    """At 6 and 7 cells across corner cells hold 0.2 to 3 % material: no more steps than at 5, and an answer in line."""
+    """At 6 and 7 cells across, corner cells contain 0.2 to 3 % material: no more steps than at 5, and a consistent result."""
     found = {}
     for cells in (5, 6, 7):
         found[cells], _ = tips(rod_scene(length=16e-3, directions=SPATIAL, field=5 * FIELD, cells=cells), 8)
     one, two = np.linalg.norm(found[6] - found[5]), np.linalg.norm(found[7] - found[6])
-    assert two < one < 0.3e-2  # the grid's own error at 5 cells and L/D = 4
+    assert two < one < 0.3e-2  # error of the grid at 5 cells and L/D = 4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cells", [9, 10, 11])
 def test_cells_with_smaller_slivers(cells: int) -> None:
-    """Corners of 9, 10 and 11 cells across hold down to 1e-3 of a cell's material."""
+    """At 9, 10 and 11 cells across, corner cells contain as little as 1e-3 of a full cell."""
     length = 16e-3
     coarse = run(rod_scene(length=length, directions=SPATIAL, field=5 * FIELD, cells=7))
     fine, _ = tips(rod_scene(length=length, directions=SPATIAL, field=5 * FIELD, cells=cells), 8)
-    assert np.linalg.norm(fine - coarse.tip / length) < 0.2e-2  # what 7 cells still lack at L/D = 4
+    assert np.linalg.norm(fine - coarse.tip / length) < 0.2e-2  # error of the grid at 7 cells and L/D = 4
 
 
 @pytest.mark.parametrize("wall", [0.4e-3, 0.1e-3, 0.04e-3, 0.01e-3])
 @pytest.mark.parametrize("cells", [2, 3, 4])
 def test_thin_tube(wall: float, cells: int) -> None:
-    """Walls down to a hundredth of a cell, at a bend well short of kinking (Brazier): within 0.2 % of L of the rod."""
+    """Walls down to a hundredth of a cell, bent far less than for kinking (Brazier): within 0.2 % of L of the rod."""
     statics, rod = tips(rod_scene(inner_diameter=4e-3 - 2 * wall, field=(0, 0, 0.5e-3), cells=cells), 8)
     assert np.linalg.norm(statics - rod) < 0.2e-2
     assert statics[2] > 0.03
@@ -95,7 +95,7 @@ def test_thin_tube(wall: float, cells: int) -> None:
 @pytest.mark.parametrize("angle", [120, 150, 175])
 @pytest.mark.parametrize("load", [12.5, 25.0])
 def test_large_rotation(load: float, angle: int) -> None:
-    """The tip turned by 109 to 172 degrees: the rod leads the way, 8 Newton steps finish it."""
+    """Tip rotated by 109 to 172 degrees: from the rod, 8 Newton steps are enough."""
     given = {"length": 40e-3, "diameter": 4e-3}
     field = field_for_load(load, np.radians(angle), **given)
     statics, rod = tips(rod_scene(field=field, **given), 8)
@@ -104,7 +104,8 @@ def test_large_rotation(load: float, angle: int) -> None:
 
 @pytest.mark.parametrize("B", [0.1, 0.4])
 def test_strong_field(B: float) -> None:
-    """100 to 400 times what bends it: a sharp bend at the clamp, magnetic stress up to a quarter of G, strains of tens of percent."""
+    """100 to 400 times a field that bends it: a sharp bend at the clamp, magnetic stress up to a quarter of G, strains of tens of percent.
+    """
     result = run(rod_scene(field=(0, 0, B), cells=3))
     assert result.converged
     assert result.tip[2] > 0.9 * 40e-3
@@ -115,7 +116,7 @@ def test_strong_field(B: float) -> None:
 
 @pytest.mark.parametrize("cells", [2, 3, 4])
 def test_as_long_as_thick(cells: int) -> None:
-    """L = D, where a rod is no model at all: it converges, turned toward the field, the same on every grid within 5 %."""
+    """L = D, where the rod model is not valid: it converges, rotated toward the field, to the same shape on every grid within 5 %."""
     result = run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=cells))
     finer = run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=6))
     assert result.converged
@@ -123,7 +124,8 @@ def test_as_long_as_thick(cells: int) -> None:
 
 
 def test_needle() -> None:
-    """L/D = 200: bending is 1e-9 as stiff as the stiffest mode. Two cells across bend 0.6 % too easily (F-bar): 0.2 % of L here."""
+    """L/D = 200: bending is 1e-9 as stiff as the stiffest mode. With two cells across it bends 0.6 % too easily (F-bar): 0.2 % of L here.
+    """
     given = {"length": 200e-3, "diameter": 1e-3}
     statics, rod = tips(rod_scene(field=field_for_load(5.0, np.pi / 2, **given), **given), 8)
     assert np.linalg.norm(statics - rod) < 0.3e-2
@@ -133,9 +135,9 @@ def test_needle() -> None:
     ("lengths", "bound"), [([10.1, 0.1, 29.8], 2e-6), ([39.9, 0.1], 2e-6), ([0.1, 39.9], 0.2e-2)]
 )
 def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) -> None:
-    """A slice of 0.1 mm in cells of 1.3 mm: cutting a cell in two changes nothing where the strain varies slowly.
+    """A slice of 0.1 mm in cells of 1.3 mm: dividing a cell in two changes nothing where the strain varies slowly.
 
-    At the clamp, where it does not, the volume constraint of two parts is stiffer than of one; the bound is twice the grid's error.
+    At the clamp it does not: the volume constraint of two regions is stiffer than that of one. The bound is twice the grid's error.
     """
     given = {"field": (0, 5e-3, 5e-3), "cells": 3}
     whole, _ = tips(rod_scene(directions=[(1, 0, 0)], **given), 8)
@@ -145,8 +147,8 @@ def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) ->
 
 
 def test_slice_of_another_magnetisation() -> None:
-    """A slice of 0.1 mm, 1/13 of a cell, magnetized across at the tip of a rod that is magnetized along: it turns the tip by its own
-    small torque, A Br B/mu0 x 0.1 mm, as the rod says.
+    """A slice of 0.1 mm, 1/13 of a cell, magnetized transversely, at the tip of an axially magnetized rod: its small torque,
+    A Br B/mu0 x 0.1 mm, rotates the tip as in the rod model.
     """
     given = {"lengths": [39.9e-3, 0.1e-3], "field": (8e-3, 0, 0), "cells": 3}
     statics, rod = tips(rod_scene(directions=[(0, 0, 0), (0, 0, -1)], **given), 8)
@@ -162,7 +164,7 @@ def test_fifty_segments() -> None:
 
 
 def test_bent_far_and_let_go() -> None:
-    """From a hook of 160 degrees back to no load: straight again, with det F = 1 everywhere; nothing is left of the path."""
+    """From a hook of 160 degrees back to no load: straight again, with det F = 1 everywhere, independent of the path."""
     given = {"length": 40e-3, "diameter": 4e-3}
     hook = run(rod_scene(field=field_for_load(25.0, np.radians(150), **given), **given))
     assert hook.tip[0] < -0.3 * 40e-3

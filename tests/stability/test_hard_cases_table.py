@@ -11,7 +11,7 @@ from studies.hard_cases import CASES, Case
 
 
 def marks(case: Case) -> list[pytest.MarkDecorator]:
-    """A bound that is known not to be met is a strict expected failure: the day it is met, the case says so."""
+    """A bound that is known not to be met is a strict expected failure: as soon as it is met, the test fails."""
     known = [pytest.mark.xfail(strict=True, reason=case.not_reached)] if case.not_reached else []
     return known + ([pytest.mark.slow] if case.slow else [])
 
@@ -30,7 +30,7 @@ def test_names_tell_cases_apart() -> None:
 
 
 def test_command(capsys: pytest.CaptureFixture[str]) -> None:
-    """A table or one JSON object; exit status 0 where all pass, 3 where one fails, 2 for a case that is none."""
+    """A table or one JSON object; exit status 0 if all pass, 3 if one fails, 2 for an unknown case."""
     quick = "no load, begun from a loaded neighbour"
     assert main(["stability", "--case", "LOADED NEIGHBOUR", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

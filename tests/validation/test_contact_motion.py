@@ -1,4 +1,4 @@
-"""Contact in motion against mechanics of a rigid body: sliding, sticking, stopping, resting, a catheter in a tube, fed through a guide."""
+"""Contact in motion against rigid-body mechanics: sliding, sticking, stopping, resting; a catheter in a tube and in a guide."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from magmpm.simulate import run
 
 EARTH, FRICTION = 9.81, 0.3
 SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
-LAYERS = 4  # of particles through it, of which one touches
+LAYERS = 4  # layers of particles through the block, one of which touches
 
 
 def sloped(angle: float, formulation: str) -> Scene:
-    """The block on a slope: gravity turned by the angle (rad)."""
+    """The block on a slope: gravity rotated by the angle (rad)."""
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
     return moving_scene(
@@ -35,14 +35,14 @@ def sloped(angle: float, formulation: str) -> Scene:
 
 
 def mean(model: Model, values: np.ndarray) -> np.ndarray:
-    """Over the body's mass."""
+    """Mean over the mass of the body."""
     mass = model.density * model.particles.volume
     return mass @ values / mass.sum()
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_block_slides_down_a_slope(formulation: str) -> None:
-    """At 45 degrees it accelerates by g (sin - mu cos), to 0.3 %: the first moments, in which it settles on the ground, count."""
+    """At 45 degrees it accelerates by g (sin - mu cos), to 0.3 %, including the first moments, in which it settles on the ground."""
     model = build(sloped(np.pi / 4, formulation))
     (then,) = follow(model, [0.04])
     way = mean(model, then.x - model.particles.position)
@@ -52,7 +52,7 @@ def test_a_block_slides_down_a_slope(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_block_sticks_on_a_gentle_slope(formulation: str) -> None:
-    """Below the cone, tan = 0.25 < mu, it does not accelerate. What friction's limit costs is a creep of (M / m) g sin dt."""
+    """Inside the friction cone, tan = 0.25 < mu, it does not accelerate. The limit on friction causes a creep of (M / m) g sin dt."""
     model = build(sloped(np.arctan(0.25), formulation))
     early, late = (mean(model, moment.x) for moment in follow(model, [0.01, 0.03]))
     creep = (late - early)[0] / 0.02
@@ -63,7 +63,7 @@ def test_a_block_sticks_on_a_gentle_slope(formulation: str) -> None:
 
 
 def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
-    """From v on the level: after v^2 / (2 mu g), to 1 %, and it does not come back."""
+    """With initial speed v on level ground it stops after v^2 / (2 mu g), to 1 %, and does not move back."""
     model = build(sloped(0.0, "total"))
     motion = begin(model).motion
     assert isinstance(motion, TotalMotion)
@@ -76,7 +76,7 @@ def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
 
 
 def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
-    """With the surroundings' damping: the contact force is the weight, and the block gives way by g LAYERS / w^2, nanometers."""
+    """With damping: the contact force is the weight, and the penetration is g LAYERS / w^2, nanometers."""
     ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
     effects = {"gravity": {}, "damping": {"rate": 400.0}, "ground": ground}
     model = build(moving_scene(block(SIZE, position=[0.0, 0.0, SIZE[2] / 2 + 0.1e-3]), effects))
@@ -91,7 +91,7 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
 
 
 def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
-    """From an STL mesh, where no particle lies on the surface: its height to 0.1 % of the radius, and its weight on the ground."""
+    """From an STL mesh, where no particle lies on the surface: height to 0.1 % of the radius, and the weight on the ground."""
     write_stl(ball((0.0, 0.0, 1.0), 1.0), tmp_path / "ball.stl")
     parts = {"unit": "mm", "meshes": [{"mesh": str(tmp_path / "ball.stl"), "material": "m"}]}
     effects = {
@@ -117,7 +117,7 @@ CATHETER = {
 
 
 def test_a_catheter_lies_in_a_bent_tube() -> None:
-    """It sinks to the wall, stays inside, and the wall carries its weight: of the reported force, to 2 %."""
+    """It sinks to the wall, stays inside, and the wall carries its weight: the reported force agrees to 2 %."""
     path = [[-5e-3, 0.0, -0.5e-3], [6e-3, 0.0, 0.0], [17e-3, 0.0, -0.5e-3]]
     walls = {"tube": {"radius": 1.5e-3, "path": path}, "friction": 0.5}
     free = {"catheter": {**CATHETER["catheter"], "clamp": "none"}}
@@ -133,7 +133,7 @@ def test_a_catheter_lies_in_a_bent_tube() -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight(formulation: str) -> None:
-    """In the guide every particle moves by speed times time along it, to 1e-6 m; out of it the tip falls by its weight."""
+    """In the guide every particle moves along it by speed times time, to 1e-6 m; outside the guide the tip falls under its weight."""
     effects = {"gravity": {}, "feed": {"speed": 0.02, "exit": 6e-3}}
     model = build(moving_scene(CATHETER, effects, formulation=formulation, duration=0.02))
     assert not model.clamped_face
@@ -147,9 +147,9 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight(formulatio
 
 
 def test_the_guide_ends_within_half_a_cell_of_its_exit() -> None:
-    """A catheter that hangs out of a guide at rest bends by its weight as a cantilever of the free length does: w L^4 / 8 E I.
+    """A catheter that hangs from a guide at rest bends under its weight like a cantilever of the free length: w L^4 / 8 E I.
 
-    On average over three places of the exit in a cell the length is right to a fifth of a cell (it was half a cell too long).
+    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long).
     """
     whole_length, cell, off = CATHETER["catheter"]["length"], 1e-3, []
     clamped = moving_scene(CATHETER, {"gravity": {}}, solver={"static": {}})
@@ -168,7 +168,7 @@ def test_the_guide_ends_within_half_a_cell_of_its_exit() -> None:
 
 
 def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
-    """`clamp: none` beside feed is the same model, and the same motion, as `clamp: base`; only a warning tells them apart."""
+    """With feed, `clamp: none` gives the same model and the same motion as `clamp: base`, plus a warning."""
     effects = {"gravity": {}, "feed": {"speed": 0.02, "exit": 6e-3}}
     free = {"catheter": {**CATHETER["catheter"], "clamp": "none"}}
     clamped, loose = (moving_scene(body, effects, duration=0.02) for body in (CATHETER, free))
@@ -181,7 +181,8 @@ def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
 
 
 def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
-    """The base is pushed by speed times time; the wall holds the whole catheter inside, pushes it back and aside, and turns its tip."""
+    """The base is pushed by speed times time; the wall keeps the whole catheter inside, pushes it back and sideways, and deflects its tip.
+    """
     scene = load_scene(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
     model = build(scene)
     assert scene.effects.walls is not None
@@ -197,7 +198,7 @@ def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
 
 
 def test_two_blocks_collide_and_part_again() -> None:
-    """In the updated formulation, which self_contact names: momentum stays, the blocks never overlap, and fly apart."""
+    """In the updated formulation, which self_contact selects: momentum is conserved, the blocks never overlap, and they separate."""
     model = build(moving_scene(block((9e-3, 3e-3, 3e-3)), {"self_contact": {}}, formulation=None, cells=3))
     h, X = model.grid.spacing[0], model.particles.position
     right = X[:, 0] > 4.5e-3
@@ -206,7 +207,7 @@ def test_two_blocks_collide_and_part_again() -> None:
     assert isinstance(motion, UpdatedMotion)
     motion.place(x, v, np.tile(np.eye(3), (len(X), 1, 1)), np.zeros((len(X), 3, 3)))
     apart = X + np.outer(right, [1.0, 0, 0])  # two bodies: far from each other in the undeformed state
-    size = h * (1 - 1 / np.sqrt(3))  # of two outermost Gauss points across a common face
+    size = h * (1 - 1 / np.sqrt(3))  # distance of the two outermost Gauss points across a common face
     gaps, momenta = [], []
     for moment in follow(model, np.arange(1, 17) * 2.5e-4, motion):
         gaps.append(self_contact.gap(moment.x, apart, size=size, apart=0.5, within=9e-3) / h)

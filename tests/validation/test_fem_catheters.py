@@ -1,7 +1,7 @@
-"""Statics against 3D finite elements (data/references: NGSolve, orders 2 to 4, graded at the clamp), centreline by centreline.
+"""Statics against 3D finite elements (data/references: NGSolve, orders 2 to 4, graded at the clamp): whole centerlines.
 
-The task asks for a largest distance of 0.3 % of L at 4 cells across, aims for 0.15 %, and asks for 0.12 % at 6 and at most 8 Newton
-steps. Held here: the aim, half the bound at 6, and what the finite elements state as their own error on top (0.001 to 0.04 %).
+Required: a largest distance of 0.3 % of L at 4 cells across (goal 0.15 %), 0.12 % at 6 cells, and at most 8 Newton steps. Tested here:
+the goal, half the bound at 6 cells, plus the stated error of the finite elements (0.001 to 0.04 %).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def test_centreline(problem: Problem, cells: int, bound: float) -> None:
 def test_energy(problem: Problem) -> None:
     """Elastic, magnetic and gravitational energy together, at 4 cells.
 
-    The energy is a minimum, so an error e of the shape costs the square of e; what is left is the coarse grid's stiffness, which
-    the deflections show as 0.1 to 0.3 %. 0.5 % is the double of that.
+    The energy is a minimum, so an error e of the shape changes it by the order of e^2. What remains is the excess stiffness of the
+    coarse grid, which the deflections show as 0.1 to 0.3 %. The bound of 0.5 % is twice that.
     """
     stored = json.loads(FEM.read_text())["cases"][problem.name]["energy"]["total"]
     assert run(problem.scene(4)).energy == pytest.approx(stored, rel=5e-3)
@@ -52,7 +52,7 @@ def test_energy(problem: Problem) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scene(name: str) -> None:
-    """The scene files name these references themselves, and say what the references solved."""
+    """The scene files name these references, and describe the same problems."""
     scene = load_scene(DATA / "scenes" / f"{name}.yaml")
     target = scene.reference_centreline()
     assert target is not None
@@ -69,7 +69,7 @@ def test_shipped_scene(name: str) -> None:
 @pytest.mark.parametrize(("cells", "bound"), [(4, 0.3e-2), (6, 0.12e-2)])
 @pytest.mark.parametrize("name", ["axial_transverse_5mT", "three_segments_3d"])
 def test_references_that_came_with_the_task(name: str, cells: int, bound: float) -> None:
-    """Solved there on even tetrahedra, 0.07 % of L too stiff at the clamp's edge; the bounds hold all the same."""
+    """They were solved on uniform tetrahedra, 0.07 % of L too stiff because of the rim of the clamp; the bounds still hold."""
     case = json.loads(SHARED.read_text())["cases"][name]
     scene = rod_scene(
         length=1e-3 * case["length_mm"],

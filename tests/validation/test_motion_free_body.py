@@ -1,4 +1,4 @@
-"""A body that nothing holds: its momentum, its spin and its acceleration are what the outside forces make them."""
+"""A body that nothing holds: momentum, angular momentum and acceleration follow from the external forces."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ SPIN = np.array([30.0, -80.0, 50.0])  # 1/s
 
 
 def thrown(x: np.ndarray) -> np.ndarray:
-    """Flying, spinning, and shaken: strain rates of 200 1/s, some 4 per mille in the time a wave takes."""
+    """The body flies, rotates and vibrates: strain rates of 200 1/s, about 0.4 % in the transit time of a wave."""
     return np.array([0.3, -0.2, 0.1]) + np.cross(SPIN, x) + 0.5 * np.sin(400.0 * x)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_momentum_and_spin_stay(formulation: str) -> None:
-    """No force, no torque: 2000 steps of a body in violent motion leave both to 1e-10 of what they were (sums of rounding)."""
+    """Without force and torque, 2000 steps of violent motion conserve both to 1e-10 (accumulated rounding)."""
     motion, dt = set_off(free_rod(formulation=formulation, **BODY), thrown)
     before = quantities(motion)
     advance(motion, 4, dt)
@@ -34,7 +34,7 @@ def test_momentum_and_spin_stay(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_field_turns_a_free_body(formulation: str) -> None:
-    """dL/dt = integral of (1/mu0) F Br x B dV, summed step by step, to 1e-6 of its size; momentum stays 0."""
+    """dL/dt = integral of (1/mu0) F Br x B dV, summed step by step, to 1e-6 of its magnitude; momentum stays 0."""
     B = np.array([2e-3, -5e-3, 10e-3])
     motion, dt = set_off(free_rod(field=B, formulation=formulation, **BODY), np.zeros_like)
     model = motion.model
@@ -54,7 +54,7 @@ def test_a_field_turns_a_free_body(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_inertia_is_the_body_s_and_that_of_mass_on_nodes(formulation: str) -> None:
-    """Spin of a body that turns as a whole: (I + M h^2 / 4) omega, exactly, and the excess told is that; it falls with h^2."""
+    """Angular momentum of a rigid rotation: exactly (I + M h^2 / 4) omega. The reported excess is this term; it falls with h^2."""
     told = []
     for cells in (2, 4):
         motion, _ = set_off(free_rod(formulation=formulation, cells=cells, **BODY), lambda x: np.cross(SPIN, x))
@@ -75,12 +75,12 @@ def test_inertia_is_the_body_s_and_that_of_mass_on_nodes(formulation: str) -> No
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_weight_alone_accelerates_by_g(formulation: str) -> None:
-    """To 1e-10, and without a stress: every particle falls alike."""
+    """To 1e-10, and without stress: all particles fall equally."""
     g = np.array([1.0, -2.0, -9.81])
     motion, dt = set_off(free_rod(gravity=g, formulation=formulation, **BODY), np.zeros_like)
     steps = 500
     advance(motion, steps, dt)
     x, _, F = motion.particles()
-    fallen = g * dt**2 * steps * (steps + 1) / 2  # what symplectic Euler makes of g t^2/2
+    fallen = g * dt**2 * steps * (steps + 1) / 2  # g t^2/2 as symplectic Euler integrates it
     np.testing.assert_allclose(x - motion.model.particles.position, np.tile(fallen, (len(x), 1)), rtol=1e-10)
     np.testing.assert_allclose(F, np.tile(np.eye(3), (len(x), 1, 1)), atol=1e-11)

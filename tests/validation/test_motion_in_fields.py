@@ -1,4 +1,4 @@
-"""Motion in fields that vary in space and time: balances of momentum, rest where statics has it, and where it has to stop."""
+"""Motion in fields that vary in space and time: balances of momentum, settling at the static equilibrium, and stops."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
-    """Momentum grows by the integral of (1/mu0) (grad B)^T F Br, spin by that of x cross it and of (1/mu0) F Br cross B, summed step by
-    step: to 1e-6 of their size. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over rho.
+    """Momentum grows by the integral of f = (1/mu0) (grad B)^T F Br, angular momentum by that of x cross f plus (1/mu0) F Br cross B,
+    summed step by step: to 1e-6 of their magnitude. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over
+    rho.
     """
     scene = in_field(free_rod(formulation=formulation, **BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
@@ -54,8 +55,8 @@ def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", ["total", pytest.param("updated", marks=pytest.mark.slow)])
 def test_segments_that_pull_each_other_move_no_centre(formulation: str) -> None:
-    """Loads found anew every 64 steps: momentum stays 0 to rounding of what the segments exchange, and the spin that the loads' lag lets
-    in is under a thousandth of it.
+    """Loads computed every 64 steps: momentum stays 0 to rounding of what the segments exchange; the angular momentum from the lag of the
+    loads is below a thousandth of that.
     """
     scene = free_rod({"magnetic_interaction": {}}, formulation=formulation, **BODY)
     motion, dt = set_off(scene, np.zeros_like)
@@ -78,7 +79,7 @@ def test_segments_that_pull_each_other_move_no_centre(formulation: str) -> None:
 
 @pytest.mark.parametrize("named", ["pulled", pytest.param("together", marks=pytest.mark.slow)])
 def test_motion_comes_to_rest_where_statics_is(named: str) -> None:
-    """Damped near twice its first bending frequency: within 0.2 % of the length."""
+    """With damping near twice the first bending frequency: within 0.2 % of the length."""
     length = 24e-3
     if named == "pulled":
         sphere = {"position": (45e-3, 0, 12e-3), "moment": (4.0, 0, 0), "diameter": 16e-3}
@@ -94,7 +95,7 @@ def test_motion_comes_to_rest_where_statics_is(named: str) -> None:
 
 
 def test_a_schedule_ends_where_statics_takes_it() -> None:
-    """A field that turns by 90 degrees while it grows: the motion's last field is the field that a static solve of the scene takes."""
+    """The field rotates by 90 degrees while it grows: the last field of the motion is the field that a static solve of the scene uses."""
     over = {"ramp": {"duration": 5e-3}, "rotation": {"axis": (0, 1, 0), "frequency": 50.0, "turns": 0.25}}
     still = in_field(rod_scene(length=8e-3), {"uniform": (-4e-3, 0, 0), "over_time": over}, {"magnetic_torque": {}})
     moved = run(moving(still, duration=6e-3, output_every=3e-3))
@@ -103,7 +104,7 @@ def test_a_schedule_ends_where_statics_takes_it() -> None:
 
 
 def test_a_magnet_that_is_brought_too_close_stops_the_motion() -> None:
-    """It moves through where the catheter is: the run ends with the time, the magnet and the place, and the last good state."""
+    """The magnet moves through the catheter: the run ends with a message (time, magnet, place) and the last good state."""
     frames = [{"time": 0.0, "move": (0, 0, 0)}, {"time": 4e-3, "move": (-25e-3, 0, 0)}]
     field = {"dipole": {**SPHERE, "position": (30e-3, 0, 0)}, "over_time": {"keyframes": frames}}
     with pytest.raises(SolveError, match=r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, centre \(.*, 0, 0\) mm") as caught:

@@ -1,4 +1,4 @@
-"""What damping and viscosity take out of a swing is what theory says, in number: nothing else in the tests knows how strong they are."""
+"""Damping and viscosity remove as much energy from an oscillation as theory says. No other test checks their strength."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ E, NU = young_modulus(G, 20 * G), poisson_ratio(G, 20 * G)  # Pa
 
 
 def test_viscous_stress_is_its_formula(rng: np.random.Generator) -> None:
-    """P = 2 eta J D F^-T, D the symmetric part of dF F^-1: the Cauchy stress 2 eta D, seen from the undeformed area."""
+    """P = 2 eta J D F^-T, D the symmetric part of dF F^-1: the Cauchy stress 2 eta D, per undeformed area."""
     one = acting("viscosity")
     eta = 50.0  # Pa s, of its scene
     for _ in range(5):
@@ -42,8 +42,8 @@ def test_damping_is_its_formula() -> None:
 
 
 def decay(effects: dict[str, Any]) -> tuple[float, float]:
-    """Rate (1/s) at which a cantilever's swing by 1 % of its length dies away, and its angular frequency (1/s): of the curve
-    e^(-a t) (A cos w t + B sin w t) that is nearest to its tip's height over two periods.
+    """Decay rate and angular frequency (1/s) of the oscillation of a cantilever by 1 % of its length: least-squares fit of
+    e^(-a t) (A cos w t + B sin w t) to the height of the tip over two periods.
     """
     model = filled(build(moving(rod_scene(length=LENGTH), effects)))
     motion = begin(model).motion
@@ -62,12 +62,12 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
 
 
 def test_a_swing_dies_away_as_theory_has_it() -> None:
-    """By rate / 2 under damping. Under viscosity a fibre of strain e, and -nu e across, resists with 2 eta (1 + 2 nu^2) de/dt beside E e,
-    so a = w^2 2 eta (1 + 2 nu^2) / (2 E), but for the share that shear has in the bending of a rod so short.
+    """With damping a = rate / 2. With viscosity a fiber of strain e, and -nu e across, has the stress 2 eta (1 + 2 nu^2) de/dt in addition
+    to E e, so a = w^2 2 eta (1 + 2 nu^2) / (2 E), up to the share of shear in the bending of such a short rod.
     """
     none, w = decay({})
     assert abs(none) < 1e-3 * w
-    rate, eta = 0.1 * w, 0.1 * E / (3 * w)  # a twentieth of critical, each
+    rate, eta = 0.1 * w, 0.1 * E / (3 * w)  # each a twentieth of critical damping
     damped, _ = decay({"damping": {"rate": rate}})
     assert damped == pytest.approx(rate / 2, rel=0.01)
     viscous, slower = decay({"viscosity": {"viscosity": eta}})

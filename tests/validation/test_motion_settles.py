@@ -1,4 +1,4 @@
-"""A motion that damping brings to rest ends at the equilibrium that statics finds by Newton's method."""
+"""A damped motion comes to rest at the equilibrium that statics finds by Newton's method."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_settled_total_formulation_is_statics() -> None:
 def test_settled_updated_formulation_is_near_statics(length: float, damping: float, hold: float) -> None:
     """Tip raised by nearly half of L, at 2 cells across: within 0.5 % of L (0.4 and 0.13 %), also when held four times as long.
 
-    What is left is that particles turn against the grid, and at L/D = 5 that its few steps leave the anchor little time.
+    The remaining error: particles rotate relative to the grid, and at L/D = 5 the drift correction has few steps to act.
     """
     field = field_for_load(2.0, np.pi / 2, length=length, diameter=DIAMETER)
     body = rod_scene(length=length, field=field)
@@ -61,7 +61,7 @@ CLAMPED = {"total": 0.2e-2, "updated": 1e-2}  # of the length
 
 @pytest.mark.parametrize("formulation", CLAMPED)
 def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it(formulation: str) -> None:
-    """Magnetized outwards from its middle, it bows in a field across; its far end stays."""
+    """Magnetized outward from its center, it bows in a transverse field; its far end stays in place."""
     halves = [{"magnetization": [sign, 0.0, 0.0]} for sign in (1.0, -1.0)]
     strip = {"length": 20e-3, "width": 4e-3, "thickness": 2e-3, "material": "m", "clamp": "both", "segments": halves}
     _settles({"strip": strip}, formulation, length=20e-3, field=20e-3)
@@ -69,7 +69,7 @@ def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it(formulation: 
 
 @pytest.mark.parametrize("formulation", CLAMPED)
 def test_a_beam_on_a_held_base_settles_where_statics_has_it(formulation: str, tmp_path: Path) -> None:
-    """The base's face is at rest, and nothing more; what is held does not move at all."""
+    """Exactly the face of the base is at rest; the held part does not move at all."""
     write_stl(box((-4.0, -4.0, -4.0), (0.0, 4.0, 4.0)), tmp_path / "base.stl")
     write_stl(box((0.0, -2.0, -2.0), (20.0, 2.0, 2.0)), tmp_path / "beam.stl")
     meshes = [

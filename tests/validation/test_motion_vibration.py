@@ -1,4 +1,4 @@
-"""A cantilever swings as beam theory says, and keeps its energy."""
+"""A cantilever oscillates as beam theory says, and conserves its energy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ E = young_modulus(G, RATIO * G)
 
 
 def swing(formulation: str, length: float, cells: int) -> tuple[Motion, float, float]:
-    """A rod 4 mm thick, straight, with the velocity of its first mode, to swing by 1 % of L; its step (s), and beam theory's 1/s."""
+    """A straight rod, 4 mm thick, with the velocity of its first mode, which oscillates by 1 % of L; also the step (s) and the frequency of
+    beam theory (1/s).
+    """
     expected = timoshenko(length, 2e-3, E, G, DENSITY)
     peak = 0.01 * length * expected
     scene = moving(rod_scene(length=length, cells=cells, density=DENSITY), formulation=formulation)
@@ -35,7 +37,7 @@ def swing(formulation: str, length: float, cells: int) -> tuple[Motion, float, f
 
 
 def measured(motion: Motion, dt: float, expected: float, periods: float, looks: int) -> tuple[np.ndarray, ...]:
-    """Times (s), heights of the tip (m) and total energies (J) of a swing, so many looks a period."""
+    """Times (s), heights of the tip (m) and total energies (J) of an oscillation, at `looks` samples per period."""
     every = int(2 * np.pi / expected / looks / dt)
     height = tip_height(motion.model)
     times, heights, total = [], [], []
@@ -54,9 +56,9 @@ def measured(motion: Motion, dt: float, expected: float, periods: float, looks: 
     [("total", 10, 2, 0.01), ("total", 20, 2, 0.004), ("updated", 10, 2, 0.02)],
 )
 def test_first_bending_frequency(formulation: str, slenderness: int, cells: int, bound: float) -> None:
-    """Within 1 % of Timoshenko's beam, 0.4 % where the clamp matters less: it restrains the section, which no beam knows.
+    """Within 1 % of Timoshenko's beam, 0.4 % where the clamp matters less: it restrains the section, which beam theory ignores.
 
-    Bounds are twice what is measured, a third more for updated.
+    The bounds are twice the measured values, a third more for updated.
     updated: 1.5 % at 2 cells, 1.3 at 3, 1.2 at 4, where total has 0.6 at 2 and 1.0 at 4.
     """
     motion, dt, expected = swing(formulation, slenderness * 4e-3, cells)
@@ -66,8 +68,8 @@ def test_first_bending_frequency(formulation: str, slenderness: int, cells: int,
 
 
 def test_free_vibration_keeps_its_energy() -> None:
-    """10 periods, nearly 60 000 steps: kinetic and elastic energy together swing by some 7e-5, as the symplectic scheme's do by (w dt)^2 of
-    each mode, and do not drift: 2e-7 from the first period to the last. The bounds are three and five times that.
+    """10 periods, nearly 60 000 steps: the sum of kinetic and elastic energy oscillates by about 7e-5, as in a symplectic scheme, by (w
+    dt)^2 of each mode, and does not drift: 2e-7 from the first period to the last. The bounds are three and five times these values.
     """
     motion, dt, expected = swing("total", 40e-3, 2)
     begun = motion.kinetic_energy()
@@ -79,8 +81,8 @@ def test_free_vibration_keeps_its_energy() -> None:
 def test_order_of_convergence_in_the_time_step() -> None:
     """total: halving the step divides the error of positions and velocities by 4 (Stoermer-Verlet).
 
-    The updated formulation has no such order: every step passes the motion through the grid once, and loses some that the grid can't
-    carry, so that its losses grow with the number of steps and fall with the cell (next test).
+    The updated formulation has no such order: every step transfers the motion through the grid once, and loses what the grid cannot
+    represent, so its losses grow with the number of steps and fall with the cell size (see below).
     """
     found = []
     for parts in (4, 8, 32):
@@ -94,7 +96,7 @@ def test_order_of_convergence_in_the_time_step() -> None:
 
 
 def test_order_of_convergence_under_a_sudden_load() -> None:
-    """The same of a field that acts from the first step on, by the solver's own run: an order of 2."""
+    """The same for a field that acts from the first step on, with the time loop of the solver: order 2."""
     found = []
     for step in (32e-6, 16e-6, 4e-6):
         data = rod_scene(length=16e-3, field=(0, 0, 20e-3), density=DENSITY)
@@ -105,8 +107,8 @@ def test_order_of_convergence_under_a_sudden_load() -> None:
 
 
 def test_losses_of_the_updated_formulation_fall_with_the_cell() -> None:
-    """A quarter of a swing of a short rod: APIC filters what a cell can't carry. Energy only falls, by 15.6 % of itself at 2 cells across
-    and by 4.4 % at 4, nearly as the square of the cell. A fifth more, or less, would be another method.
+    """A quarter of an oscillation of a short rod: APIC filters what a cell cannot represent. The energy only falls, by 15.6 % at 2 cells
+    across and by 4.4 % at 4, nearly as the square of the cell size. A fifth more, or less, would be another method.
     """
     lost = []
     for cells in (2, 4):

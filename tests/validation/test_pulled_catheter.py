@@ -1,4 +1,4 @@
-"""Catheters in fields that vary: against the rod, against other ways to say the same field, and where they can't come to rest."""
+"""Catheters in nonuniform fields: against the rod, against other descriptions of the same field, and without an equilibrium."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_rod_and_solve_agree(name: str) -> None:
-    """Two models, two ways to follow the field: the tip within 0.7 % of the length at 2 cells across (0.2 to 1 % in uniform fields),
-    and the solve starts near enough to end in a few Newton steps, whose last ones converge quadratically.
+    """Two models with two methods for the field: the tips agree within 0.7 % of the length at 2 cells across (0.2 to 1 % in uniform
+    fields). The solve starts near enough to end in a few Newton steps, the last of which converge quadratically.
     """
     scene, decrements = pulled(CASES[name]), []
     found = run(scene, on_progress=lambda step, decrement: decrements.append(decrement))
@@ -62,13 +62,13 @@ def test_rod_and_solve_agree(name: str) -> None:
     assert np.linalg.norm(found.tip - rod.position[-1]) < 0.007 * L
     assert found.iterations <= 6
     assert not found.warnings
-    # Energy decrements are squares of steps: quadratic convergence squares them, up to a constant that the first pair shows.
+    # Energy decrements are squares of steps: quadratic convergence squares them, up to a constant given by the first pair.
     for before, after in pairwise(decrements[1:]):
         assert after < max(50 * decrements[1] / decrements[0] ** 2, 50) * before**2
 
 
 def test_pull_is_not_small() -> None:
-    """Without the gradient's force the same magnet bends the catheter by more than a tenth less, or more."""
+    """Without the force of the field gradient, the bending by the same magnet differs by more than a tenth."""
     scene = pulled(CASES["beside and beyond"])
     both = solve_rod(scene).position[-1]
     turned = solve_rod(scene.with_effects(magnetic_force=None)).position[-1]
@@ -76,7 +76,7 @@ def test_pull_is_not_small() -> None:
 
 
 def test_a_measured_map_gives_the_magnets_answer() -> None:
-    """The example map, of 4 mm spacing and with a Hall probe's noise, against the magnet itself: 0.1 % of the length."""
+    """The example map, with 4 mm spacing and the noise of a Hall probe, against the magnet itself: 0.1 % of the length."""
     magnet, field_map = (load_scene(ROOT / f"data/scenes/pulled_by_{kind}.yaml").with_cells(2) for kind in ("magnet", "map"))
     one, other = run(magnet), run(field_map)
     assert np.linalg.norm(one.tip - other.tip) < 1e-3 * L
@@ -84,8 +84,8 @@ def test_a_measured_map_gives_the_magnets_answer() -> None:
 
 
 def test_a_magnet_as_table_cloud_and_dipole() -> None:
-    """The same magnet on a table; as a cloud of dipoles, which it is where it turns (here by a turn that ends where it began); and, from
-    twice as far, as one dipole.
+    """The same magnet as a table; as a cloud of dipoles, which is used if it rotates (here by a full turn); and, from twice the distance,
+    as one dipole.
     """
     table = run(pulled({"magnet": MAGNET}))
     field = {"magnet": MAGNET}
@@ -103,7 +103,7 @@ def test_a_magnet_as_table_cloud_and_dipole() -> None:
 
 
 def test_a_catheter_that_snaps_to_the_magnet_is_an_error_that_says_so() -> None:
-    """Strongly pulled from 20 mm it has no rest before the magnet: the message names the magnet and where the body met it."""
+    """A strong pull from 20 mm leaves no equilibrium before contact: the message names the magnet and where the body met it."""
     with pytest.raises(SolveError, match=r"the body's point at .* mm is (inside|outside of the box where) field.magnet"):
         run(pulled({"magnet": {**MAGNET, "position": (30e-3, 0, 32e-3), "axis": (0, 0, 1)}}))
 
@@ -124,10 +124,10 @@ def test_a_map_that_does_not_cover_the_body_is_refused() -> None:
 
 
 def test_a_map_that_covers_the_body_to_rounding_is_taken() -> None:
-    """Planes a millionth of a millimetre off their places: what tables of rounded coordinates have."""
+    """Grid planes with errors of a millionth of a millimeter, as in tables with rounded coordinates."""
     data = load_scene(ROOT / "data/scenes/pulled_by_map.yaml").with_cells(2).to_si()
     grid = data["field"]["map"]["table"]
-    data["field"]["map"]["position"][0] -= grid["lower"][0] + data["field"]["map"]["position"][0] + grid["spacing"][0]  # the margin, just
+    data["field"]["map"]["position"][0] -= grid["lower"][0] + data["field"]["map"]["position"][0] + grid["spacing"][0]  # exactly the margin
     build(Scene.from_si(data))
     data["field"]["map"]["position"][0] += 1e-9
     build(Scene.from_si(data))
@@ -137,7 +137,7 @@ def test_a_map_that_covers_the_body_to_rounding_is_taken() -> None:
 
 
 def test_a_map_with_curl_is_warned_of() -> None:
-    """A map whose columns were mixed up has a curl; its force would be wrong, and the run says by how much."""
+    """A map with exchanged columns has a curl; its force would be wrong, and the run says by how much."""
     data = load_scene(ROOT / "data/scenes/pulled_by_map.yaml").with_cells(2).to_si()
     grid = Grid3.model_validate(data["field"]["map"]["table"])
     swapped = np.ascontiguousarray(grid.array()[..., [1, 0, 2]])

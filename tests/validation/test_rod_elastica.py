@@ -27,7 +27,7 @@ SHARED = Path(__file__).resolve().parents[3] / "shared" / "references" / "elasti
 
 @pytest.mark.parametrize(("angle", "load"), ROWS)
 def test_tip(angle: int, load: float) -> None:
-    """180 elements of second order leave about 5e-5; the issue asks for 1e-4."""
+    """180 elements of second order have an error of about 5e-5; the required accuracy is 1e-4."""
     phi = np.radians(angle)
     field = field_for_load(load, phi, length=L, diameter=D)
     if angle == 180:
@@ -47,7 +47,7 @@ def test_tip(angle: int, load: float) -> None:
 
 
 def test_the_exact_answers_are_the_published_ones() -> None:
-    """Three rows of the table that came with the task (solved there to 1e-10), to all its digits."""
+    """Three rows of a given table (solved to 1e-10), to all its digits."""
     for angle, load, deflection, axial, degrees in (
         (90, 5, 0.713792, 0.612372, 69.6355),
         (120, 10, 0.857241, 0.133456, 108.7396),
@@ -70,4 +70,4 @@ def test_every_row_of_the_task_table() -> None:
         assert found.axial == pytest.approx(row["tip_axial_over_L"], abs=1e-6)
         assert np.degrees(found.angle) == pytest.approx(
             row["tip_angle_deg"], abs=0.006
-        )  # the table's rounding
+        )  # rounding of the table

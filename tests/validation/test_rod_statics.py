@@ -1,7 +1,7 @@
-"""Two models of one body: the rod and the 3D statics, on slender scenes with all that a scene may hold.
+"""Two models of one body: the rod and 3D statics, on slender scenes with all features that a scene may have.
 
-They differ by what a rod leaves out, above all the clamp, whose held face shortens the bending rod by about 0.04 D: 0.2 to 0.5 % of
-L at L/D = 18, and in proportion to D/L beyond. The 3D grid adds 0.1 % at 3 cells.
+They differ by what a rod ignores, mainly the clamp, whose held face shortens the bending rod by about 0.04 D: 0.2 to 0.5 % of L at
+L/D = 18, and in proportion to D/L beyond. The 3D grid adds 0.1 % at 3 cells.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SPATIAL = [(1, 0, 0), (0.6, 0.6, 0.5), (0.3, -0.8, 0.4)]
 
 
 def scene(kind: str, slenderness: float, cells: int) -> Scene:
-    """Loads that make the same shape at any slenderness: fields go as (D/L)^2, gravity as D^2/L^3."""
+    """Loads that give the same shape at any slenderness: fields scale as (D/L)^2, gravity as D^2/L^3."""
     L = slenderness * D
     weaker = (18 / slenderness) ** 2
     field = np.array([0.0, 1.5e-3, 2.5e-3]) * weaker
@@ -44,7 +44,7 @@ def scene(kind: str, slenderness: float, cells: int) -> Scene:
 
 
 def distance(given: Scene) -> float:
-    """Largest distance of the two centrelines, over the length."""
+    """Largest distance between the two centerlines, over the length."""
     result, rod = run(given), solve_rod(given)
     moved = np.linalg.norm(result.tip - [result.centreline[-1, 0], 0, 0])
     assert moved > 0.2 * rod.s[-1], "there is a shape to compare"
@@ -55,8 +55,8 @@ def distance(given: Scene) -> float:
 @pytest.mark.parametrize("kind", ["field", "gravity", "both", "tube", "soft joint"])
 @pytest.mark.parametrize("cells", [3, pytest.param(5, marks=pytest.mark.slow)])
 def test_rod_and_statics_agree(kind: str, cells: int) -> None:
-    """Within 0.6 % at L/D = 18 and 0.3 % at 40; the gap closes as the body gets slender, so it is the rod theory's, not a mistake."""
+    """Within 0.6 % at L/D = 18 and 0.3 % at 40; the gap closes for slender bodies, so it belongs to rod theory and is not a mistake."""
     thick, thin = distance(scene(kind, 18, cells)), distance(scene(kind, 40, cells))
     assert thick < 0.6e-2
     assert thin < 0.3e-2
-    assert thin < 0.75 * thick  # 18/40 = 0.45, and the grid's part, which stays
+    assert thin < 0.75 * thick  # 18/40 = 0.45, plus the contribution of the grid, which stays

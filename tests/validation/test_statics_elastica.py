@@ -1,7 +1,7 @@
-"""3D statics of very slender rods against exact one-dimensional answers: bending, buckling, twist, stretch.
+"""3D statics of very slender rods against exact one-dimensional solutions: bending, buckling, twist, stretch.
 
-A real rod differs from the elastica by its clamp: the held face can't narrow, which shortens the rod that bends by about 0.04 D, and a
-coarse grid adds as much. At L/D = 40 that is 0.1 to 0.3 % of the deflection.
+A real rod differs from the elastica by its clamp: the held face cannot contract, which shortens the bending rod by about 0.04 D, and
+a coarse grid adds as much. At L/D = 40 that is 0.1 to 0.3 % of the deflection.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ D = 1e-3
 @pytest.mark.parametrize("load", [0.5, 1.0, 2.0, 3.6, 5.0, 6.44, 10.0, 12.5])
 @pytest.mark.parametrize("cells", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_bending(load: float, cells: int) -> None:
-    """Field across a rod of L/D = 40: within 1 % of the elastica, in tip deflection and along the whole axis (bound of the task)."""
+    """Field across a rod of L/D = 40: within 1 % of the elastica (required), in tip deflection and along the whole axis."""
     L = 40 * D
     field = field_for_load(load, np.pi / 2, length=L, diameter=D)
     result = run(rod_scene(length=L, diameter=D, field=field, cells=cells))
@@ -44,13 +44,13 @@ def test_bending(load: float, cells: int) -> None:
 
 @pytest.mark.parametrize(("load", "angle"), [(5.0, 120), (10.0, 120), (6.3, 180), (25.0, 180)])
 def test_large_turns(load: float, angle: int) -> None:
-    """Tip turned by 91 to 177 degrees, at 180 on the buckled branch: within 1 % of L."""
+    """Tip rotated by 91 to 177 degrees, field at 180 degrees on the buckled branch: within 1 % of L."""
     L = 40 * D
     field = field_for_load(load, np.radians(angle), length=L, diameter=D)
     field[2] = 0.0 if angle == 180 else field[2]
     result = run(rod_scene(length=L, diameter=D, field=field, cells=3))
     exact = elastica(load, np.radians(angle))
-    # the axis may have turned a little about x past buckling, where every azimuth costs the same
+    # past buckling the axis may rotate slightly about x, because every azimuth has the same energy
     aside = np.hypot(result.tip[1], result.tip[2]) / L
     assert aside == pytest.approx(exact.deflection, abs=0.01)
     assert result.tip[0] / L == pytest.approx(exact.axial, abs=0.01)
@@ -58,7 +58,7 @@ def test_large_turns(load: float, angle: int) -> None:
 
 
 def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
-    """Lowest eigenvalue of the tangent of the straight body, pushed together by a field against its magnetization."""
+    """Lowest eigenvalue of the tangent of the straight body, compressed by a field opposite to its magnetization."""
     L = slenderness * D
     field = field_for_load(load, np.pi, length=L, diameter=D) * [1, 0, 0]
     model = static_model(build(rod_scene(length=L, diameter=D, field=field, cells=cells)))
@@ -76,10 +76,10 @@ def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
 
 @pytest.mark.parametrize(("slenderness", "bound"), [(20, 0.015), (40, 0.01)])
 def test_critical_load(slenderness: float, bound: float) -> None:
-    """The straight body loses its stability at pi^2/4, within 3 % (bound of the task): where its lowest eigenvalue reaches zero.
+    """The straight body loses stability at pi^2/4, within 3 % (required): where its lowest eigenvalue reaches zero.
 
-    The eigenvalue falls in proportion to the load, so a line through two stable loads finds the third. The clamp's shortening by
-    0.04 D and the grid's stiffness raise the load by 2 x 0.04 D/L and as much again: 0.7 % at L/D = 20 and 0.3 % at 40.
+    The eigenvalue falls linearly with the load, so a line through two stable loads gives the critical one. The shortening of 0.04 D by the
+    clamp raises the load by 2 x 0.04 D/L, the stiffness of the grid by as much again: 0.7 % at L/D = 20 and 0.3 % at 40.
     """
     loads = np.array([2.0, 2.3])
     low, high = (lowest_curvature(load, slenderness, 3) for load in loads)
@@ -95,7 +95,7 @@ def test_buckles_within_three_percent(part: float, buckled: bool) -> None:
     field = field_for_load(part * np.pi**2 / 4, np.pi, length=L, diameter=D) * [1, 0, 0]
     result = run(rod_scene(length=L, diameter=D, field=field, cells=3))
     if buckled:
-        # 2.7 % above this body's own critical load; the elastica that far above its own is at 0.31
+        # 2.7 % above the critical load of this body; the elastica at the same excess is at 0.31
         assert result.tip[2] / L == pytest.approx(elastica(1.027 * np.pi**2 / 4, np.pi).deflection, abs=0.02)
     else:
         assert np.abs(result.tip[1:]).max() < 1e-9 * L
@@ -103,9 +103,9 @@ def test_buckles_within_three_percent(part: float, buckled: bool) -> None:
 
 @pytest.mark.parametrize("load", [0.5, 3.0, 10.0])
 def test_twist(load: float) -> None:
-    """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta). The last cells' twist within 0.5 %, and no bending.
+    """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta). The twist of the last cells within 0.5 %, and no bending.
 
-    A round shaft does not warp, so the clamp holds nothing but the turn; what is left is the grid, 0.05 to 0.2 % at 3 cells.
+    A round shaft does not warp, so the clamp only holds the rotation; what remains is the error of the grid, 0.05 to 0.2 % at 3 cells.
     """
     L = 10 * D
     area, inertia = np.pi / 4 * D**2, np.pi / 64 * D**4
@@ -123,7 +123,7 @@ def test_twist(load: float) -> None:
 
 @pytest.mark.parametrize("weight", [1.0, 5.0, 15.0])
 def test_own_weight(weight: float) -> None:
-    """Gravity across a rod of L/D = 40: the heavy elastica, within 1 % of L; 15 is a long thin catheter."""
+    """Transverse gravity on a rod of L/D = 40: the heavy elastica, within 1 % of L; a load of 15 is a long thin catheter."""
     L = 40 * D
     E = 9 * 20 / 61 * G
     g = weight * E * (D / 4) ** 2 / (1882 * L**3)  # I/A = D^2/16
@@ -137,7 +137,7 @@ def test_own_weight(weight: float) -> None:
 def test_stretch(B: float) -> None:
     """A strong field along the magnetization stretches the rod: away from the ends F = diag(a, b, b) solves P_xx = Br B/mu0, P_yy = 0.
 
-    At 1 T that is 28 %. Uniform stress is equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain.
+    At 1 T that is 28 %. Uniform stress is in equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain.
     """
     tension = B * BR / MU0
 

@@ -1,6 +1,6 @@
 """The beam of Zhao et al., JMPS 124 (2019) 244-263, past buckling, against finite elements in plane strain and with a width of 5 mm.
 
-The bound of the task is 1 % of the length in the tip's deflection at 7 mT and above. 7 mT is the hardest: just past the threshold, where
+The required accuracy is 1 % of the length in the tip deflection at 7 mT and above. 7 mT is the hardest case: just past the threshold,
 2 % of bending stiffness move the tip along the beam by 1 % of its length.
 """
 
@@ -23,7 +23,7 @@ ACROSS, ALONG = 0.003, 0.008  # of L: measured 0.0016 and 0.0042 in plane strain
 
 
 def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
-    """Deflection and axial displacement of the tip over the length in a field (mT) against the magnetization."""
+    """Deflection and axial displacement of the tip over the length in a field (mT) opposite to the magnetization."""
     tip = run(scene.with_field([-1e-3 * field, 0.0, 0.0])).tip / L
     assert abs(tip[1]) < 1e-6
     return float(tip[2]), float(tip[0] - 1)
@@ -34,7 +34,7 @@ def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
     [("zhao_plane_strain", "plane_strain"), pytest.param("zhao_width_5mm", "width_5mm", marks=pytest.mark.slow)],
 )
 def test_the_tip_is_where_finite_elements_have_it(name: str, key: str) -> None:
-    """From 7 to 40 mT, on the branch toward +z, from nothing but the scene: within 0.3 % of L across the beam, 0.8 % along it."""
+    """From 7 to 40 mT, on the branch toward +z, for the scene as it is: within 0.3 % of L across the beam, 0.8 % along it."""
     scene = load_scene(DATA / f"scenes/{name}.yaml")
     found = np.array([tip_over_length(scene, field) for field in FIELDS])
     want = REFERENCE["finite_elements"][key]
@@ -53,10 +53,10 @@ def test_a_width_of_5_mm_on_a_coarse_grid() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["zhao_plane_strain", "zhao_width_5mm"])
 def test_it_swings_into_place_and_settles(name: str) -> None:
-    """Explicit motion (total formulation) from rest: a transverse field of a tenth for 40 ms says which way, then passes.
+    """Explicit motion (total formulation) from rest: a transverse field of a tenth selects the direction for 40 ms.
 
-    The end is the static answer within 0.05 % of L: damping of 80/s has worn the motion down by exp(-80 x 0.35 / 2) = 1e-6 (the last mode
-    to settle is not far from critically damped), and both use the same grid, particles and energy.
+    The final state is the static solution within 0.05 % of L: damping of 80/s has reduced the motion by exp(-80 x 0.35 / 2) = 1e-6 (the
+    slowest mode is nearly critically damped), and both use the same grid, particles and energy.
     """
     scene = load_scene(DATA / f"scenes/{name}.yaml").with_cells(2)
     rest = run(scene.with_field([-25e-3, 0.0, 0.0])).tip / L
@@ -74,7 +74,7 @@ def test_it_swings_into_place_and_settles(name: str) -> None:
 
 
 def test_the_mirror_image_is_the_other_branch() -> None:
-    """A transverse field of 1 % toward -z chooses the branch: the same deflection downwards, within what 0.6 degrees turn it: 1 % of L."""
+    """A transverse field of 1 % toward -z selects the branch: the same deflection downward, within the effect of 0.6 degrees: 1 % of L."""
     scene = load_scene(DATA / "scenes/zhao_plane_strain.yaml").with_cells(2)
     up, down = (run(scene.with_field([-25e-3, 0.0, side * 0.25e-3])).tip / L for side in (1, -1))
     assert up[2] == pytest.approx(-down[2], abs=1e-6)
@@ -83,7 +83,7 @@ def test_the_mirror_image_is_the_other_branch() -> None:
 
 
 def test_below_the_threshold_it_stays_straight() -> None:
-    """3 mT is half of what buckles it: no deflection, and a push of 0.1 % of the field across it moves the tip by less than 1 % of L."""
+    """3 mT is about half of the critical field: no deflection, and a transverse field of 0.1 % moves the tip by less than 1 % of L."""
     scene = load_scene(DATA / "scenes/zhao_plane_strain.yaml").with_cells(2)
     assert abs(run(scene.with_field([-3e-3, 0.0, 0.0])).tip[2]) < 1e-9 * L
     assert abs(run(scene.with_field([-3e-3, 0.0, 3e-6])).tip[2]) < 0.01 * L
