@@ -1,7 +1,43 @@
-"""magmpm: simulation and computational design of magnetic soft robots with the material point method."""
+"""magmpm: simulation and computational design of magnetic soft robots with the material point method.
+
+    import magmpm
+
+    result = magmpm.run("scene.yaml")              # or of a Scene: magmpm.load_scene("scene.yaml").with_field([0, 0, 8e-3])
+    print(result, result.tip)                      # everything in SI
+
+What stands in __all__ is the public face. It is loaded when it is first asked for, so that `import magmpm` is quick.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from magmpm.compiled import environment
 
+if TYPE_CHECKING:
+    from magmpm.errors import BudgetError, InputError, MagmpmError, NotThereYet, SceneError, SolveError
+    from magmpm.results.result import Result
+    from magmpm.results.trajectory import Motion
+    from magmpm.scene import Scene, load_scene
+    from magmpm.simulate import run
+
 __version__ = "0.1.0"
 
-environment.prepare()
+__all__ = [
+    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "load_scene", "run",
+]  # fmt: skip
+_HOMES = {"Motion": "results.trajectory", "Result": "results.result", "Scene": "scene", "load_scene": "scene", "run": "simulate"}
+
+environment.prepare()  # before anything imports Numba
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the public face, from the module that defines it. Raises AttributeError."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(f"{__name__}.{_HOMES.get(name, 'errors')}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

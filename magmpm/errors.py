@@ -71,10 +71,11 @@ class NotThereYet(InputError):
 
 
 class SceneError(InputError):
-    """What a scene says under a key can't be had, which shows only once its body is built.
+    """A value of a scene that turns out to be wrong only when the scene's body is built.
 
-    key: its path (of several with ", " between, the first counts), which the message begins with, and to which commands add file, line
-    and the words of the file (yamlfile.placed); received: the value, in SI; found: what is wrong with it.
+    key: where the value stands, as in "effects.ground"; of several keys with ", " between them, the first gives the line. received: the
+    value, in SI; found: what is wrong with it; rule: what it must be; remedy: what to do. The message begins with the key;
+    inputs.yaml_document.placed adds file and line, and shows the value as the file has it.
     """
 
     def __init__(self, key: str, *, rule: str, remedy: str, received: str | None = None, found: str | None = None) -> None:
@@ -83,7 +84,7 @@ class SceneError(InputError):
 
     @staticmethod
     def text(place: str, received: str | None, found: str | None, rule: str, remedy: str) -> str:
-        """The message; place: the key, with file and line where they are known."""
+        """The message. place: the key, with file and line if known; received, found, rule and remedy: as of the class."""
         if found is None:
             return report(place, received=received, rule=rule, remedy=remedy)
         return report(f"{place}: {found}" if received is None else f"{place}: received {received}; {found}", rule=rule, remedy=remedy)

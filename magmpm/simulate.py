@@ -16,6 +16,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
+from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
 from magmpm.precompile import prepare_kernels
 from magmpm.results import measures
@@ -23,7 +24,7 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.results.motion_files import CHECKPOINT
 from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
-from magmpm.scene import Scene, memory
+from magmpm.scene import Scene, load_scene, memory
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 from magmpm.statics.layout import StaticModel, static_model
@@ -35,7 +36,7 @@ Progress = Callable[[int, float], None]
 
 
 def run(
-    scene: Scene,
+    scene: Scene | Path | str,
     *,
     start: Result | None = None,
     folder: Path | str | None = None,
@@ -43,15 +44,23 @@ def run(
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
-    """Simulate a scene: its equilibrium, or its motion where it names solver.dynamic.
+    """Simulate a scene: its equilibrium, or its motion if it has solver.dynamic.
 
-    start: result of a neighbouring static design on the same grid, to begin from; folder: where a motion's frames and checkpoints go
-    (nowhere unless given), from which resume goes on; on_progress(step, number) is told of each Newton step and its energy decrement, or
-    of a motion's steps and its time in s; on_begin: called where a motion begins at its start, before anything is written.
-    Raises InputError before the run, also where another process writes the folder.
-    Raises SolveError where no equilibrium is found or a motion goes wrong; its state is the last good Result
-    (converged False), or None.
+    scene: a Scene, or the path of a scene file.
+    start: statics only: the result of a similar scene on the same grid, whose solution the solve starts from.
+    folder: motion only: where frames and checkpoints are written; None: nowhere. resume: go on from the checkpoint in folder.
+    on_progress(step, number): called after each Newton step with its energy decrement (no unit), or during a motion with its time in s.
+    on_begin(): called when a motion starts from its beginning, before anything is written.
+
+    Everything in the Result is in SI. docs/design.md names the method's formulas and their sources.
+    Raises InputError before the run if the scene or the file is wrong, or if another process writes to folder; its message names the
+    file, line, key and value if scene is a path (otherwise SceneError names the key and value).
+    Raises SolveError if no equilibrium is found or a motion fails; its state is the last good Result (converged False), or None.
+    Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another grid.
     """
+    if not isinstance(scene, Scene):
+        with of_file(scene):
+            return run(load_scene(scene), start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.solver.dynamic is not None:
         return _motion(scene, folder, resume, on_progress, on_begin)
     begun = time.perf_counter()

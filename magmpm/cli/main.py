@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from magmpm.cli.answers import STYLES, of_file, print_summary, results_folder
+from magmpm.cli.answers import STYLES, print_summary, results_folder
 from magmpm.cli.progress import Progress
 from magmpm.compiled.environment import refuse_unusable
 from magmpm.errors import InputError, MagmpmError, SolveError
@@ -218,6 +218,7 @@ def _design(options: argparse.Namespace) -> int:
 
 def _accuracy(options: argparse.Namespace) -> int:
     from magmpm.cli.design import refuse_study
+    from magmpm.inputs.yaml_document import of_file
     from magmpm.results.run_folder import RunFolder
     from magmpm.scene import load_scene
     from magmpm.simulate import run
@@ -244,6 +245,7 @@ def _accuracy(options: argparse.Namespace) -> int:
 
 
 def _effects(options: argparse.Namespace) -> int:
+    from magmpm.inputs.yaml_document import of_file
     from magmpm.scene import load_scene
     from studies.effects_table import survey
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from magmpm.cli.answers import PARTICLES, of_file, print_summary, results_folder
+from magmpm.cli.answers import PARTICLES, print_summary, results_folder
 from magmpm.cli.design import refuse_study
 from magmpm.cli.progress import Progress
 from magmpm.cli.render import draw_run
@@ -80,6 +80,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
+    from magmpm.inputs.yaml_document import of_file
     from magmpm.simulate import run
 
     dynamic = scene.solver.dynamic

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +99,15 @@ def placed(error: SceneError, path: Path | str) -> InputError:
     line = document.lines.get(at, 1)
     received = error.received if value is None else show(value)
     return InputError(SceneError.text(f"{path}:{line}: {error.key}", received, error.found, error.rule, error.remedy))
+
+
+@contextmanager
+def of_file(path: Path | str) -> Iterator[None]:
+    """A SceneError raised within becomes an InputError that also names the scene's file and line, as those of load_scene do."""
+    try:
+        yield
+    except SceneError as error:
+        raise placed(error, path) from None
 
 
 _RULE = "the file must hold `key: value` lines, in YAML"

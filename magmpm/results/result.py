@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.readable import lengths, quantity
 from magmpm.results.whole_file import whole_file
 
 ARRAYS = "state.npz"
@@ -79,7 +80,7 @@ class Result:
     particle_position: Array  # (n, 3) m
     particle_volume: Array  # (n,) m^3, undeformed
     particle_segment: NDArray[np.int32]  # (n,)
-    particle_det_F: Array  # (n,)
+    particle_det_F: Array  # (n,), no unit
     segment_center: Array  # (k, 3) m, deformed
     segment_remanence: Array  # (k, 3) T, mean of F Br
     grid_correction: Array  # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's start
@@ -90,8 +91,8 @@ class Result:
     iterations: int
     particles: int
     dof: int
-    min_det_F: float
-    max_det_F: float
+    min_det_F: float  # no unit
+    max_det_F: float  # no unit
     energy: float  # J, counted from the undeformed body in the same field
     section: dict[str, float]
     seconds: dict[str, float]
@@ -102,10 +103,19 @@ class Result:
     stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
     formulation: str = "static"  # or total, updated
     kinetic_energy: float = 0.0  # J
-    load_share: float = 1.0  # part of the load (field, weight) that an equilibrium carries: less where the solve failed on the way up
+    load_share: float = 1.0  # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve failed on the way
     failure: str = ""  # why the run did not get to its end; then this is no answer, but its last good state
-    largest_stretch: float = 1.0  # of any particle; of a motion in any frame
+    largest_stretch: float = 1.0  # no unit: of any particle; of a motion in any frame
     tightest_radius: float | None = None  # m, to which the axis is bent, of a motion in any frame; None: straight, or there is none
+
+    def __repr__(self) -> str:
+        """One line: how the run ended, the tip, det F, and what it cost."""
+        how = "equilibrium in {} Newton steps" if self.formulation == "static" else f"motion of {quantity(self.time, 's')} in {{}} steps"
+        ended = how.format(self.iterations) + ("" if self.converged else ", NOT CONVERGED")
+        return (
+            f"Result({self.name!r}: {ended}, tip {lengths(self.tip)}, det F {self.min_det_F:.4f} to {self.max_det_F:.4f}, "
+            f"{self.dof} unknowns, {quantity(self.seconds.get('solve', 0.0), 's')})"
+        )
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm run --json` prints: everything but the particle and grid arrays."""

@@ -31,6 +31,7 @@ from magmpm.results.motion_tables import (
     read_contacts,
     read_energies,
 )
+from magmpm.results.readable import quantity
 
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
 _OVERHEAD = (
@@ -268,8 +269,8 @@ class Motion:
     volume: Numbers
     remanence: Numbers
     reference: Numbers
-    energies: dict[str, Array]
-    contacts: dict[str, dict[str, Array]]
+    energies: dict[str, Array]  # (frames,) J; t in s
+    contacts: dict[str, dict[str, Array]]  # (rows,) s, N, m; count has no unit
 
     @classmethod
     def load(cls, folder: Path | str) -> Motion:
@@ -306,11 +307,17 @@ class Motion:
             **static,
         )
 
+    def __repr__(self) -> str:
+        """One line: how many frames of how many particles, the times, and where they are."""
+        last = quantity(float(self.times[-1]), "s") if len(self) else "none yet"
+        return f"Motion({self.name!r}: {len(self)} frames of {len(self.reference)} particles, the last at {last}, in {self.folder})"
+
     def __len__(self) -> int:
+        """Number of frames."""
         return len(self.times)
 
     def __getitem__(self, number: int) -> Frame:
-        """Frame k; negative numbers count from the end. Raises IndexError."""
+        """The frame with this number; negative numbers count from the end. SI. Raises IndexError."""
         k = range(len(self))[number]
         path = self.folder / MOTION
         with vtkhdf.opened(path) as file:
@@ -325,7 +332,7 @@ class Motion:
         )
 
     def position(self, number: int) -> Numbers:
-        """Positions (n, 3) m of frame k alone."""
+        """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
         k, path = range(len(self))[number], self.folder / MOTION
         with vtkhdf.opened(path) as file:
             return vtkhdf.read_arrays(path, file, k, ["Points"])["Points"]

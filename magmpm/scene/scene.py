@@ -92,7 +92,7 @@ class FrozenDict(dict[K, V]):
 
 
 def load_scene(path: Path | str) -> Scene:
-    """The scene a file describes.
+    """The scene that the file at this path describes, with all quantities in SI.
 
     Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, by
     line, key, value received, rule and remedy.
@@ -367,7 +367,7 @@ class Scene(Settings):
         return outside_field(self.field, self.box(), anchored=self.anchored, cell=self.cell)
 
     def segment_material(self, index: int) -> Material:
-        """The material of a piece (a segment or part)."""
+        """The material of the region (segment or part) with this index. Raises IndexError."""
         return self.materials[self.regions()[index].material_name]
 
     def segment_remanence(self) -> NDArray[np.float64]:
@@ -426,6 +426,16 @@ class Scene(Settings):
         found += [f"materials: {name} is not used" for name in self.materials if name not in used]
         return found
 
+    def __repr__(self) -> str:
+        """One line: the body, its effects, and how it is solved."""
+        named = " + ".join(name for name, effect in self.effects if effect is not None) or "no effects"
+        dynamic = self.solver.dynamic
+        solved = "equilibrium" if dynamic is None else f"motion of {dynamic.duration:g} s"
+        size = f"{1e3 * self.length:g} mm long, {1e3 * self.thickness:g} mm thick, {len(self.regions())} regions"
+        return f"Scene({self.name!r}: {self.body.kind}, {size}; {named}; {solved} in cells of {1e3 * self.cell:.3g} mm)"
+
+    __str__ = __repr__
+
     # scenes to and from data, and scenes made of scenes
 
     def to_si(self) -> dict[str, Any]:
@@ -446,7 +456,7 @@ class Scene(Settings):
         return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True).encode()).hexdigest()
 
     def with_magnetizations(self, directions: ArrayLike) -> Scene:
-        """The scene with these directions, (k, 3) for its k segments, normalised; zeros unmagnetise.
+        """The scene with these directions, (k, 3), no unit, for its k segments, normalized; zeros remove the magnetization.
 
         Raises InputError when the shape is another, a number is not finite, or the body has a profile in place of segments.
         """
@@ -471,7 +481,7 @@ class Scene(Settings):
         return Scene.from_si({**data, "field": changed})
 
     def with_cells(self, cells_across: int) -> Scene:
-        """The scene with this many cells across the diameter. Raises InputError."""
+        """The scene with the resolution cells_across: so many cells through the body's thickness. Raises InputError."""
         data = self.to_si()
         return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": cells_across}})
 
