@@ -1,4 +1,4 @@
-"""Rules for every test: NumPy's floating errors raise, random numbers repeat, BLAS keeps to one thread."""
+"""Rules for every test: NumPy floating-point errors raise, random numbers are reproducible, BLAS uses one thread."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-# Set before NumPy is imported: one BLAS thread. Numba's threads and xdist's workers share the same few cores.
+# Set before NumPy is imported: one BLAS thread, because Numba's threads and xdist's workers share the same few cores.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
@@ -24,7 +24,7 @@ settings.load_profile("repeatable")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Kernels come from the disk cache in every test, as in a user's second run (magmpm.precompile says why it matters)."""
+    """In every test the kernels come from the disk cache, as in the second run of a user (magmpm.precompile explains why)."""
     from magmpm.precompile import prepare_kernels
     from magmpm.scene import load_scene
 
@@ -40,11 +40,11 @@ def _floating_errors_raise() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _seeded() -> None:
-    """For code that draws from NumPy's old global generator."""
+    """Seeds NumPy's old global generator, for code that draws from it."""
     np.random.seed(20240229)  # noqa: NPY002
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """A generator that gives the same numbers in every test."""
+    """A random generator with the same seed in every test."""
     return np.random.default_rng(20240229)

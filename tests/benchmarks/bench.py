@@ -1,11 +1,11 @@
-"""What `make bench` prints: times and memory of the main job, each beside its bound and aim.
+"""`make bench`: times and memory of the main tasks, each beside its bound and goal.
 
     python tests/benchmarks/bench.py [NAME ...]
 
-Medians on warm kernels unless the name says otherwise; compile time apart. Writes runs/bench/bench.json: a map from name to
-{value, unit, bound, aim, commit, load}, and `machine`: host, processor, threads, commit, load, and the rates of a product of matrices
-and of a copy on the same cores. Rates of motion come with `per_gflop`: particle-steps for a thousand million floating-point operations of
-that product, which two machines have more nearly alike than seconds. Nothing here asserts: the machine may be busy with other things.
+Medians with warm kernels unless the name says otherwise; compile time is separate. Writes runs/bench/bench.json: a map from name to
+{value, unit, bound, aim, commit, load}, and `machine`: host, processor, threads, commit, load, and the rates of a matrix product
+and of a copy on the same cores. Rates of motion come with `per_gflop`: particle-steps per 10^9 floating-point operations of that product,
+which differ less between machines than seconds. Nothing here asserts, because the machine may be busy with other things.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data/scenes/five_segments.yaml"
 STUDY = ROOT / "data/studies/s_shape.yaml"
 OUT = ROOT / "runs/bench"
-NEIGHBOUR = 0.05  # how far each magnetization is moved for the warm start: 3 degrees
+NEIGHBOUR = 0.05  # rotation of each magnetization for the warm start: 3 degrees
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure to measure, a number or a map of numbers. bound: at most, or with `least` at least; aim: better still."""
+    """One figure to measure, a number or a map of numbers. bound: the most, or with `least` the least; aim: a better value to reach."""
 
     measure: Callable[[], float | dict[str, float]]
     unit: str
@@ -45,7 +45,7 @@ class Figure:
 
 
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Median time of `work`, after one run that does not count."""
+    """Median time of `work`, after one run that is not counted."""
     work()
     times = []
     for _ in range(repeats):
@@ -56,7 +56,7 @@ def median_seconds(work: Callable[[], object], repeats: int) -> float:
 
 
 def static_cold() -> float:
-    """Nothing known but the scene: particles, grid, rod, Newton, measures."""
+    """From the scene alone: particles, grid, rod, Newton, measures."""
     from magmpm.scene import load_scene
     from magmpm.simulate import run
 
@@ -65,7 +65,7 @@ def static_cold() -> float:
 
 
 def static_warm() -> float:
-    """The same, from the result of a design whose magnetisations are 3 degrees off."""
+    """The same, started from the result of a design whose magnetizations differ by 3 degrees."""
     from magmpm.scene import load_scene
     from magmpm.simulate import run
 
@@ -86,7 +86,7 @@ def static_8_cells() -> float:
 
 
 def command(*arguments: str, **environment: str) -> tuple[str, float]:
-    """Output and seconds of a magmpm command in a process of its own. Raises CalledProcessError."""
+    """Output and seconds of a magmpm command in a separate process. Raises CalledProcessError."""
     begun = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-m", "magmpm.cli", *arguments],
@@ -96,14 +96,14 @@ def command(*arguments: str, **environment: str) -> tuple[str, float]:
 
 
 def first_compile() -> float:
-    """Compilation with an empty cache, in a process of its own."""
+    """Compilation with an empty cache, in a separate process."""
     with tempfile.TemporaryDirectory() as folder:
         out, _ = command("run", str(SCENE), "--json", "--out", folder, NUMBA_CACHE_DIR=f"{folder}/cache")
     return float(json.loads(out)["seconds"]["compile"])
 
 
 def start_to_solve() -> float:
-    """From typing the command to the start of the first solve, with the kernels in the disk cache."""
+    """From the start of the command to the start of the first solve, with the kernels in the disk cache."""
     with tempfile.TemporaryDirectory() as folder:
         command("run", str(SCENE), "--json", "--out", folder)
         times = []
@@ -114,7 +114,7 @@ def start_to_solve() -> float:
 
 
 def study(trials: int) -> tuple[dict[str, object], float]:
-    """JSON and peak memory (MB), render worker included, of the S-shape study run for so many trials."""
+    """JSON and peak memory (MB), including the render worker, of the S-shape study with this number of trials."""
     import psutil
     import yaml
 
@@ -135,7 +135,7 @@ def study(trials: int) -> tuple[dict[str, object], float]:
                 family = [watched, *watched.children(recursive=True)]
                 peak = max(peak, sum(p.memory_info().rss for p in family) / 1e6)
             except psutil.Error:
-                pass  # a child ended while it was being read
+                pass  # a child process ended during the reading
             time.sleep(0.05)
         assert process.stdout is not None
         out = process.stdout.read()
@@ -145,13 +145,13 @@ def study(trials: int) -> tuple[dict[str, object], float]:
 
 
 def trial() -> float:
-    """A trial of the S-shape study, from asking for a design to its value on disk, with its picture: median over 35."""
+    """A trial of the S-shape study, from the request for a design to its value on disk, with its picture: median over 35."""
     summary, _ = study(35)
     return float(summary["seconds_per_trial"])  # type: ignore[arg-type]
 
 
 def study_memory() -> float:
-    """Peak memory of a study of 60 trials, all its processes together."""
+    """Peak memory of a study of 60 trials, summed over its processes."""
     return study(60)[1]
 
 

@@ -1,14 +1,13 @@
-"""What `make claims` does: every measured figure of the README and the docs made again, and what differs.
+"""`make claims`: measures every figure of the README and the docs again, and reports differences.
 
     python tests/benchmarks/claims.py [--quick] [--write] [GROUP ...]
 
-docs/claims.yaml lists the figures in groups: the page, its text with the figure's name in braces where the figure stands, and how far the
-two may be apart. Each group names the command that makes its figures, and is measured by the function of its name here. `--quick`
-leaves out the groups that take minutes; `--write` puts new figures into the pages, in the digits that are there, and draws
-docs/images/accuracy.png anew. Exit status 1 where a figure differs. Times and rates are compared
-loosely: they are the machine's as well.
+docs/claims.yaml lists the figures in groups: the page, its text with the names of the figures in braces, and the tolerance. Each group
+names the command that produces its figures; the function with its name here measures them. `--quick` skips the groups that take minutes;
+`--write` puts new figures into the pages, with the same digits, and draws docs/images/accuracy.png again. Exit status 1 if a figure
+differs. Times and rates have large tolerances, because they also depend on the machine.
 
-tests/unit/project/test_claims.py holds every figure of the list to the text of its page, and the tests it names to their existence.
+tests/unit/project/test_claims.py checks that every figure of the list is on its page, and that the tests it names exist.
 """
 
 from __future__ import annotations
@@ -39,12 +38,12 @@ Figures = dict[str, float]
 
 @dataclass(frozen=True)
 class Claim:
-    """A figure on a page. name: what the group's function calls it; tolerance: share by which the measured one may differ."""
+    """A figure on a page. name: its key in the result of the group's function; tolerance: relative difference allowed."""
 
     group: str
     page: str
     name: str
-    text: str  # as it stands on the page
+    text: str  # as on the page
     tolerance: float
 
     @property
@@ -53,17 +52,17 @@ class Claim:
 
     @property
     def rounding(self) -> float:
-        """Half of the last digit that is written."""
+        """Half of the last written digit."""
         digits, _, power = self.text.replace(" ", "").partition("e")
         places = len(digits.partition(".")[2])
         return 0.5 * 10.0 ** (int(power or 0) - places)
 
     def agrees(self, measured: float) -> bool:
-        """Whether the page says what was measured, to its digits and the tolerance."""
+        """Whether the page agrees with the measurement, within its digits and the tolerance."""
         return abs(measured - self.value) <= self.tolerance * max(abs(measured), abs(self.value)) + 1.001 * self.rounding
 
     def written(self, measured: float) -> str:
-        """What was measured, in the digits of the page; one more where they would leave no digit."""
+        """The measured value with the digits of the page; with one more digit if otherwise none would remain."""
         if "e" in self.text:
             digits = len(self.text.split("e")[0].replace(".", "").lstrip("-"))
             number, power = f"{measured:.{digits - 1}e}".split("e")
@@ -76,7 +75,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Place:
-    """A text of a page with figures in it: the pattern, the names of its figures in order."""
+    """A text of a page that contains figures: the pattern, and the names of its figures in order."""
 
     group: str
     page: str
@@ -93,7 +92,7 @@ class Place:
         return re.compile(f"({FIGURE})".join(re.escape(part) for part in parts))
 
     def found(self, root: Path = ROOT) -> re.Match[str]:
-        """Where it stands on its page. Raises ValueError where it does not, or not once."""
+        """Its match on the page. Raises ValueError unless it is there exactly once."""
         page = (root / self.page).read_text(encoding="utf-8")
         matches = list(self.pattern.finditer(page))
         if len(matches) != 1:
@@ -101,13 +100,13 @@ class Place:
         return matches[0]
 
     def claims(self, root: Path = ROOT) -> list[Claim]:
-        """Its figures as they stand on the page."""
+        """Its figures as on the page."""
         match = self.found(root)
         return [Claim(self.group, self.page, name, text, self.tolerance) for name, text in zip(self.names, match.groups(), strict=True)]
 
 
 def groups(root: Path = ROOT) -> dict[str, dict[str, Any]]:
-    """The table: by group its `command`, `slow` and `figures`, or `held_by` a test."""
+    """The table: for each group its `command`, `slow` and `figures`, or the test in `held_by`."""
     found: dict[str, dict[str, Any]] = yaml.safe_load((root / TABLE).read_text(encoding="utf-8"))
     return found
 
@@ -120,11 +119,11 @@ def places(name: str, group: Mapping[str, Any]) -> Iterator[Place]:
             yield Place(name, page, text, float(tolerance))
 
 
-# What makes the figures of a group: functions of that name, without arguments, of figures in the units of the pages.
+# For each group a function with its name, without arguments, that returns the figures in the units of the pages.
 
 
 def accuracy() -> Figures:
-    """The README's ladder of cell sizes; errors in % of L."""
+    """The cell sizes in the table of the README; errors in % of L."""
     found: Figures = {}
     for rung in _ladder()["rungs"]:
         n = rung["cells_across"]
@@ -133,7 +132,7 @@ def accuracy() -> Figures:
 
 
 def seconds() -> Figures:
-    """The times of the same ladder, s."""
+    """The times of the same table, s."""
     return accuracy()
 
 
@@ -147,7 +146,7 @@ def _ladder() -> dict[str, Any]:
 
 
 def references() -> Figures:
-    """Statics against the finite-element references: least and largest error in % of L, order from 4 to 8 cells, Newton steps."""
+    """Statics against the finite-element references: smallest and largest error in % of L, order from 4 to 8 cells, Newton steps."""
     from magmpm.problems import finite_element_problems
     from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
@@ -167,7 +166,7 @@ def references() -> Figures:
 
 
 def locking() -> Figures:
-    """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J at most 10 G, 5 G; errors in % of L."""
+    """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J with at most 10 G, 5 G; errors in % of L."""
     from magmpm import model
     from magmpm.problems import finite_element_problems
     from magmpm.results.measures import largest_distance
@@ -187,7 +186,7 @@ def locking() -> Figures:
 
 
 def sampler() -> Figures:
-    """Trial (from 1) that first comes within 2 mm, by target and seed, and hits of seeds 1 to 10; 36 where none of 35 does."""
+    """The first trial (from 1) within 2 mm, by target and seed, and the hits of seeds 1 to 10; 36 if none of 35 hits."""
     import tempfile
     from dataclasses import replace
 
@@ -207,7 +206,7 @@ def sampler() -> Figures:
 
 
 def stability() -> Figures:
-    """Hard cases: each measure by the case's name, and in percent; what takes long included."""
+    """Hard cases, including the long ones: each measure by the name of the case, also in percent."""
     return _cases(slow=True)
 
 
@@ -244,13 +243,13 @@ def settles() -> Figures:
 
 
 def memory() -> Figures:
-    """Bytes a particle that a process grows by to move a body."""
+    """Growth of a process during a motion, in bytes per particle."""
     resident = importlib.import_module("resident")
     return {name: resident.grown(name)["peak"] for name in ("total", "updated")}
 
 
 def rates() -> Figures:
-    """Million particle-steps a second, and for a Gflop of dgemm, thousand."""
+    """Million particle-steps per second, and thousand per Gflop of dgemm."""
     machine, motion_rates = importlib.import_module("machine"), importlib.import_module("motion_rates")
     flops, found = machine.dgemm(), {}
     for name, measure in (("total", motion_rates.total_rate), ("updated", motion_rates.updated_rate)):
@@ -260,7 +259,7 @@ def rates() -> Figures:
 
 
 def drawn() -> Path:
-    """docs/images/accuracy.png from the ladder measured now, with its numbers in the file for tests to read."""
+    """Draw docs/images/accuracy.png from the new measurement, with its numbers in the file for tests."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -277,7 +276,7 @@ def drawn() -> Path:
 
 
 def replaced(place: Place, measured: Figures, root: Path = ROOT) -> None:
-    """Puts what was measured into the page, where it differs."""
+    """Put the measured values into the page where they differ."""
     match, claims = place.found(root), place.claims(root)
     text = match.group(0)
     for i in range(len(claims), 0, -1):
@@ -291,7 +290,7 @@ def replaced(place: Place, measured: Figures, root: Path = ROOT) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, and say what differs."""
+    """Measure, and report differences."""
     parser = argparse.ArgumentParser(description="Make the measured figures of README and docs again, and say what differs.")
     parser.add_argument("groups", metavar="GROUP", nargs="*", help="only these groups of docs/claims.yaml")
     parser.add_argument("--quick", action="store_true", help="leave out what takes minutes")

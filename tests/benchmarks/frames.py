@@ -1,4 +1,4 @@
-"""What looking at a motion costs: whole runs with frames against the steps alone, and a frame on the disk."""
+"""The cost of frames: whole runs with frames against the steps alone, and writing a frame to disk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
 
 
 def scene(duration: float, every: float) -> Scene:
-    """The five-segment catheter let go, damped so that it comes to rest; s."""
+    """The five-segment catheter, released and damped so that it comes to rest; times in s."""
     data = load_scene(SCENE).to_si()
     data["effects"]["damping"] = {"rate": 20.0}
     data["solver"] = {"dynamic": {"duration": duration, "output_every": every}}
@@ -28,7 +28,7 @@ def scene(duration: float, every: float) -> Scene:
 
 
 def run_over_steps() -> float:
-    """0.3 s with 60 frames: seconds of the whole run, from the scene to the last frame, over those of as many steps alone."""
+    """0.3 s with 60 frames: time of the whole run, from the scene to the last frame, over the time of the same number of steps alone."""
     moving = scene(0.3, 5e-3)
     with tempfile.TemporaryDirectory() as folder:
         run(scene(1e-3, 1e-4), folder=folder)
@@ -38,7 +38,7 @@ def run_over_steps() -> float:
     model = build(moving)
     motion = begin(model).motion
     named = collect(moving, times=np.zeros(1))
-    for _ in range(10):  # it chooses its threads in the first calls
+    for _ in range(10):  # the number of threads is chosen in the first calls
         motion.advance(CHUNK, result.time_step, named)
     begun = time.perf_counter()
     for _ in range(result.iterations // CHUNK):
@@ -60,7 +60,7 @@ def short_run() -> float:
 
 
 def frame_ms() -> float:
-    """One frame of the same body (5 120 particles) on its way to the disk: median of 200."""
+    """Writing one frame of the same body (5 120 particles): median of 200."""
     model = build(scene(1e-3, 1e-5))
     x = model.particles.position
     F = np.tile(np.eye(3), (len(x), 1, 1))

@@ -1,6 +1,6 @@
-"""What a measurement was made on, and how fast that is: so that figures of two machines, or of two hours, can be compared.
+"""The machine of a measurement and its speed, to compare figures of two machines or of two times.
 
-The two rates bound what any code here can do: products of matrices, which static solves live by, and copies of memory.
+Two rates limit all code here: matrix products, which dominate static solves, and memory copies.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-SIDE = 1536  # of the matrices: 7 Gflop a product
-COPIED = 200_000_000  # bytes, far more than any cache holds
+SIDE = 1536  # size of the matrices: 7 Gflop per product
+COPIED = 200_000_000  # bytes, far more than the size of any cache
 REPEATS = 7
 
 
@@ -40,12 +40,12 @@ def described() -> dict[str, Any]:
 
 
 def load() -> float:
-    """Processes that wanted a core during the last minute."""
+    """Number of processes that were ready to run during the last minute."""
     return round(os.getloadavg()[0], 2)
 
 
 def dgemm() -> float:
-    """Floating-point operations a second of a product of two matrices, all threads, double precision; median."""
+    """Floating-point operations per second of a matrix product, all threads, double precision; median."""
     rng = np.random.default_rng(0)
     a, b = rng.standard_normal((SIDE, SIDE)), rng.standard_normal((SIDE, SIDE))
     out = np.empty((SIDE, SIDE))
@@ -53,7 +53,7 @@ def dgemm() -> float:
 
 
 def copy() -> float:
-    """Bytes a second that one thread copies, each counted once; median."""
+    """Bytes per second that one thread copies, each counted once; median."""
     source = np.ones(COPIED // 8)
     target = np.empty_like(source)
     return COPIED / _median(lambda: np.copyto(target, source))
@@ -78,7 +78,7 @@ def _cpu() -> str:
 
 
 def _commit() -> str:
-    """The commit that is checked out, with + where files differ from it."""
+    """The commit that is checked out, with + if files differ from it."""
 
     def git(*arguments: str) -> str:
         return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()

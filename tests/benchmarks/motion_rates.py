@@ -1,6 +1,6 @@
-"""How fast bodies move: particle-steps a second, threads, memory, what the mechanism of effects costs.
+"""Speed of motion: particle-steps per second, threads, memory, and the cost of the mechanism of effects.
 
-The body is the five-segment catheter at 8 cells across (38 400 particles), in its field; frames and looks at the motion are not counted.
+The body is the five-segment catheter at 8 cells across (38 400 particles), in its field; frames and checks of the motion are not counted.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
-SECONDS, REPEATS = 0.25, 9  # of one measurement; of them
-SETTLING = 2000  # steps after which the body is bent and moves
+SECONDS, REPEATS = 0.25, 9  # steps of one measurement; number of measurements
+SETTLING = 2000  # steps until the body is bent and moves
 
 
 def scene(formulation: str, cells: int = 8, length: float | None = None) -> Scene:
@@ -38,7 +38,7 @@ def scene(formulation: str, cells: int = 8, length: float | None = None) -> Scen
 
 
 def advance(motion: TotalMotion | UpdatedMotion, steps: int, dt: float, effects: tuple[Any, ...]) -> None:
-    """So many steps, sorted again where they must be."""
+    """Take a number of steps; particles are sorted when due."""
     done = 0
     while done < steps:
         taken, broken = motion.advance(steps - done, dt, effects)
@@ -48,7 +48,7 @@ def advance(motion: TotalMotion | UpdatedMotion, steps: int, dt: float, effects:
 
 
 def rate(model: Model, motion: TotalMotion | UpdatedMotion, dt: float) -> float:
-    """Particle-steps a second: median over REPEATS."""
+    """Particle-steps per second: median over REPEATS."""
     particles = len(model.density)
     steps = max(3, int(SECONDS * 25e6 / particles))
     advance(motion, 3, dt, model.effects)
@@ -61,7 +61,7 @@ def rate(model: Model, motion: TotalMotion | UpdatedMotion, dt: float) -> float:
 
 
 def started(formulation: str, **options: Any) -> tuple[Model, TotalMotion | UpdatedMotion, float]:
-    """A model, its motion, and the step it takes."""
+    """A model, its motion, and its time step."""
     model = build(scene(formulation, **options))
     moved = begin(model)
     return model, moved.motion, moved.dt
@@ -78,13 +78,13 @@ def total_rate() -> float:
 
 
 def paired(first: Callable[[], float], second: Callable[[], float]) -> float:
-    """Median of first over second, taken in turns: what else the machine does counts for both."""
+    """Median of the ratio of first to second, measured alternately, so that other load affects both."""
     return statistics.median(first() / second() for _ in range(5))
 
 
 @functools.cache
 def rates_by_threads() -> dict[str, float]:
-    """Particle-steps a second of both formulations with one thread and with two, taken in turns."""
+    """Particle-steps per second of both formulations with one thread and with two, measured alternately."""
     found = {}
     for formulation in ("total", "updated"):
         work = started(formulation)
@@ -103,13 +103,13 @@ def rates_by_threads() -> dict[str, float]:
 
 
 def efficiency() -> float:
-    """Two threads' rate over twice one thread's, of the formulation where it is less."""
+    """Rate of two threads over twice the rate of one, for the formulation where this is smaller."""
     return min(value for name, value in rates_by_threads().items() if name.endswith("twice one"))
 
 
 @functools.cache
 def bytes_by_formulation() -> dict[str, float]:
-    """Bytes a particle that a process grows by to move a body: at its peak, in motion, and what the motion's arrays add up to."""
+    """Growth of a process during a motion, in bytes per particle: peak, in motion, and the sum of the arrays of the motion."""
     found = {}
     for formulation in ("total", "updated"):
         measured = resident.grown(formulation)
@@ -118,12 +118,12 @@ def bytes_by_formulation() -> dict[str, float]:
 
 
 def bytes_per_particle() -> float:
-    """At its peak, of the formulation that takes more."""
+    """Peak, for the formulation that takes more."""
     return max(value for name, value in bytes_by_formulation().items() if name.endswith("peak"))
 
 
 def million() -> dict[str, float]:
-    """Rate with a million particles over that with 38 400, of both formulations."""
+    """Rate with a million particles over that with 38 400, for both formulations."""
     found = {}
     for formulation in ("total", "updated"):
         large = started(formulation, cells=16, length=0.135)
@@ -134,18 +134,18 @@ def million() -> dict[str, float]:
 
 
 def mechanism_percent() -> float:
-    """What a step without effects takes more than a kernel written without the mechanism, percent."""
+    """Extra time of a step without effects, compared with a kernel without the mechanism of effects, percent."""
     import plain_total
 
     model, motion, dt = started("total")
     assert isinstance(motion, TotalMotion)
-    advance(motion, SETTLING, dt, model.effects)  # bent and swinging: at rest every number is zero
+    advance(motion, SETTLING, dt, model.effects)  # bent and moving: at rest every number is zero
     u, v = motion.u.copy(), motion.v.copy()
     motion.model = replace(model, effects=())
     steps = int(SECONDS * 50e6 / len(model.density))
 
     def again() -> None:
-        """Both begin from the same state."""
+        """Both start from the same state."""
         motion.u[:], motion.v[:] = u, v
         motion.watch[:] = unlimited()
 
@@ -173,10 +173,10 @@ def mechanism_percent() -> float:
 
 
 def effect_costs() -> dict[str, float]:
-    """Percent that each effect by itself adds to a step (total formulation), as `magmpm effects` prints it.
+    """Time that each effect alone adds to a step, in percent (total formulation), as `magmpm effects` prints it.
 
-    Contact also of a body that touches: with the ground through it, so that a quarter of its particles press on it, and in a tube
-    that is narrower than it is, so that all of its skin does.
+    Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
+    and in a tube narrower than the body, so that its whole surface is in contact.
     """
     from studies.effects_table import costs
 
@@ -197,7 +197,7 @@ def effect_costs() -> dict[str, float]:
 
 
 def touching_share(touches: Scene, effect: str) -> float:
-    """Share of the undeformed body's particles that contact pushes."""
+    """Share of the particles of the undeformed body that are in contact."""
     from magmpm.effects import acting as effects
 
     module = effects.every()[effect]

@@ -1,6 +1,6 @@
-"""The total formulation's step written without the mechanism of effects: what a scene without effects is measured against.
+"""The step of the total formulation without the mechanism of effects: the baseline for scenes without effects.
 
-The loop of kernels.total_lagrangian_step.advance line by line, with everything about effects struck out and nothing else: the watch on
+The loop of kernels.total_lagrangian_step.advance line by line, without everything about effects and otherwise unchanged: the watch on
 stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the two line by line, and their results.
 """
 
@@ -31,7 +31,7 @@ def advance(
     steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
     density, active, inverse_mass, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
 ):  # fmt: skip
-    """`steps` steps of dt (s); arguments as of kernels.total_lagrangian_step.advance."""
+    """`steps` steps of dt (s); the arguments are those of kernels.total_lagrangian_step.advance."""
     slabs = len(slab_first) - 1
     flat_volume, flat_density = volume.reshape(-1), density.reshape(-1)
     most = 1
@@ -88,7 +88,7 @@ def advance(
 
 
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
-    """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
+    """Take steps of dt (s) of a TotalMotion without effects, on displacements u and velocities v (3 nodes,), in place."""
     p = motion.packed
     return advance(
         steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines, p.volume, p.moments,

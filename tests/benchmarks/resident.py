@@ -1,8 +1,8 @@
-"""Memory that a process grows by while it moves a body, for one formulation: what a machine must have, not what arrays add up to.
+"""Growth of a process during a motion, for one formulation: the memory that a machine needs, not the sum of the arrays.
 
     python tests/benchmarks/resident.py total|updated      prints {"now": bytes a particle, "peak": ..., "counted": ..., "particles": n}
 
-In a process of its own, because memory that was freed may stay with the process that had it.
+Measured in a separate process, because freed memory may stay with the process that had it.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ import subprocess
 import sys
 from pathlib import Path
 
-CELLS = 16  # across the five-segment catheter: 290 000 particles, so that a megabyte more or less is 4 bytes a particle
+CELLS = 16  # across the five-segment catheter: 290 000 particles, so that one megabyte is 4 bytes per particle
 
 
 def grown(formulation: str) -> dict[str, float]:
-    """The same as the command prints, measured in a new process."""
+    """What the command prints, measured in a new process."""
     done = subprocess.run([sys.executable, __file__, formulation], check=True, capture_output=True, text=True)
     found: dict[str, float] = json.loads(done.stdout)
     return found
 
 
 def _resident() -> int:
-    """Memory of this process now, bytes."""
+    """Current memory of this process, bytes."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize()
 
 
 def _highest() -> int:
-    """The most memory this process has had, bytes. Not getrusage's ru_maxrss, which begins at what the parent had."""
+    """Peak memory of this process, bytes. Not ru_maxrss of getrusage, which starts at the memory of the parent."""
     status = Path("/proc/self/status").read_text()
     return int(status.split("VmHWM:")[1].split()[0]) * 1024
 
 
 def _moved(formulation: str, cells: int) -> tuple[object, int, int]:
-    """A motion after some steps, a look and its measures, as `magmpm run` has it; its particles, and the bytes of its arrays."""
+    """A motion after some steps, one check and its measures, as in `magmpm run`; also its particles, and the bytes of its arrays."""
     from motion_rates import advance, scene
 
     from magmpm.dynamics.time_loop import begin, memory
@@ -54,7 +54,7 @@ def main(formulation: str) -> int:
 
     from magmpm.precompile import prepare_kernels
 
-    prepare_kernels(scene(formulation, cells=4))  # in other processes: a compiler's memory would be the peak of this one
+    prepare_kernels(scene(formulation, cells=4))  # in other processes: otherwise the memory of the compiler would be the peak
     kept, few, _ = _moved(formulation, 4)  # kernels, libraries
     del kept
     gc.collect()

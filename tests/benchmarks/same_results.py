@@ -1,9 +1,9 @@
-"""Every scene and study of data/: do two versions of magmpm give the same results?
+"""Compares the results of two versions of magmpm, for every scene and study of data/.
 
     python tests/benchmarks/same_results.py run FOLDER        run them with the magmpm that Python finds, into FOLDER
     python tests/benchmarks/same_results.py compare OLD NEW   print the largest difference of each; status 1 where one differs
 
-Numbers are compared bit for bit, or within `--tolerance` (relative to the largest number of the array). Times are left out.
+Numbers are compared bit for bit, or within `--tolerance` (relative to the largest number of the array). Times are ignored.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def compare(old: Path, new: Path, tolerance: float) -> int:
-    """Print a line a folder of results; 1 where one differs by more than the tolerance or is missing, else 0."""
+    """Print one line per results folder; return 1 if one differs by more than the tolerance or is missing, else 0."""
     bad = 0
     for folder in sorted(p for p in old.iterdir() if p.is_dir()):
         before, after = dict(numbers(folder)), dict(numbers(new / folder.name)) if (new / folder.name).exists() else {}

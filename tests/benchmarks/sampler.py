@@ -1,8 +1,8 @@
-"""What `make bench-sampler` prints: trials to 2 mm on both targets, for seeds 1 to 5.
+"""`make bench-sampler`: number of trials to reach 2 mm on both targets, for seeds 1 to 5.
 
     python tests/benchmarks/sampler.py [SAMPLER] [SEEDS]
 
-Every trial is a full solve at the study's resolution, without pictures; each study runs in a folder of its own, from nothing.
+Every trial is a full solve at the resolution of the study, without pictures; each study starts in a new folder.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What `make validate` prints: statics against every finite-element reference, over the cell size, with and without F-bar.
+"""`make validate`: statics against every finite-element reference, for several cell sizes, with and without F-bar.
 
     python tests/benchmarks/validate.py [fem_catheters.json]
 
@@ -24,7 +24,7 @@ CELLS = (3, 4, 6, 8)
 
 
 def uniform_mesh_problems(path: Path, like: dict[str, Problem]) -> dict[str, Problem]:
-    """The same scenes against the centrelines of an older file."""
+    """The same scenes against the centerlines of an older file."""
     found = {}
     for name, case in json.loads(path.read_text())["cases"].items():
         rows = 1e-3 * np.column_stack([case["s_mm"], case["centreline_mm"]])

@@ -1,8 +1,8 @@
-"""For every effect a scene in which it acts: what the contract of effects puts each of them through.
+"""For every effect a scene in which it acts, for the contract suite of effects.
 
-The usual scene is a short clamped catheter of two magnetized segments, and the effect at its first example's settings. SCENES has what an
-effect needs beyond that to do anything: a field, an obstacle that touches the body. An effect that does nothing in its scene fails the
-contract, so a new one that the usual scene does not wake up gets an entry here.
+The usual scene is a short clamped catheter of two magnetized segments, and the effect with the settings of its first example. SCENES
+adds what an effect needs to act: a field, or an obstacle that touches the body. An effect that does nothing in its scene fails the
+contract, so a new effect that does not act in the usual scene gets an entry here.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ field:
   uniform: [1 mT, 0 mT, 2 mT]
   dipole: {position: [16 mm, 2 mm, 4 mm], moment: [0.3 A*m^2, 0.2 A*m^2, -0.4 A*m^2]}
 """
-# What an effect's scene has beyond the usual one; {name} in it is a file of `box` that is written beside it.
+# What the scene of an effect adds to the usual one; {name} in it is a file of `box` that is written beside the scene.
 SCENES = {
     "magnetic_torque": "field: {uniform: [2 mT, -3 mT, 5 mT]}",
     "magnetic_force": NEAR_A_MAGNET + "effects: {magnetic_torque: {}, magnetic_force: {}}",  # which counts its energy
-    # The body begins 0.01 mm inside: as much as the scene's rules let pass, and they would refuse more.
+    # The body starts 0.01 mm inside: the most that the rules of scenes allow.
     "ground": "effects: {ground: {point: [0 mm, 0 mm, -1.99 mm], normal: [0.1, 0.05, 1], friction: 0.3}}",
     "walls": "effects: {walls: {tube: {radius: 1.99 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0 mm]]}, friction: 0.2}}",
-    "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",  # so viscous that its step is the shorter one
+    "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",  # so viscous that its time step is the shorter one
     "feed": """
 body: {catheter: {length: 8 mm, diameter: 4 mm, material: m, segments: [{}]}}
 effects: {feed: {speed: 20 mm/s, exit: 5 mm}}
@@ -72,7 +72,7 @@ MESHES = {"lower.stl": box((0, 0, -3), (4, 4, 0)), "upper.stl": box((0.3, 0, 0.1
 
 @dataclass(frozen=True)
 class Acting:
-    """An effect at work. model: its scene's; own: the effect's record and data; all: those of all the scene's effects, its own included."""
+    """An active effect. model: of its scene; own: record and data of the effect; all: those of all effects of the scene, with its own."""
 
     model: Model
     own: tuple[np.ndarray, ...]
@@ -80,7 +80,7 @@ class Acting:
 
 
 def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
-    """The scene in which an effect acts; with other settings of the effect where they are given, added to the scene's."""
+    """The scene in which an effect acts; given settings are added to those of the effect."""
     data = yaml.safe_load(USUAL) | yaml.safe_load(SCENES.get(key, "{}"))
     named = data.setdefault("effects", {})
     named.setdefault(key, (Effects.model_fields[key].examples or [{}])[0])
@@ -94,7 +94,7 @@ def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
 
 @cache
 def acting(key: str) -> Acting:
-    """The effect at work, on the body as it is made; a table of the body's shape is up to date."""
+    """The active effect on the undeformed body, with an up-to-date table of the shape of the body."""
     model = build(scene(key))
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
     effects.refresh(model.effects, model, x, F)
@@ -106,18 +106,18 @@ def acting(key: str) -> Acting:
 
 
 def hook(named: tuple[np.ndarray, ...], name: str) -> Any:
-    """One hook of an effect (its record and data) as a function of what comes after these; None where it has none."""
+    """One hook of an effect as a function of the arguments after its record and data; None if the effect lacks it."""
     function = hooks._registry[name].get(named[0].dtype.names) if named else None
     return None if function is None else lambda *given: function(named[0][0], named[1], *given)
 
 
 def having(*wanted: str) -> list[str]:
-    """Keys of the effects that have one of these hooks."""
+    """Keys of the effects that have at least one of these hooks."""
     return [key for key in KEYS if any(hook(acting(key).own, name) for name in wanted)]
 
 
 class Point:
-    """One of an acting effect's particles, in a random place beside its own and under a random strain."""
+    """One particle of an active effect, at a random place near its own and with a random strain."""
 
     def __init__(self, one: Acting, rng: np.random.Generator) -> None:
         model = one.model

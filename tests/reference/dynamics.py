@@ -1,7 +1,7 @@
-"""One explicit step in both formulations in plain NumPy, as the formulas stand: what the compiled kernels are compared with.
+"""One explicit step of both formulations in plain NumPy, written like the formulas: the reference for the compiled kernels.
 
-Everything is dense over the nodes of one box, and particle loops are written out: for small models only. Nothing is shared with the
-kernels but the model (particles, materials, splines at the start) and the effects' hooks.
+Everything is dense over the nodes of one box, and particle loops are explicit: for small models only. It shares with the kernels only
+the model (particles, materials, splines at the start) and the hooks of the effects.
 
 Total (grid in the undeformed body; c (nodes, 3) m displacement and v (nodes, 3) m/s velocity of each node):
 
@@ -34,12 +34,12 @@ from magmpm.bodies.grid import spline_weights
 from magmpm.effects import hooks
 from magmpm.model import Model
 
-# The rules of meeting, in cells, by docs/effects.md: not taken from the kernels, which are compared with them.
+# The rules of contact between components, in cells, from docs/effects.md; not imported from the kernels, which are compared with them.
 CLOSE, BESIDE = 0.5, 1.25
 
 
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
-    """One hook of every effect that has it, in the model's order: function(effect, data, *arguments)."""
+    """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments)."""
     for record, data in zip(model.effects[::2], model.effects[1::2], strict=True):
         function = hooks._registry[hook].get(record.dtype.names)
         if function is not None:
@@ -70,7 +70,7 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
 def particle_forces(
     model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stress P (n, 3, 3) Pa and force (n, 3) N on every particle, with all effects. dF (n, 3, 3) 1/s: rate of F."""
+    """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects. dF (n, 3, 3) 1/s: rate of F."""
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
         rho, f, contact = model.density[p], np.zeros(3), np.zeros(3)
@@ -100,7 +100,7 @@ class Total:
     def of(cls, model: Model) -> Total:
         shape = model.grid.nodes
         first = model.particles.cell.copy()
-        if model.clamped_face:  # node 0 is eliminated, and the first cell's stencil moved up by one
+        if model.clamped_face:  # node 0 is eliminated, and the stencil of the first cell is moved up by one
             first[:, 0] = np.maximum(first[:, 0], 1)
         n = len(first)
         N, dN = np.zeros((n, np.prod(shape))), np.zeros((3, n, np.prod(shape)))
@@ -129,7 +129,7 @@ class Total:
         return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN)
 
     def step(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement and velocity of the nodes a time dt later. Nodes without mass stay at rest."""
+        """Displacement and velocity of the nodes after a time dt. Nodes without mass stay at rest."""
         on = self.mass > 0
         after = np.zeros_like(v)
         after[on] = v[on] + dt * self.force(c, v, dt, step)[on] / self.mass[on, None]
@@ -143,7 +143,7 @@ class Total:
 class Updated:
     """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s of every particle.
 
-    Each piece (n,) of the body has a grid of its own; they meet as `meet` has it.
+    Each connected component of the body has its own grid; `meet` is the contact between components.
     """
 
     model: Model
@@ -160,13 +160,13 @@ class Updated:
         return cls(model, model.particles.position.copy(), np.zeros((n, 3)), eye, np.zeros((n, 3, 3)), np.zeros((n, 3, 3)))
 
     def step(self, dt: float, step: int = 0) -> None:
-        """Moves the particles on by a time dt, in place."""
+        """Advance the particles by a time dt, in place."""
         model, h = self.model, self.model.grid.spacing
         mass = model.density * model.particles.volume
         P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, dt, step)
         stress = model.particles.volume[:, None, None] * P @ self.F.transpose(0, 2, 1)  # V P F^T, N m
 
-        # The box: the cells of the particles, and from node 0's mirror inwards two more than needed.
+        # The box: the cells of the particles, and from the mirror of node 0 inward two more than needed.
         cell = np.floor((self.x - model.grid.origin) / h).astype(int)
         low = np.minimum(cell.min(axis=0), 0) - 2
         shape = tuple(np.maximum(cell.max(axis=0), 2) + 3 - low + 2)
@@ -221,11 +221,11 @@ class Updated:
 
 
 def meet(m: np.ndarray, v: np.ndarray, fixed: np.ndarray, one: tuple[int, ...], other: tuple[int, ...], h: np.ndarray) -> None:
-    """Two pieces at a node that both have mass at: where they touch and approach each other, both get their common velocity."""
+    """Two components at a node where both have mass: if they touch and approach each other, both get their common velocity."""
     slopes, apart = [], []
     for at in (one, other):
         steps = [np.array([0, *step]) for step in np.eye(3, dtype=int)]
-        rise = np.array([m[tuple(at + s)] - m[tuple(at - s)] for s in steps]) / 2  # a cell
+        rise = np.array([m[tuple(at + s)] - m[tuple(at - s)] for s in steps]) / 2  # one cell
         slopes.append(rise / h)
         apart.append(distance(m[at] / np.linalg.norm(rise)) if rise.any() else -1.5)
     if sum(apart) > CLOSE or abs(apart[0] - apart[1]) > BESIDE or (v[one] - v[other]) @ (slopes[1] - slopes[0]) <= 0:
@@ -239,9 +239,11 @@ def meet(m: np.ndarray, v: np.ndarray, fixed: np.ndarray, one: tuple[int, ...], 
 
 
 def distance(ratio: float) -> float:
-    """Cells from the surface of a half-space, -1.5 to 1.5, where its mass at a node is so many times the mass's central difference."""
+    """Distance in cells, -1.5 to 1.5, from the surface of a half-space, given the ratio of its mass at a node to the central difference of
+    mass.
+    """
 
-    def filled(t: float) -> float:  # of the node's spline, by its integral
+    def filled(t: float) -> float:  # filling of the node's spline, by its integral
         spline = BSpline.basis_element([-1.5, -0.5, 0.5, 1.5])
         return float(spline.integrate(max(t, -1.5), 1.5))
 
@@ -252,9 +254,9 @@ def distance(ratio: float) -> float:
 
 
 def anchor(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where particles at x (n, 3) m would be if the grid of the undeformed body carried their displacements, and F there, with F-bar.
+    """Drift correction: positions of particles at x (n, 3) m, and F with F-bar, after a fit with the grid of the undeformed body.
 
-    The displacements' least-squares fit, weighted by mass, with all splines of that grid; no node is held.
+    Least-squares fit of the displacements, weighted by mass, with all splines of that grid; no node is held.
     """
     xi, first = model.grid.locate(model.particles.position, model.particles.cell), model.particles.cell
     weights, slopes = spline_weights(xi), np.stack([xi - 1, 1 - 2 * xi, xi], -1) / model.grid.spacing[:, None]

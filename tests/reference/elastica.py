@@ -1,4 +1,4 @@
-"""Exact answers of rods that neither stretch nor shear, from quadratures and boundary-value problems: no rod model behind them.
+"""Exact solutions for rods that neither stretch nor shear, from quadratures and boundary-value problems, independent of the rod model.
 
 Lengths over L, angles in radians, s = 0 clamped.
 """
@@ -44,9 +44,9 @@ def elastica(load: float, field_angle: float) -> Elastica:
     """theta'' + load sin(phi - theta) = 0, theta(0) = 0, theta'(1) = 0, on the branch 0 < theta < phi.
 
     Multiplied by theta' it integrates once: theta'^2 = 2 load (cos(phi - theta_1) - cos(phi - theta)), theta_1 the
-    tip's angle. So length and positions are integrals over theta, and theta_1 is where the length is 1. With
-    theta = theta_1 - t^2 nothing is singular.
-    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi loads from pi^2/4 on have an answer.
+    tip's angle. So length and positions are integrals over theta, and theta_1 follows from length 1. The
+    substitution theta = theta_1 - t^2 removes the singularity.
+    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4.
     """
 
     def integral(weight: str, tip: float) -> float:
@@ -68,7 +68,7 @@ def elastica(load: float, field_angle: float) -> Elastica:
 
 
 def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
-    """Rod clamped horizontally, bent by its own weight: (m, 3) axial position, deflection downwards, angle.
+    """Horizontally clamped rod, bent by its own weight: (m, 3) axial position, downward deflection, angle.
 
     theta'' = -weight (1 - s) cos(theta), weight = rho g A L^3/(E I). Source: Timoshenko and Gere; Wang, Int. J. Mech. Sci. 28 (1986) 549.
     """
@@ -80,7 +80,7 @@ def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
     guess = np.zeros((4, len(mesh)))
     for part in (
         np.linspace(0.2, 1, 5) * weight
-    ):  # follow the load, so that it stays on the branch that grows from zero
+    ):  # continuation in the load, to stay on the branch that starts from zero
 
         def slope(s: np.ndarray, y: np.ndarray, part: float = part) -> np.ndarray:
             return np.stack([y[1], -part * (1 - s) * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])

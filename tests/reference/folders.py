@@ -1,4 +1,4 @@
-"""Folders of results that somebody else is writing."""
+"""Results folders that another process is writing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ with folder_lock(sys.argv[1]):
 
 @contextmanager
 def holding(folder: Path) -> Iterator[int]:
-    """Another process holds the folder, until the end or its death. Gives its number."""
+    """Another process holds the folder until the context ends or the process is killed. Yields its process number."""
     command = [sys.executable, "-c", _HOLDER, str(folder)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None

@@ -1,4 +1,4 @@
-"""Bodies set in motion for tests: started by hand, moved by the solver's own kernels, measured from outside."""
+"""Bodies in motion for tests: started by the test, moved by the kernels of the solver, measured independently."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def moving(scene: Scene, effects: Mapping[str, Any] | None = None, **dynamic: An
 
 
 def free_rod(effects: Mapping[str, Any] | None = None, formulation: str = "total", **rod: Any) -> Scene:
-    """A catheter that nothing holds, to be moved."""
+    """A free catheter for motion."""
     data = rod_scene(**rod).to_si()
     data["body"]["catheter"]["clamp"] = "none"
     return moving(Scene.from_si(data), effects, formulation=formulation)
 
 
 def set_off(scene: Scene, velocity: Velocity) -> tuple[Motion, float]:
-    """The undeformed body with velocity(x) (m, 3) m/s at points x (m, 3) m; and its chosen time step, s."""
+    """The undeformed body with velocity(x) (m, 3) m/s at points x (m, 3) m; and the chosen time step, s."""
     moved = begin(build(scene))
     motion = moved.motion
     if isinstance(motion, TotalMotion):
@@ -50,7 +50,7 @@ def set_off(scene: Scene, velocity: Velocity) -> tuple[Motion, float]:
 
 
 def advance(motion: Motion, steps: int, dt: float) -> None:
-    """So many steps, with the model's effects; sorted where that is due."""
+    """Take a number of steps with the effects of the model; particles are sorted when due."""
     taken = 0
     while taken < steps:
         gone, broken = motion.advance(steps - taken, dt, motion.model.effects)
@@ -67,7 +67,7 @@ class Quantities(NamedTuple):
 
 
 def quantities(motion: Motion) -> Quantities:
-    """Of the grid's nodes in the total formulation, of the particles in the updated one, the affine part of their motion included.
+    """From the nodes in the total formulation; from the particles in the updated one, including the affine part of their motion.
 
     Particle p's affine momentum is m C D with D = diag(h^2)/4 (Jiang et al., ACM Trans. Graph. 34 (2015) 51).
     """
@@ -89,7 +89,7 @@ def _quantities(mass: np.ndarray, x: np.ndarray, v: np.ndarray) -> Quantities:
 
 
 def tip_height(model: Model) -> Callable[[np.ndarray], float]:
-    """Measures the mean z of the particles of the last cell along x."""
+    """A function that measures the mean z of the particles in the last cell along x."""
     last = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
     share = model.particles.volume * last
     share /= share.sum()
@@ -100,7 +100,7 @@ FIRST = 1.8751040687119611  # first root of cos(z) cosh(z) = -1
 
 
 def cantilever_mode(x: np.ndarray, length: float) -> np.ndarray:
-    """First mode of an Euler-Bernoulli cantilever, 2 at its tip; x (m,) m from the clamp, 0 before it."""
+    """First mode of an Euler-Bernoulli cantilever, with the value 2 at its tip; x (m,) m from the clamp, 0 for negative x."""
     z = FIRST * np.clip(x, 0.0, None) / length
     s = (np.sinh(FIRST) - np.sin(FIRST)) / (np.cosh(FIRST) + np.cos(FIRST))
     return np.cosh(z) - np.cos(z) - s * (np.sinh(z) - np.sin(z))
@@ -133,7 +133,7 @@ def timoshenko(length: float, radius: float, young: float, shear: float, density
 
 
 def angular_frequency(times: np.ndarray, height: np.ndarray) -> float:
-    """Of a swing about zero, 1/s, from its first zero to its last."""
+    """Angular frequency (1/s) of an oscillation about zero, from its first zero to its last."""
     i = np.flatnonzero(height[:-1] * height[1:] < 0)
     zero = times[i] - height[i] * (times[i + 1] - times[i]) / (height[i + 1] - height[i])
     return float(np.pi * (len(zero) - 1) / (zero[-1] - zero[0]))

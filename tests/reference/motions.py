@@ -1,4 +1,4 @@
-"""Motions known in closed form, written as a run would: for tests of what a motion leaves behind and how it is drawn."""
+"""Motions in closed form, written like those of a run, for tests of the files and pictures of a motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LENGTH, DIAMETER, SHEAR, DENSITY = 0.04, 0.004, 120e3, 1882.0
 
 @dataclass(frozen=True)
 class Moment:
-    """What a solver hands to MotionWriter.frame. SI units."""
+    """The data that a solver passes to MotionWriter.frame. SI units."""
 
     time: float
     x: Array
@@ -31,7 +31,9 @@ class Moment:
 
 
 def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
-    """A model-like catheter of LENGTH and DIAMETER along +x: particles of that spacing (m), magnetized along x, y, x, ..."""
+    """A stand-in for the model of a catheter of LENGTH and DIAMETER along +x: particles with this spacing (m), magnetized along x, y, x,
+    ...
+    """
     along = (np.arange(round(LENGTH / spacing)) + 0.5) * spacing
     across = (np.arange(round(DIAMETER / spacing)) + 0.5) * spacing - DIAMETER / 2
     X = np.stack([grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij")], axis=1)
@@ -44,7 +46,7 @@ def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
 def bending(
     model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4
 ) -> Iterator[Moment]:
-    """Circular bending in the x-z plane, curvature most sin(2 pi t / period) (1/m): sections stay plane and of their shape."""
+    """Circular bending in the x-z plane with the curvature most sin(2 pi t / period) (1/m): sections stay plane and undistorted."""
     X = model.particles.position
     V = model.particles.volume
     for time in times:
@@ -81,7 +83,7 @@ def bending(
 
 
 def bent(X: Array, curvature: float) -> tuple[Array, Array]:
-    """Positions (n, 3) m and deformation gradients (n, 3, 3) of a rod along +x bent to a circle in the x-z plane."""
+    """Positions (n, 3) m and deformation gradients (n, 3, 3) of a rod along +x that is bent to a circle in the x-z plane."""
     k = curvature if abs(curvature) > 1e-9 else 1e-9
     s, z = X[:, 0], X[:, 2]
     sin, cos = np.sin(k * s), np.cos(k * s)
@@ -94,7 +96,7 @@ def bent(X: Array, curvature: float) -> tuple[Array, Array]:
 
 
 def write(writer: MotionWriter, moments: Iterator[Moment]) -> None:
-    """Hand moments to a writer."""
+    """Pass moments to a writer."""
     for m in moments:
         writer.frame(m.time, m.x, m.v, m.F, m.P, m.energies, m.contacts, m.field)
 

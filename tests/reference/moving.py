@@ -1,4 +1,4 @@
-"""Scenes in motion for tests, and a motion followed moment by moment."""
+"""Dynamic scenes for tests, and motions recorded at given times."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def moving_scene(
     duration: float = 1.0,
     **more: Any,
 ) -> Scene:
-    """A body of one material, m, in SI. more: other keys of the scene."""
+    """A scene with a body of one material, `m`, in SI. more: other keys of the scene."""
     material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": DENSITY, "remanence": BR}
     return Scene.from_si(
         {
@@ -48,7 +48,7 @@ def moving_scene(
 
 
 def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
-    """A free block of this size (m) that stands on z = 0, unless said otherwise."""
+    """A free block of this size (m); by default it stands on z = 0."""
     length, width, thickness = size
     return {
         "strip": {
@@ -76,7 +76,7 @@ NEUTRAL = (
 
 
 def filled(model: Model) -> Model:
-    """The model with the effects of motion it lacks as well, at strengths that do nothing: one kernel serves many tests."""
+    """The model plus the missing effects of motion at zero strength, so that one compiled kernel serves many tests."""
     having = {model.effects[k].dtype.names: model.effects[k : k + 2] for k in range(0, len(model.effects), 2)}
     named = [having.pop(neutral[0].dtype.names, neutral) for neutral in NEUTRAL]
     assert not having, "NEUTRAL knows them all"
@@ -96,7 +96,7 @@ class Moment:
 def follow(
     scene: Scene | Model, times: Sequence[float], motion: TotalMotion | UpdatedMotion | None = None
 ) -> Iterator[Moment]:
-    """The motion from rest (or as `motion` stands) at each of the times (s)."""
+    """The moments at the given times (s), from rest or from the state of `motion`."""
     model = filled(scene if isinstance(scene, Model) else build(scene))
     begun = begin(model)
     motion = begun.motion if motion is None else motion

@@ -1,10 +1,10 @@
-"""The three MPM steps of a static model in plain NumPy, as the formulas stand: what the compiled kernels are
-compared with.
+"""The three MPM steps of a static model in plain NumPy, written like the formulas: the reference for the
+compiled kernels.
 
-Nothing is shared with the kernels but the particles, the materials and which node is which unknown. Splines
-come from SciPy's B-splines on the whole grid, the clamp is a rule on their coefficients (node 0 is minus node
-1, so that u = 0 on the face), and F-bar is a weighted least-squares fit, cell by cell. Everything is dense:
-for small models only.
+It shares with the kernels only the particles, the materials and the numbering of unknowns. Splines are SciPy's
+B-splines on the whole grid, the clamp is a condition on their coefficients (node 0 is minus node 1, so that
+u = 0 on the face), and F-bar is a weighted least-squares fit in each cell. Everything is dense: for small
+models only.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.statics.layout import StaticModel
 
-LINEAR_STIFFNESS = 5.0  # of G, by docs/design.md: not taken from the model, which is compared with it
+LINEAR_STIFFNESS = 5.0  # times G, from docs/design.md; not imported from the model, which is compared with it
 
 
 def spline_matrix(x: np.ndarray, origin: float, h: float, cells: int, derivative: int = 0) -> np.ndarray:
@@ -67,17 +67,17 @@ class Reference:
         return self.N @ c, np.eye(3) + np.einsum("ak,jna->nkj", c, self.dN)
 
     def cells(self) -> list[np.ndarray]:
-        """Particles of each cell: those that share a grid cell and a segment."""
+        """The particles of each cell, which share a grid cell and a segment."""
         p = self.model.particles
         key = np.column_stack([p.cell, p.segment])
         _, inverse = np.unique(key, axis=0, return_inverse=True)
         return [np.flatnonzero(inverse == k) for k in range(inverse.max() + 1)]
 
     def volume_stiffness(self) -> np.ndarray:
-        """Q (n, n) N m of the volume energy (J - 1)^T Q (J - 1) / 2, J the particles' det F.
+        """Q (n, n) N m of the volume energy (J - 1)^T Q (J - 1) / 2, with J = det F of the particles.
 
-        Plain: K V on the diagonal. F-bar: J is fitted over each cell by a linear function, least squares under the particles'
-        volumes; its mean costs K, its variation at most LINEAR_STIFFNESS G, what it leaves costs nothing.
+        Plain: K V on the diagonal. F-bar: a linear function is fitted to J in each cell, by least squares weighted with the volumes.
+        Its mean has the stiffness K, its variation at most LINEAR_STIFFNESS G, the residual of the fit none.
         """
         model = self.model
         V, G, K = model.particles.volume, model.shear, model.bulk
@@ -97,7 +97,7 @@ class Reference:
         return Q
 
     def energy_parts(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Energy (n,) J of each particle, of which only sums over whole cells mean something, and its det F."""
+        """Energy (n,) J of each particle, and its det F. Only sums of the energy over whole cells are meaningful."""
         model = self.model
         u, F = self.gather(c)
         J = np.linalg.det(F)
@@ -149,8 +149,7 @@ class Reference:
 
 
 def loads(model: StaticModel) -> tuple[np.ndarray, np.ndarray]:
-    """Field (3,) T and acceleration (3,) m/s^2 of the effects the model's scene names; zeros for those it
-    does not.
+    """Field (3,) T and acceleration (3,) m/s^2 of the effects that the scene names; zero for the others.
     """
     named = model.scene.effects
     B = np.zeros(3) if named.magnetic_torque is None else np.array(model.scene.field.uniform)

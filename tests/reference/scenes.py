@@ -1,4 +1,4 @@
-"""Scenes for tests, built from a few numbers in SI."""
+"""Scenes for tests, built from a few SI values."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def rod_scene(
     anti_locking: str = "f-bar",
     **static: Any,
 ) -> Scene:
-    """A clamped catheter. shear: one value, or one a segment; field (3,) T, gravity (3,) m/s^2: None leaves
-    the effect out.
+    """A clamped catheter. shear: one value, or one per segment; field (3,) T, gravity (3,) m/s^2: None
+    omits the effect.
     """
     moduli = np.broadcast_to(np.asarray(shear, dtype=float), (len(directions),)).tolist()
     segments: list[dict[str, Any]] = [
@@ -82,8 +82,8 @@ def rod_scene(
 def field_for_load(
     load: float, angle: float, *, length: float, diameter: float, bulk_to_shear: float = 20.0
 ) -> np.ndarray:
-    """Field (3,) T at `angle` to +x, in the x-z plane, for which a solid rod along its axis has this elastica
-    load.
+    """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this
+    elastica load.
 
     load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2.
     """

@@ -1,4 +1,4 @@
-"""Closed meshes made from formulas, for tests of STL parts."""
+"""Closed meshes from formulas, for tests of STL parts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Me
 
 
 def ball(centre: tuple[float, float, float], radius: float, rings: int = 12) -> Mesh:
-    """A ball of rings of triangles between two poles."""
+    """A ball made of rings of triangles between two poles."""
     polar = np.pi * np.arange(1, rings) / rings
     around = np.pi * np.arange(2 * rings) / rings
     p, a = np.meshgrid(polar, around, indexing="ij")
@@ -35,7 +35,7 @@ def ball(centre: tuple[float, float, float], radius: float, rings: int = 12) -> 
 
 
 def turned(mesh: Mesh, axis: tuple[float, float, float], angle: float) -> Mesh:
-    """The mesh turned about the origin (Rodrigues' formula)."""
+    """The mesh rotated about the origin (Rodrigues' formula)."""
     k = np.array(axis) / np.linalg.norm(axis)
     K = np.cross(np.eye(3), k)
     R = np.eye(3) + np.sin(angle) * -K + (1 - np.cos(angle)) * K @ K

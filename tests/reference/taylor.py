@@ -1,4 +1,4 @@
-"""Taylor tests: a derivative is right when the remainder falls at the order that the first missing term has."""
+"""Taylor tests: a derivative is correct if the remainder falls with the order of the first missing term."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A study in a process of its own, which a test can kill in the middle of a trial.
+"""A study in a separate process, which a test can kill in the middle of a trial.
 
-python interruptible.py STUDY OUT SAMPLER [N WHERE]: stops for good in the N-th trial of this process (from 1), at WHERE: before its
-solve ("solve"), or after its picture and attributes, when only its value is missing ("tell"); then OUT/waiting exists.
+python interruptible.py STUDY OUT SAMPLER [N WHERE]: stops in the N-th trial of this process (from 1), at WHERE: before its
+solve ("solve"), or after its picture and attributes, when only its value is missing ("tell"). Then OUT/waiting exists.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from studies.trial import Trial
 
 
 def draw(result: RodResult, path: Path, trial: Trial) -> Path:
-    """Something that looks like a picture's file."""
+    """Writes a stand-in for a picture file."""
     path.write_bytes(f"trial {trial.number} rms {trial.rms_m}".encode())
     return path
 

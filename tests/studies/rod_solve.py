@@ -1,4 +1,4 @@
-"""A solve in milliseconds for tests of studies: the rod in place of the solver, with a result that can be kept."""
+"""A solve in milliseconds for tests of studies: the rod model instead of the solver, with a result that can be stored."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ seed: 3
 
 @dataclass
 class RodResult:
-    """As much of a Result as a study uses."""
+    """The part of a Result that a study uses."""
 
     scene: dict[str, Any]
     centreline: Array
@@ -66,11 +66,11 @@ class RodResult:
 
 
 def solve(scene: Scene) -> RodResult:
-    """The scene's rod, as a result."""
+    """Solves the rod model of the scene."""
     shape = solve_rod(scene, elements=20)
     s = np.linspace(
         0.0, scene.body.catheter.length, 41
-    )  # rows at cells' faces and middles, as measures want them
+    )  # rows at the faces and centers of cells, as the measures require
     return RodResult(scene.to_si(), np.column_stack([s, shape.at(s)]), iterations=shape.iterations)
 
 

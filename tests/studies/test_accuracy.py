@@ -1,4 +1,4 @@
-"""The ladder's errors have the length as their unit, and go by the finest cells or the reference."""
+"""Errors of `magmpm accuracy` are relative to the length, and refer to the finest cells or to the reference."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from studies.accuracy import climb
 
 
 def off(scene: Scene) -> RodResult:
-    """A rod's result that is 0.16 mm off, over the number of cells squared; no time."""
+    """The result of a rod with an error of 0.16 mm over the squared number of cells; no time."""
     found = solve(scene)
     cells = scene.resolution.cells_across
     found.centreline[:, 3] += 0.16e-3 / cells**2 * found.centreline[:, 0] / 40e-3
@@ -23,7 +23,7 @@ def off(scene: Scene) -> RodResult:
 
 
 def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
-    """40 mm: 0.04 mm off at 2 cells, 0.01 at 4; at 4 mm of thickness they would be ten times as much."""
+    """40 mm: an error of 0.04 mm at 2 cells, 0.01 at 4; relative to the thickness of 4 mm they would be ten times as large."""
     write_study(tmp_path)
     scene = load_scene(tmp_path / "scene.yaml")
     shape = solve(scene).centreline
@@ -37,6 +37,6 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     text = (tmp_path / "scene.yaml").read_text() + "reference: {centreline: reference.csv}\n"
     (tmp_path / "scene.yaml").write_text(text)
     ladder = climb(load_scene(tmp_path / "scene.yaml"), off, (2, 4))
-    rows = 1e-4  # the table has some digits only: 4e-9 m of the smallest error
+    rows = 1e-4  # the table has few digits: 4e-9 m of the smallest error
     np.testing.assert_allclose([rung.error_reference for rung in ladder.rungs], [1e-3, 0.25e-3], rtol=10 * rows)
     assert ladder.order_reference == pytest.approx(2.0, abs=0.01)

@@ -1,4 +1,4 @@
-"""The best design of a study is a scene file that runs, wherever it is run from, and gives what the trial gave."""
+"""The best design of a study is a scene file that runs from any folder and reproduces the result of the trial."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ BOX = Mesh(
 
 
 def best_of(folder: Path, text: str = STUDY, scene: str = SCENE) -> tuple[StudyReport, Path]:
-    """A study's report and the scene file of its best design."""
+    """The report of a study and the scene file of its best design."""
     report = run_study(load_study(write_study(folder, text, scene)), solve=solve, out=folder / "out")
     return report, folder / "out/best/scene.yaml"
 
 
 def same_answer(report: StudyReport, file: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
-    """The scene of the file, read from another folder; its rod ends where the trial's did."""
+    """Reads the scene from another folder and checks that its rod has the same tip as in the trial."""
     monkeypatch.chdir("/")
     scene = load_scene(file.resolve())
     study = load_study(file.parents[2] / "probe.yaml")
@@ -44,7 +44,7 @@ def same_answer(report: StudyReport, file: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_magnetisation_found_is_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its header says what it is; its result equals the trial's; segments without a magnet stay without."""
+    """Its header describes it; its result equals that of the trial; unmagnetized segments stay unmagnetized."""
     report, file = best_of(tmp_path, scene=SCENE.replace("      - magnetization: [0, 0, 1]\n", "      - {}\n"))
     text = file.read_text()
     assert text.startswith(f"# The best design of the study probe: trial {report.best['number']}, rms ")
@@ -64,7 +64,7 @@ def test_field_found_is_in_the_file_and_other_sources_stay(tmp_path: Path, monke
 
 
 def test_relative_paths_are_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A mesh, a table of a tube, a reference: each is found from the new file's folder."""
+    """A mesh, the table of a tube, a reference: each is found from the folder of the new file."""
     write_stl(BOX, tmp_path / "vessel.stl")
     s = np.linspace(0, 0.04, 5)
     write_centreline(tmp_path / "known.csv", np.column_stack([s, s, 0 * s, 0 * s]))
@@ -77,7 +77,7 @@ def test_relative_paths_are_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_every_key_that_names_a_file_is_known() -> None:
-    """A key that the schema calls a path must be one of those that are mended."""
+    """Every key that is a path in the schema must be among those that are rewritten."""
     named = set()
 
     def look(part: Any, key: str = "") -> None:
@@ -95,7 +95,7 @@ def test_every_key_that_names_a_file_is_known() -> None:
 
 
 def test_a_later_better_trial_takes_its_place(tmp_path: Path) -> None:
-    """So does one that was deleted, or that a user changed: it is the study's file."""
+    """The file is also written again if it was deleted or changed by a user: it belongs to the study."""
     first, file = best_of(tmp_path, STUDY.replace("trials: 8", "trials: 1"))
     before = file.read_text()
     study = load_study(tmp_path / "probe.yaml")

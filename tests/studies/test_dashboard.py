@@ -44,7 +44,7 @@ def address(out: Path) -> Iterator[str]:
     try:
         assert child.stderr is not None
         assert child.stderr.readline() == f"http://127.0.0.1:{port} shows {out}; Ctrl-C ends it\n"
-        urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60).close()  # at once: it is said when it is so
+        urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60).close()  # immediately: the message comes when the server is ready
         until = time.monotonic() + 60
         while True:
             assert child.poll() is None, "the server ended"
@@ -95,7 +95,7 @@ def test_numbers_are_shown(address: str) -> None:
 
 
 def test_a_port_in_use_is_refused(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And nothing is said to be shown there."""
+    """No address is announced."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -108,7 +108,7 @@ def test_a_port_in_use_is_refused(out: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It would be shown empty, and an empty database left behind."""
+    """Otherwise an empty study would be shown, and an empty database created."""
     report = json.loads((out / "study.json").read_text())
     report["storage"] = f"sqlite:///{tmp_path}/gone.db"
     (tmp_path / "study.json").write_text(json.dumps(report))

@@ -1,4 +1,4 @@
-"""What counts as the same study: everything that decides its trials and their values, and nothing else."""
+"""A study is defined by exactly what determines its trials and their values."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_schema_knows_what_is_wrong() -> None:
         ("# a remark\n" + STUDY.replace("{centreline: target.csv}", "\n  centreline: ./target.csv"), SCENE),
         (STUDY, SCENE.replace("name: five segments", "name: another name")),
         (STUDY, SCENE.replace("length: 40 mm", "length: 4 cm").replace("120 kPa", "0.12 MPa")),
-        (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 1, 0]")),  # where the search starts from is not used
+        (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 1, 0]")),  # the start of the search is not used
     ],
     ids=["trials", "stop", "layout", "name", "units", "varied magnetisation"],
 )

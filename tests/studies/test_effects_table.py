@@ -1,4 +1,4 @@
-"""`magmpm effects`: what each effect would do to a scene, from estimates, and what it costs a step."""
+"""`magmpm effects`: the estimated influence of each effect on a scene, and its cost per step."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def rows(scene: Scene) -> dict[str, Row]:
 
 
 def having(scene: Scene, **settings: dict[str, Any]) -> Scene:
-    """The scene with effects of motion as well, past the rule that statics has no use for them."""
+    """The scene with effects of motion, without the rule that statics refuses them."""
     named = validate(Effects, settings, "example.yaml")
     more = {key: getattr(named, key) for key in settings}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=more)})
 
 
 def test_every_effect_has_its_row() -> None:
-    """In the order of the phases; marked where the scene names it; and each file says something of its own."""
+    """Rows in the order of the phases, marked if the scene names the effect; every effect has its own text."""
     table = survey(rod_scene(field=FIELD), measure=False)
     assert [row.effect for row in table.rows] == list(effects.every())
     assert [row.effect for row in table.rows if row.named] == ["magnetic_torque"]
@@ -44,7 +44,7 @@ def test_every_effect_has_its_row() -> None:
 
 
 def test_shifts_are_the_rods() -> None:
-    """Of a named effect, without it; of one not named, with it."""
+    """A named effect is estimated without it; an effect that is not named, with it."""
     scene = rod_scene(field=FIELD)
     found = rows(scene)
     named, bare = solve_rod(scene).position, solve_rod(scene.with_effects(magnetic_torque=None)).position
@@ -55,7 +55,7 @@ def test_shifts_are_the_rods() -> None:
 
 
 def test_damping_is_advised_from_the_first_frequency() -> None:
-    """Twice 3.516 sqrt(E I / (rho A L^4)): 60 /s for the catheter of DESIGN section 8."""
+    """Twice 3.516 sqrt(E I / (rho A L^4)): 60 /s for this catheter."""
     says = rows(rod_scene())["damping"].says
     E = young_modulus(G, 20 * G)
     frequency = 3.516 * np.sqrt(E * (4e-3) ** 2 / 16 / 1882) / (40e-3) ** 2
@@ -63,7 +63,7 @@ def test_damping_is_advised_from_the_first_frequency() -> None:
 
 
 def test_obstacles_are_looked_for_at_rest() -> None:
-    """The resting body, were the obstacle not there, against plane and tube: by the tip's deflection and the radius."""
+    """The equilibrium without the obstacle, compared with plane and tube: by the deflection of the tip and the radius."""
     scene = rod_scene(gravity=DOWN)
     low = solve_rod(scene).position[:, 2].min()
     plane = {"ground": {"point": ["0 mm", "0 mm", "-5 mm"]}}
@@ -78,8 +78,8 @@ def test_obstacles_are_looked_for_at_rest() -> None:
 
 
 def test_costs_are_measured_for_what_has_a_part_in_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of three effects (each compiles a kernel). A wall that a third of the particles is near costs 75 to 112 % of a step; what is cheap is
-    within the 15 % by which steps differ from one process to another."""
+    """For three effects (each compiles a kernel). A wall near a third of the particles costs 75 to 112 % of a step; cheap effects are
+    within the 15 % by which steps differ between processes."""
     three = {key: effects.module_of(key) for key in ("damping", "walls", "self_contact")}
     monkeypatch.setattr(effects, "every", lambda: three)
     tube = {"radius": "2.1 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
@@ -128,7 +128,7 @@ def in_field(over_time: dict[str, Any], uniform: tuple[float, ...] = FIELD) -> S
     ],
 )  # fmt: skip
 def test_a_field_without_end_is_judged_at_its_strongest(over_time: dict[str, Any], uniform: tuple[float, ...], says: str) -> None:
-    """Turned across the body, at the top of its swing: what a field of 3 mT across it does that stands still."""
+    """The field transverse to the body, at its maximum, has the effect of a constant transverse field of 3 mT."""
     table = survey(in_field(over_time, uniform), measure=False)
     assert table.moment is not None
     assert says in table.moment
@@ -148,7 +148,7 @@ def test_a_field_that_ends_has_no_moment() -> None:
 
 
 def test_why_an_effect_is_not_known_is_said_in_whole_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rule, rather than a value that is cut where it gets long."""
+    """The message gives the rule, not a truncated value."""
 
     def refused(*_: object) -> None:
         Scene.from_si({**rod_scene().to_si(), "name": "x" * 200})
@@ -157,7 +157,7 @@ def test_why_an_effect_is_not_known_is_said_in_whole_words(monkeypatch: pytest.M
     assert rows(rod_scene())["gravity"].says == "not known: must have 100 or fewer characters"
 
 
-# what estimates of rest can't know
+# what estimates of the equilibrium ignore
 
 
 MEASURED = "to measure, compare `magmpm run` with and without it"
@@ -170,7 +170,7 @@ def moving(effects: dict[str, Any], **more: Any) -> dict[str, Row]:
 
 
 def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[str]) -> None:
-    """In the run they lift the fed catheter's tip by 5.5 mm: said as not estimated, for people and in JSON, with what measures it."""
+    """In the run they lift the tip of the fed catheter by 5.5 mm: reported as not estimated, in the table and in JSON, with the remedy."""
     path = str(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
     assert main(["effects", path, "--quick", "--json"]) == 0
     told = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
@@ -194,7 +194,7 @@ def test_a_fed_body_that_meets_no_wall_straight_ahead_may_still_bend() -> None:
 
 
 def test_a_body_that_may_touch_as_it_swings_is_not_called_clear() -> None:
-    """Rest 5 mm below the axis: ground 3 mm below that is met by a swing of twice the way; 30 mm below it is not."""
+    """The equilibrium is 5 mm below the axis: a swing of twice that reaches the ground 3 mm further down, but not 30 mm."""
     low = -float(solve_rod(rod_scene(gravity=DOWN, shear=240e3)).position[:, 2].min())
     assert 3e-3 < low < 12e-3
     near, far = (moving({"gravity": {}, "ground": {"point": [0, 0, -low - 2e-3 - gap]}}) for gap in (3e-3, 30e-3))
@@ -226,7 +226,7 @@ def test_a_field_that_has_ended_is_not_one_that_does_nothing() -> None:
 
 
 def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A tube that the body is not in, and can't reach: `run` refuses it, and so does the table, by file and line."""
+    """A tube that does not contain the body and is out of its reach: `run` and the table refuse it, with file and line."""
     path = tmp_path / "scene.yaml"
     path.write_text(FAR_TUBE)
     for command in (["effects", str(path), "--quick"], ["run", str(path), "--out", str(tmp_path / "out")]):

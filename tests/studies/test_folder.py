@@ -17,7 +17,7 @@ from studies.engine import run_study
 
 
 def test_another_study_is_refused_in_the_same_folder(tmp_path: Path) -> None:
-    """Their pictures and improvements would mix; the message names both and says what to do."""
+    """Their pictures and improvements would be mixed; the message names both and gives the remedy."""
     path = write_study(tmp_path)
     run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=1)
     other = path.with_name("other.yaml")
@@ -30,7 +30,7 @@ def test_another_study_is_refused_in_the_same_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00"])
 def test_a_damaged_name_of_the_study(content: bytes, tmp_path: Path) -> None:
-    """An empty file says nothing, and is written anew; one of other bytes is no study's name."""
+    """An empty file is written again; a file with other bytes is refused."""
     study = load_study(write_study(tmp_path))
     run_study(study, solve=solve, out=tmp_path / "out", trials=1)
     (tmp_path / "out/study-name.txt").write_bytes(content)
@@ -42,7 +42,7 @@ def test_a_damaged_name_of_the_study(content: bytes, tmp_path: Path) -> None:
 
 
 def test_a_damaged_best_result_is_made_again(tmp_path: Path) -> None:
-    """A study that is done repairs what it holds of its best trial."""
+    """A finished study repairs the files of its best trial."""
     study = load_study(write_study(tmp_path))
     run_study(study, solve=solve, out=tmp_path / "out", trials=2)
     saved = tmp_path / "out/best/result.json"
@@ -76,7 +76,7 @@ DAMAGES = [
 
 @pytest.mark.parametrize(("name", "damage"), DAMAGES)
 def test_a_damaged_design_is_made_again(name: str, damage: Callable[[Path], None], tmp_path: Path) -> None:
-    """Best and improvements: a study goes on, and repairs what can be solved again."""
+    """Best and improvements: a study continues, and repairs what can be solved again."""
     study = load_study(write_study(tmp_path))
     out = tmp_path / "out"
     run_study(study, solve=solve, out=out, trials=4)
@@ -122,7 +122,7 @@ def test_a_deleted_or_empty_database_is_not_begun_anew_over_its_designs(tmp_path
 
 
 def test_another_database_is_refused_over_the_designs_of_the_first(tmp_path: Path) -> None:
-    """Whether it is new, or has a study of this name with other trials; the first may be named, and the folder moved."""
+    """It may be new, or contain a study of this name with other trials; naming the first database or moving the folder is accepted."""
     study, out = load_study(write_study(tmp_path)), tmp_path / "out"
     run_study(study, solve=solve, out=out, trials=4)
     new, other = f"sqlite:///{tmp_path}/new.db", f"sqlite:///{tmp_path}/other.db"

@@ -1,4 +1,4 @@
-"""A study that is killed and run again is the same study: numbers, parameters, values, pictures."""
+"""A study that is killed and continued is the same study: numbers, parameters, values, pictures."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def trials_of(out: Path) -> list[optuna.trial.FrozenTrial]:
 
 
 def same(one: list[optuna.trial.FrozenTrial], other: list[optuna.trial.FrozenTrial]) -> None:
-    """Asserts that two studies are the same to the last bit: the rod is deterministic, and so is the search."""
+    """Asserts that two studies are identical bit for bit: rod and search are deterministic."""
     assert [t.number for t in one] == [t.number for t in other]
     assert {t.state for t in [*one, *other]} == {optuna.trial.TrialState.COMPLETE}
     assert [t.params for t in one] == [t.params for t in other]
@@ -55,7 +55,7 @@ def same(one: list[optuna.trial.FrozenTrial], other: list[optuna.trial.FrozenTri
 
 
 def kill_in_trial(study: Path, out: Path, sampler: str, at: int, where: str) -> None:
-    """Runs the study in a process and kills that process where it stands still."""
+    """Runs the study in a process and kills that process where it waits."""
     command = [sys.executable, str(HERE / "interruptible.py"), str(study), str(out), sampler, str(at), where]
     child = subprocess.Popen(command)
     try:
@@ -86,7 +86,7 @@ def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: P
 @samplers
 @pytest.mark.parametrize("where", ["solve", "tell"])
 def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: str, tmp_path: Path) -> None:
-    # 23 trials: CMA-ES (population 10) ends its second generation, TPE is past its random trials
+    # 23 trials: CMA-ES (population 10) has finished its second generation, TPE its random trials
     path = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 23"))
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     run_study(load_study(path), solve=solve, picture=draw, out=whole, sampler=sampler)
@@ -102,14 +102,14 @@ def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: 
 
 
 def pictures(out: Path, trial: optuna.trial.FrozenTrial) -> list[bytes]:
-    """The contents of a trial's artifacts."""
+    """The contents of the artifacts of a trial."""
     storage = optuna.storages.RDBStorage(f"sqlite:///{out}/study.db")
     known = optuna.artifacts.get_all_artifact_meta(trial, storage=storage)
     return [(out / "artifacts" / meta.artifact_id).read_bytes() for meta in known]
 
 
 def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
-    """--trials counts all trials, so a study may be run in any number of parts."""
+    """--trials counts all trials, so a study may be run in any number of sessions."""
     path = write_study(tmp_path)
     run_study(load_study(path), solve=solve, out=tmp_path / "whole", sampler="tpe")
     for trials in (1, 2, 6, 8):
@@ -154,7 +154,7 @@ def test_what_is_done_does_nothing(tmp_path: Path) -> None:
 
 
 def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
-    """The reason names trial and remedy; a number of trials that is asked for is run, past `stop`."""
+    """The reason names trial and remedy; a requested number of trials is run, even past `stop`."""
     path = write_study(tmp_path, STUDY + "stop: {rms: 30 mm}\n")  # any catheter is within 30 mm
     first = run_study(load_study(path), solve=solve, out=tmp_path / "out")
     assert (first.trials, first.ended, first.first_trial_below_stop) == (1, "stop", 0)

@@ -1,4 +1,4 @@
-"""Parameters and the designs they stand for; how TPE chooses among them."""
+"""Parameters and their designs, and the choices of TPE."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def space_of(folder: Path, text: str = STUDY, scene: str | None = None) -> Searc
 
 
 def test_angles_mean_what_they_are_called() -> None:
-    """along lifts toward the tip (+x); around turns about the axis, from +y toward +z."""
+    """`along` raises toward the tip (+x); `around` rotates about the axis, from +y toward +z."""
     tight = {"rtol": 0, "atol": 1e-15}  # rounding of sines and cosines
     np.testing.assert_allclose(direction(around=0, along=0), [0, 1, 0], **tight)
     np.testing.assert_allclose(direction(around=90, along=0), [0, 0, 1], **tight)
@@ -37,7 +37,7 @@ def test_angles_mean_what_they_are_called() -> None:
 def test_angles_and_directions_are_inverse(around: float, along: float) -> None:
     vector = direction(around, along)
     assert np.linalg.norm(vector) == pytest.approx(1, abs=1e-15)
-    # a tenth of a degree from the pole, rounding in the vector counts 600-fold in the azimuth
+    # at a tenth of a degree from the pole, rounding errors of the vector are 600 times larger in the azimuth
     np.testing.assert_allclose(direction(*angles(vector)), vector, rtol=0, atol=1e-12)
 
 
@@ -97,7 +97,7 @@ def test_designs_and_parameters_are_inverse(text: str, tmp_path: Path, rng: np.r
 
 
 def test_tpe_begins_with_four_bends_that_surround_the_catheter(tmp_path: Path) -> None:
-    """All segments alike, in the corners of a regular tetrahedron: their sum is zero, and each pair is 109.5 degrees apart."""
+    """All segments equal, toward the corners of a regular tetrahedron: their sum is zero, and each pair is 109.5 degrees apart."""
     space = space_of(tmp_path)
     corners = []
     study = optuna.create_study()
@@ -116,7 +116,7 @@ def test_tpe_begins_with_four_bends_that_surround_the_catheter(tmp_path: Path) -
 def test_tpe_stays_in_bounds_and_gathers_about_good_designs(
     text: str, tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    """On a smooth bowl over directions, the designs of later trials are far nearer to its bottom than random ones."""
+    """For a smooth objective over directions, the designs of later trials are far nearer to its minimum than random ones."""
     space = space_of(tmp_path, text)
     goal, _ = space.design({name: rng.uniform(low, high) for name, (low, high) in space.bounds.items()})
     study = optuna.create_study()
@@ -126,14 +126,14 @@ def test_tpe_stays_in_bounds_and_gathers_about_good_designs(
         trial = study.ask(space.distributions())
         assert all(low <= trial.params[name] <= high for name, (low, high) in space.bounds.items())
         directions, _ = space.design(trial.params)
-        values.append(float(np.mean(1 - np.sum(directions * goal, axis=1))))  # random designs: 1 in the mean
+        values.append(float(np.mean(1 - np.sum(directions * goal, axis=1))))  # random designs: mean 1
         study.tell(trial, values[-1])
-    # with 5 or 6 directions a random design's value is 1 +- 0.25, so 0.5 is two deviations off
+    # with 5 or 6 directions the value of a random design is 1 +- 0.25, so 0.5 is two standard deviations away
     assert np.mean(values[-20:]) < 0.5
 
 
 def test_tpe_sees_that_angles_go_round(tmp_path: Path) -> None:
-    """The density of designs near +-180 degrees is the same on both sides, and at the poles the azimuth does not count."""
+    """The density of designs is continuous across +-180 degrees, and does not depend on the azimuth at the poles."""
     space = space_of(tmp_path)
     tpe = DirectionTPE(space, seed=1, finished=9)
 
@@ -155,17 +155,17 @@ def test_tpe_kernels_are_normalised_and_drawn_from(tmp_path: Path) -> None:
     sphere = np.random.default_rng(1).normal(size=(40_000, 1, 3))
     sphere /= np.linalg.norm(sphere, axis=2, keepdims=True)
     mean = np.exp(tpe._density(Designs(sphere, np.zeros((40_000, 0))), of, 1.0)).mean()
-    # the density's deviation over the sphere is about sqrt(K/2 - 1) = 2, so the mean's is 0.01
+    # the standard deviation of the density over the sphere is about sqrt(K/2 - 1) = 2, so that of the mean is 0.01
     assert mean == pytest.approx(1, abs=0.04)
     drawn = tpe._draw(of, 1.0).directions @ of.directions[0, 0]
     K = settings.concentration
-    # the mean cosine of the von Mises-Fisher density; its deviation is 1/K, so that of the mean is below 1e-3
+    # the mean cosine of the von Mises-Fisher density; its standard deviation is 1/K, so that of the mean is below 1e-3
     assert drawn.mean() == pytest.approx(1 / np.tanh(K) - 1 / K, abs=4e-3)
 
 
 def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path: Path) -> None:
-    """The first four trials are the corners of one tetrahedron, turned by the study's seed and by nothing else; what is drawn later goes
-    by the seed and the number of finished trials.
+    """The first four trials are the corners of a tetrahedron whose rotation depends only on the seed of the study; later draws depend on
+    the seed and the number of finished trials.
     """
     space = space_of(tmp_path, FIELD)
     of = Designs(np.tile([1.0, 0.0, 0.0], (3, 6, 1)), np.full((3, 1), 0.5))

@@ -1,4 +1,4 @@
-"""The database of trials: its settings, and what is said when it can't be used."""
+"""The database of trials: its settings, and the messages if it cannot be used."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> St
 
 @contextmanager
 def locked(database: Path) -> Iterator[None]:
-    """Another process holds the database for itself."""
+    """Another process locks the database."""
     command = [sys.executable, "-c", LOCKER, str(database)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
@@ -59,7 +59,7 @@ def locked(database: Path) -> Iterator[None]:
 
 def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) -> None:
     def look(scene: Scene) -> RodResult:
-        # as the dashboard does while the study runs: it reads trials, and writes notes
+        # like the dashboard during a study: it reads trials and writes notes
         other = sqlite3.connect(tmp_path / "out/study.db", timeout=5)
         assert other.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         assert other.execute("SELECT COUNT(*) FROM trials").fetchone()[0] >= 1
@@ -143,14 +143,14 @@ def test_unusable_storage_is_said_before_any_trial(
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"])
 def test_a_database_in_memory_is_refused_in_a_folder_that_has_designs_too(url: str, tmp_path: Path) -> None:
-    """No file of it is missing: it has none."""
+    """No file can be missing, because such a database has none."""
     run(tmp_path, trials=1)
     with pytest.raises(InputError, match="gone with its process"):
         run(tmp_path, storage=url)
 
 
 def test_a_database_server_that_does_not_answer_is_said(tmp_path: Path) -> None:
-    """A driver that fails to connect, as a server's would: SQLite on a link that leads nowhere."""
+    """A driver that fails to connect, as for a server: SQLite on a broken link."""
     (tmp_path / "link.db").symlink_to(tmp_path / "nowhere" / "study.db")
     with pytest.raises(StorageError, match="unable to open database file") as caught:
         run(tmp_path, storage=f"sqlite:///{tmp_path}/link.db")
@@ -166,7 +166,7 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
 
 
 def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
-    """With what may save it; that it resumes would not be true."""
+    """The message says what may save it, and does not claim that the study resumes."""
     run(tmp_path, trials=3)
     path = tmp_path / "out/study.db"
     connection = sqlite3.connect(path)
@@ -192,7 +192,7 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file", ["design.json", "study.json"])
 def test_a_full_disk_keeps_the_trials(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """File, remedy, and that trials are kept; with room again the study goes on, as if nothing had been."""
+    """The message gives file and remedy and says that trials are kept; with free space the study continues unchanged."""
     run(tmp_path, trials=3)
     shutil.rmtree(tmp_path / "out/best")
     shutil.rmtree(tmp_path / "out/improvements")
@@ -200,7 +200,7 @@ def test_a_full_disk_keeps_the_trials(file: str, tmp_path: Path, monkeypatch: py
 
     def no_room(self: Path, *arguments: Any, **options: Any) -> int:
         if self.name.endswith(file):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # the system names no file
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # the system names no file here
         return write_text(self, *arguments, **options)
 
     with monkeypatch.context() as patch:
@@ -256,7 +256,7 @@ def test_a_study_someone_else_made_is_left_alone(tmp_path: Path) -> None:
     assert len(optuna.load_study(study_name="probe", storage=url).trials) == 1
 
 
-# who runs a study
+# the user who runs a study
 
 
 def test_one_process_a_folder(tmp_path: Path) -> None:
@@ -282,10 +282,10 @@ def left_running(folder: Path, **owner: Any) -> str:
 
 
 def test_a_trial_that_runs_elsewhere_is_not_taken(tmp_path: Path) -> None:
-    url = left_running(tmp_path, pid=os.getppid(), out="/elsewhere")  # on this machine, and alive
+    url = left_running(tmp_path, pid=os.getppid(), out="/elsewhere")  # on this machine, running
     with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on "):
         run(tmp_path, storage=url)
-    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, just begun
+    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, just started
     with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on another"):
         run(tmp_path / "b", storage=url)
 
@@ -293,9 +293,9 @@ def test_a_trial_that_runs_elsewhere_is_not_taken(tmp_path: Path) -> None:
 def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    url = left_running(tmp_path, pid=ended.pid, out="/elsewhere")  # on this machine, and gone
+    url = left_running(tmp_path, pid=ended.pid, out="/elsewhere")  # on this machine, ended
     assert run(tmp_path, storage=url).trials == 8
-    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another, long ago
+    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, started long ago
 
     class Later(datetime):
         @classmethod

@@ -1,4 +1,4 @@
-"""What a trial keeps, and that nothing in a trial ends a study."""
+"""The data that a trial stores; no failure of a trial ends a study."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from studies.report import StudyReport
 from studies.search_space import SearchSpace
 from studies.trial import Trial
 
-PENALTY = 0.04  # the catheter's length
+PENALTY = 0.04  # length of the catheter
 
 
 def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> StudyReport:
@@ -47,7 +47,7 @@ def test_every_trial_keeps_its_numbers(tmp_path: Path) -> None:
         assert kept["seconds"]["total"] >= kept["seconds"]["solve"] > 0
         assert {"magmpm", "optuna"} <= set(kept["versions"])
         found = [s.magnetization for s in scene.body.catheter.segments]
-        np.testing.assert_allclose(kept["magnetization"], found, atol=1e-9)  # kept with 9 digits
+        np.testing.assert_allclose(kept["magnetization"], found, atol=1e-9)  # stored with 9 digits
         assert kept["field_T"] == [0.0, 0.006, 0.008]
     assert report.best is not None
     assert report.best["rms_m"] == min(report.rms_m)
@@ -78,7 +78,7 @@ def test_the_best_designs_result_is_kept(tmp_path: Path) -> None:
 
 
 def test_a_lost_result_of_the_best_is_solved_again(tmp_path: Path) -> None:
-    """As when a study in a shared database is looked at from another machine."""
+    """For example, if a study in a shared database is opened on another machine."""
     import shutil
 
     run(tmp_path)
@@ -160,7 +160,7 @@ def test_a_result_that_is_none_costs_the_penalty(broken: str, tmp_path: Path) ->
 
 
 def test_a_penalty_never_is_the_best_nor_below_stop(tmp_path: Path) -> None:
-    """Even where every design is further off than the penalty, as for a stop of more than the catheter's length."""
+    """Even if every design is worse than the penalty, for example with a stop above the length of the catheter."""
 
     def never(scene: Scene) -> RodResult:
         raise SolveError("unstable")
@@ -203,7 +203,7 @@ def test_a_varied_field_and_magnetisation_run_together(tmp_path: Path) -> None:
 
 
 def test_memory_does_not_grow_with_trials(tmp_path: Path) -> None:
-    """Results of a trial are let go: 10 MB a trial would show over 40 trials."""
+    """Results of a trial are freed: 10 MB per trial would be visible over 40 trials."""
     import psutil
 
     process, used = psutil.Process(), []
@@ -215,12 +215,12 @@ def test_memory_does_not_grow_with_trials(tmp_path: Path) -> None:
         return result
 
     run(tmp_path, heavy, STUDY.replace("trials: 8", "trials: 40"))
-    # the last 30 trials: less than two results' worth, which leaves room for the allocator and Optuna's cache of trials
+    # the last 30 trials: less than the size of two results, which leaves room for the allocator and Optuna's cache of trials
     assert used[-1] - used[10] < 20e6
 
 
 def test_seconds_a_trial_hold_all_of_its_storage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Attributes and value included: on a slow disk they can take longer than the solve."""
+    """Including attributes and value: on a slow disk they can take longer than the solve."""
     attribute, value = optuna.trial.Trial.set_user_attr, optuna.Study.tell
 
     def slow_attribute(self: optuna.trial.Trial, key: str, content: object) -> None:
