@@ -76,7 +76,7 @@ def _energy(small: Scene) -> None:
 
 
 def _rod(small: Scene) -> None:
-    if small.body.shape.clamp == "base" and small.body.parts is None:
+    if small.body.shape.clamp == "base":
         solve_rod(small)
 
 

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
+from magmpm.bodies.body_shape import BodyShape, Discretization
+from magmpm.bodies.connectivity import connected_components
+from magmpm.bodies.grid import ClampPlane, Grid
+from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
 from magmpm.bodies.regions import Region
+from magmpm.bodies.section_quadrature import Particles
+from magmpm.bodies.signed_distance import to_triangles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     overlaps,
@@ -68,8 +75,10 @@ class MeshPart(Settings):
         return volume_of(unpack_mesh(self.mesh).triangles)
 
 
-class Parts(Settings):
+class Parts(BodyShape):
     """Closed STL meshes, one a part. Parts that touch hold together."""
+
+    clamp_key: ClassVar[str] = "meshes"
 
     unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
         description="Unit of the numbers in the STL files, which do not say it.", examples=["mm"]
@@ -154,20 +163,11 @@ class Parts(Settings):
                 found.append((one.name, other.name, float(gaps[i, j])))
         return found
 
-    def touching(self) -> NDArray[np.bool_]:
-        """Which parts' boxes touch which, (parts, parts): parts that touch move as one body."""
-        return self._gaps() <= TOUCHING * self.length
-
     def _gaps(self) -> Array:
         """Between the parts' boxes, (parts, parts) m."""
         low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
         high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
         return np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
-
-    @property
-    def line(self) -> None:
-        """Parts have no axis."""
-        return None
 
     @property
     def clamp(self) -> Literal["parts", "none"]:
@@ -180,3 +180,73 @@ class Parts(Settings):
             Region(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization, part.clamp)
             for i, part in enumerate(self.meshes)
         )
+
+    def cell_size(self, cells_across: int) -> float:
+        """Width of the grid's cells as asked for, m: `spacing` where it is given."""
+        return self.spacing or super().cell_size(cells_across)
+
+    def cell_setting(self, cells_across: int) -> tuple[str, str, str]:
+        """The key that decides the size of its cells, its value, and what makes them larger, in words."""
+        if self.spacing is None:
+            return super().cell_setting(cells_across)
+        return "body.parts.spacing", f"{1e3 * self.spacing:.4g} mm", "a larger spacing"
+
+    def grid(self, cells_across: int) -> Grid:
+        """The grid in the undeformed body: knots on the box around the parts that move. Raises SceneError where it has too many cells."""
+        return self._grid(cells_across)[0]
+
+    def _grid(self, cells_across: int) -> tuple[Grid, list[ClampPlane]]:
+        return grid_of_parts(self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across))
+
+    def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
+        """Its grid and particles. Raises SceneError where the grid would have too many cells."""
+        triangles, (grid, planes) = self.triangles(), self._grid(cells_across)
+        particles = part_particles(grid, triangles, particles_per_cell)
+        return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))
+
+    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+        """The number of particles of its volume in full cells; cut cells have more for theirs."""
+        volume = sum(volume_of(triangles) for triangles in self.triangles())
+        return float(volume / np.prod(self.grid(cells_across).spacing) * particles_per_cell**3)
+
+    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+        """How far the outermost particles are from the surface, m: see BodyShape.
+
+        All ways nothing, for parts are of any shape: obstacles let them in elsewhere, by up to a quarter of a cell.
+        """
+        return 0.0 if towards is None else _depth_towards(self, cells_across, particles_per_cell, tuple(map(float, towards)))
+
+    def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
+        """How far some of the particles (k,) are from their part's surface, as it was made, (k,) m."""
+        depth, part, triangles = np.zeros(len(some)), particles.segment[some], self.triangles()
+        for which in np.unique(part):
+            on = part == which
+            depth[on] = to_triangles(particles.position[some[on]], np.ascontiguousarray(triangles[which]))
+        return depth
+
+    def part_of(self, particles: Particles) -> NDArray[np.integer]:
+        """Which part each particle (n,) is in."""
+        return particles.segment
+
+    def components(self, particles: Particles) -> NDArray[np.int64]:
+        """Which connected component each particle (n,) is in, from 0: parts whose boxes and cells touch are of one."""
+        return connected_components(self._gaps() <= TOUCHING * self.length, particles.cell, particles.segment)
+
+    def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
+        """Of parts that are near but do not touch, which one grid moves as one."""
+        cell = self.cell_size(cells_across)
+        return [
+            f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * cell:.3g} mm: "
+            "they move as if joined, unless self_contact is named"
+            for one, other, gap in (self.near(2 * cell) if one_grid else [])
+        ]
+
+
+@lru_cache(maxsize=8)
+def _depth_towards(parts: Parts, cells_across: int, particles_per_cell: int, towards: tuple[float, ...]) -> float:
+    """How deep (m) below the outermost vertex, that way, the outermost particle of a free part lies: of the part of which it is least."""
+    triangles, particles = parts.triangles(), parts.discretize(cells_across, particles_per_cell).particles
+    extent = particles.position @ np.array(towards)
+    free = [k for k, part in enumerate(parts.meshes) if not part.clamp]
+    depths = [(triangles[k] @ np.array(towards)).max() - extent[particles.segment == k].max() for k in free]
+    return float(max(min(depths), 0.0))

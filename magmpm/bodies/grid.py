@@ -86,3 +86,16 @@ class Grid:
         if np.any(xi < -slack) or np.any(xi > 1 + slack) or np.any(cell < 0) or np.any(cell >= self.cells):
             raise ValueError("a particle lies outside the cell it was given")
         return np.clip(xi, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class ClampPlane:
+    """A face of the grid's cells on which all that is held holds the rest: the grid has its knots there.
+
+    axis: its normal; lower: whether what is free lies above it; cell: index along the axis of the first cell that is free (the last, if
+    not lower).
+    """
+
+    axis: int
+    lower: bool
+    cell: int

@@ -7,13 +7,11 @@ volume and centroid stay exact, the second moments of the whole part lose what `
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.cut_cells import cell_moments
-from magmpm.bodies.grid import Grid
+from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.section_quadrature import Particles, gauss
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
@@ -21,19 +19,6 @@ from magmpm.errors import SceneError
 ON_PLANE = 1e-9  # of a cell
 MOST_CELLS = 20_000_000  # of the box around all parts
 PLANE = 0.01  # of a cell: faces of held and free parts this near lie in one plane
-
-
-@dataclass(frozen=True)
-class ClampPlane:
-    """A plane on which the held parts' face is all the free parts touch: the grid has its knots there.
-
-    axis: its normal; lower: whether the free parts lie above it; cell: index along the axis of the free parts' first cell (last, if
-    not lower).
-    """
-
-    axis: int
-    lower: bool
-    cell: int
 
 
 def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple[Grid, list[ClampPlane]]:

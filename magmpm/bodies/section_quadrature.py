@@ -8,6 +8,7 @@ So the section's area and second moments are right to rounding for any cell size
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -45,6 +46,11 @@ def gauss(count: int) -> tuple[Array, Array]:
     """Gauss-Legendre points scaled to mean 0 and variance 1, and weights that sum to 1. Variance 1 takes count >= 2."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return points * np.sqrt(3.0), weights / 2
+
+
+def gauss_depth(count: int) -> float:
+    """How deep in a cell the outermost of `gauss` points lie below its face, as a share of the cell's side."""
+    return 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)
 
 
 def disc_moments(low: Array, high: Array, radius: float) -> Array:
@@ -156,12 +162,12 @@ def rod_particles(
     outer, inner: radii in m; segment_ends (k,) m: where each segment ends, the last one at the tip;
     particles_per_cell: points a direction and cell (at least 2). A cell that two segments share is cut between them.
     """
-    index, (points, areas, rectangle) = rod_section(grid, outer, inner, particles_per_cell)
+    index, (points, areas, rectangle) = rod_section(grid, outer=outer, inner=inner, particles_per_cell=particles_per_cell)
     return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
 
 
 def rod_section(
-    grid: Grid, outer: float, inner: float, particles_per_cell: int
+    grid: Grid, *, outer: float, inner: float, particles_per_cell: int
 ) -> tuple[NDArray[np.int64], tuple[Array, Array, NDArray[np.int64]]]:
     """Cells (r, 2) of a round section's grid, and the `section_points` of the section in them."""
     _, ny, nz = grid.cells

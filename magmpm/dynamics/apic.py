@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import spline_weights
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.thread_count import Threads
@@ -40,7 +39,7 @@ class UpdatedMotion:
         self.keeps_gradient = has_hook("rate_stress", model.effects)
         self.anchor: Anchor | None = Anchor(model)  # None: F is what the steps make of it
         self.since = 0  # steps since F was last relaxed
-        self.component = connected_components(model.scene.body.parts, model.particles.cell, model.particles.segment)  # one grid each
+        self.component = model.scene.body.shape.components(model.particles)  # one grid each
         self.curve = meeting.distances()
         self.lag, self._last = 0.0, model.effects  # s that velocities are behind the places; effects at the time of the places
         self.watch = unlimited()

@@ -23,7 +23,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.connectivity import connected_components
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.kernels import reference_fit as kernels
@@ -46,7 +45,7 @@ class Anchor:
         cell = particles.cell.astype(np.int64)
         self.cell_first = particles.cell_first
         base = cell[self.cell_first[:-1]]
-        self.particle_component = connected_components(model.scene.body.parts, particles.cell, particles.segment)
+        self.particle_component = model.scene.body.shape.components(particles)
         self.component = self.particle_component[self.cell_first[:-1]]
         self.node, key = _stencils(base, self.component, grid.nodes)
         self.node_component, within = np.divmod(key, int(np.prod(grid.nodes)))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.connectivity import connected_components
 from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 
@@ -23,7 +22,7 @@ def excess(model: Model) -> Array:
     """Excess (3,) of the moments of inertia over the body's own, smallest first, of the worst free component; 0 if all is held."""
     particles, found = model.particles, np.zeros(3)
     mass = model.density * particles.volume
-    component = connected_components(model.scene.body.parts, particles.cell, particles.segment)
+    component = model.scene.body.shape.components(particles)
     held = model.held | model.clamped_face | (model.scene.effects.feed is not None)
     h2 = model.grid.spacing**2
     for which in np.unique(component):

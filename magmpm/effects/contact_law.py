@@ -14,14 +14,8 @@ for the landing): micrometres. Source of the lumped bound used by `stable_step`:
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any, TypedDict
 
-import numpy as np
-
-from magmpm.bodies.assembly import Parts
-from magmpm.bodies.mesh_quadrature import grid_of_parts, part_particles
-from magmpm.bodies.section_quadrature import gauss, rod_grid, rod_particles, strip_grid
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.errors import SceneError, dotted
@@ -57,75 +51,20 @@ def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):  # type: ignor
     f[2] += normal * n2 - drag * t2
 
 
-def cell_size(scene: Scene) -> float:
-    """Side of a grid cell across the body, m."""
-    parts = scene.body.parts
-    if parts is not None and parts.spacing is not None:
-        return parts.spacing
-    return scene.thickness / scene.resolution.cells_across
-
-
 def reach(scene: Scene, towards: Array | None = None) -> float:
     """How far the outermost particles are taken to be from the body's surface, m: a body touches when a particle is that near.
 
     towards: unit vector (3,) from the body to the obstacle, as the body lies at the start: the particles' depth that way. None: all
-    ways, so that no obstacle the body just touches holds a particle already: of a strip's flat faces the Gauss points' depth, of a round
-    catheter the least around its section, and of STL parts, which are anything, nothing (they are let in elsewhere, by up to a quarter of
-    a cell).
+    ways, so that no obstacle the body just touches holds a particle already (see bodies.body_shape).
     """
-    body, across, count = scene.body, scene.resolution.cells_across, scene.resolution.particles_per_cell
-    share = 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)  # of a cell: depth of the Gauss points
-    if body.catheter is not None:
-        depths = _depths_of_ring(body.catheter.diameter, body.catheter.inner_diameter, across, count)
-        if towards is None:
-            return float(depths.min())
-        along, aside = abs(float(towards[0])), math.hypot(towards[1], towards[2])
-        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if aside > 0 else 0.0
-        around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
-        return aside * around + along * share * cell_size(scene)
-    if body.strip is not None:
-        if towards is None:
-            return share * cell_size(scene)
-        size = np.array([body.strip.length, body.strip.width, body.strip.thickness])
-        spacing = strip_grid(np.zeros(3), size, across, one_wide=body.strip.plane_strain).spacing
-        deep = share * spacing
-        if body.strip.plane_strain:
-            deep[1] = 0.0  # one particle stands for the width
-        return float(np.abs(towards) @ deep)
-    assert body.parts is not None  # there is no other body
-    return 0.0 if towards is None else _depth_of_parts(body.parts, across, count, tuple(map(float, towards)))
-
-
-@lru_cache(maxsize=8)
-def _depth_of_parts(parts: Parts, cells: int, count: int, towards: tuple[float, ...]) -> float:
-    """How deep (m) below the outermost vertex, that way, the outermost particle of a free part lies: of the part of which it is least."""
-    triangles, held = parts.triangles(), [part.clamp for part in parts.meshes]
-    grid, _ = grid_of_parts(triangles, held, parts.spacing or parts.thickness / cells)
-    particles = part_particles(grid, triangles, count)
-    extent = particles.position @ np.array(towards)
-    free = [k for k in range(len(triangles)) if not held[k]]
-    depths = [(triangles[k] @ np.array(towards)).max() - extent[particles.segment == k].max() for k in free]
-    return float(max(min(depths), 0.0))
-
-
-@lru_cache(maxsize=8)
-def _depths_of_ring(diameter: float, inner: float, cells: int, count: int) -> Array:
-    """How deep (m) below its tangent plane a round section's particles lie, every degree around it: from y towards z, (360,)."""
-    length = 3 * diameter / cells
-    grid = rod_grid(length, diameter, cells, 3)
-    particles = rod_particles(
-        grid, outer=diameter / 2, inner=inner / 2, segment_ends=np.array([length]), particles_per_cell=count
-    )
-    angle = np.deg2rad(np.arange(360))
-    ways = np.stack([np.cos(angle), np.sin(angle)])
-    return diameter / 2 - (particles.position[:, 1:] @ ways).max(axis=0)
+    return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, towards)
 
 
 def penalty(scene: Scene, factor: float) -> float:
     """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free pieces."""
     used = [scene.materials[piece.material_name] for piece in scene.regions() if not piece.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
-    return factor * max(squares, default=0.0) / cell_size(scene) ** 2
+    return factor * max(squares, default=0.0) / scene.cell ** 2
 
 
 def stable_step(stiffness: float) -> float:

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.jit import compiled
-from magmpm.effects.contact_law import cell_size
 from magmpm.effects.estimates import Advice, Body
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.scene import Scene
@@ -38,7 +37,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
     settings = scene.effects.feed
     if settings is None:
         return ()
-    half = 0.5 * cell_size(scene)
+    half = 0.5 * scene.cell
     corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of the nodes of a straight body: at two cells farther off than its diameter
     return parameters(speed=settings.speed, exit=settings.exit + half, radius=max(scene.thickness, 1.01 * corner))
 

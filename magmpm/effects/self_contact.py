@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.connectivity import connected_components
-from magmpm.bodies.signed_distance import to_triangles
-from magmpm.effects.contact_law import Contact, cell_size, reach
+from magmpm.effects.contact_law import Contact, reach
 from magmpm.effects.estimates import MEASURE, Advice, Body, no_rest
 from magmpm.scene import Scene
 
@@ -82,15 +80,14 @@ def observe(model: Any, x: NDArray[np.float64]) -> Contact:
     thickness and 3 cells; and of different parts of a component, those that were 3 cells apart.
     """
     scene, rest = model.scene, model.particles.position
-    cell, size = cell_size(scene), 2 * reach(scene)
-    within = WITHIN * cell + max(size, cell)
-    component = connected_components(scene.body.parts, model.particles.cell, model.particles.segment)
-    part = component if scene.body.parts is None else model.particles.segment
+    shape, cell = scene.body.shape, scene.cell
+    within = WITHIN * cell + max(2 * reach(scene), cell)
+    component, part = shape.components(model.particles), shape.part_of(model.particles)
     a, b = _near(x, rest, model.particles.cell, component, part, within=within, apart=3 * cell, in_part=3 * cell + 2 * scene.thickness)
     now = np.linalg.norm(x[a] - x[b], axis=1)
-    if scene.body.parts is not None:
-        near, of = np.unique(np.concatenate([a, b]), return_inverse=True)
-        size = _depth(model, near)[of].reshape(2, -1).sum(axis=0)
+    near, of = np.unique(np.concatenate([a, b]), return_inverse=True)
+    depths = shape.depths(model.particles, near, scene.resolution.cells_across, scene.resolution.particles_per_cell)
+    size = depths[of].reshape(2, -1).sum(axis=0)
     depth = -float((now - size).min(initial=WITHIN * cell))
     return Contact(force=np.zeros(3), count=int(np.count_nonzero(now < cell)), depth=depth)
 
@@ -159,13 +156,3 @@ def _balls(x: NDArray[np.float64], first: NDArray[np.int64], count: NDArray[np.i
     """Centres (k, 3) of clusters, and the radius around them that holds every particle, m; x (n, 3) m in the order of the clusters."""
     centre = np.add.reduceat(x, first, axis=0) / count[:, None]
     return centre, float(np.sqrt(((x - np.repeat(centre, count, axis=0)) ** 2).sum(axis=1).max()))
-
-
-def _depth(model: Any, some: NDArray[np.int64]) -> NDArray[np.float64]:
-    """How far some of the particles (k,) of STL parts are from their part's surface, as it was made, m."""
-    depth, part = np.zeros(len(some)), model.particles.segment[some]
-    triangles = model.scene.body.parts.triangles()
-    for which in np.unique(part):
-        on = part == which
-        depth[on] = to_triangles(model.particles.position[some[on]], np.ascontiguousarray(triangles[which]))
-    return depth

@@ -73,7 +73,7 @@ def table_of(scene: Scene) -> Table:
     if settings.tube is not None:
         return _tube_table(settings.tube)
     assert settings.surface is not None  # validated
-    return _surface_table(settings.surface, law.cell_size(scene) / 2)
+    return _surface_table(settings.surface, scene.cell / 2)
 
 
 @lru_cache(maxsize=4)
@@ -202,7 +202,7 @@ def report(
 def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
     """Raises SceneError where the body begins beyond the wall, or before the open end of a tube that it can't reach."""
     out = -_room(model.scene, model.particles.position)
-    if out.max() > law.cell_size(model.scene):  # less is an overlap, below
+    if out.max() > model.scene.cell:  # less is an overlap, below
         far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
         raise SceneError(
             "effects.walls",

@@ -25,13 +25,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from magmpm.bodies.assembly import Parts
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
 from magmpm.fields import outside_field as fields
 from magmpm.rod.kernels import frames_of, relax
-from magmpm.rod.sections import section_of
 from magmpm.scene import Scene
 
 ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
@@ -83,14 +82,14 @@ class RodModel:
 def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodModel:
     """The rod of a scene. Elements end where segments do. extensible False leaves out stretch and shear (the pure elastica)."""
     body = scene.body.shape
-    if isinstance(body, Parts):
+    if not isinstance(body, StraightBody):
         raise SolveError("parts are no rod")
     lengths = np.array(body.segment_lengths())
     counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
     of = np.repeat(np.arange(len(lengths)), counts)
     materials = [scene.segment_material(k) for k in range(len(lengths))]
     G = np.array([material.shear_modulus for material in materials])
-    section = section_of(body, G, G * [material.bulk_to_shear for material in materials])
+    section = body.section(G, G * [material.bulk_to_shear for material in materials])
     area = section.area
     density = np.array([material.density or 0.0 for material in materials])
     torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity

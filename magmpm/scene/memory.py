@@ -8,9 +8,6 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from magmpm.bodies.mesh_quadrature import grid_of_parts
-from magmpm.bodies.section_quadrature import rod_grid, rod_section, strip_grid
-from magmpm.bodies.surface_mesh import volume_of
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
 
@@ -20,28 +17,13 @@ GROWTH = 1000
 BYTES = 800  # the same at least, where only the number of particles is known, and that from below
 
 
-
 def fewest_particles(scene: Scene) -> float:
     """How many particles the scene's body has at least.
 
     Of catheters and strips it is the number, but for cells that two segments share, which have more; of STL parts it is that of their
     volume in full cells, and cut cells have more for theirs.
     """
-    body, across, count = scene.body, scene.resolution.cells_across, scene.resolution.particles_per_cell
-    if body.catheter is not None:
-        outer, inner = body.catheter.diameter / 2, body.catheter.inner_diameter / 2
-        grid = rod_grid(body.catheter.length, body.catheter.diameter, across)
-        return float(len(rod_section(grid, outer, inner, count)[1][0]) * grid.cells[0] * count)
-    if body.strip is not None:
-        strip = body.strip
-        size = np.array([strip.length, strip.width, strip.thickness])
-        grid = strip_grid(np.zeros(3), size, across, one_wide=strip.plane_strain)
-        return float(np.prod(grid.cells)) * count ** (2 if strip.plane_strain else 3)
-    parts = body.parts
-    assert parts is not None  # there is one body
-    triangles = parts.triangles()
-    grid, _ = grid_of_parts(triangles, [part.clamp for part in parts.meshes], parts.spacing or parts.thickness / across)
-    return float(sum(volume_of(t) for t in triangles) / np.prod(grid.spacing) * count**3)
+    return scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell)
 
 
 @contextmanager
@@ -75,12 +57,7 @@ def machine() -> float:
 
 
 def _too_large(scene: Scene, found: str) -> SceneError:
-    parts = scene.body.parts
-    spacing = None if parts is None else parts.spacing
-    if spacing is not None:
-        key, received, change = "body.parts.spacing", f"{1e3 * spacing:.4g} mm", "a larger spacing"
-    else:
-        key, received, change = "resolution.cells_across", str(scene.resolution.cells_across), "fewer cells_across"
+    key, received, change = scene.body.shape.cell_setting(scene.resolution.cells_across)
     count = scene.resolution.particles_per_cell
     return SceneError(
         key,

@@ -7,7 +7,6 @@ text with units), `Material(shear_modulus=120e3, bulk_to_shear=20)`, and raise p
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 from collections.abc import Mapping
@@ -26,16 +25,20 @@ from pydantic import (
     model_validator,
 )
 
+from magmpm.bodies.body import CATHETER, Body
+from magmpm.bodies.catheter import Catheter
 from magmpm.bodies.regions import Region
-from magmpm.bodies.slender import CATHETER, REGIONS_A_PERIOD, Body, Catheter, Segment, Strip
+from magmpm.bodies.segments import Segment
+from magmpm.bodies.strip import Strip
 from magmpm.errors import InputError
 from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import TableError, read_centreline
 from magmpm.inputs.folder_names import folder_fault
-from magmpm.inputs.settings import Key, Settings, fault, folder_of, from_file, read_yaml, validate
+from magmpm.inputs.settings import Settings, fault, folder_of, from_file, read_yaml, validate
 from magmpm.inputs.vectors import Angles
+from magmpm.scene import rules
 from magmpm.scene.options import (
     Effects,
     Gravity,
@@ -45,7 +48,7 @@ from magmpm.scene.options import (
     Solver,
     StaticOptions,
 )
-from magmpm.scene.surroundings import IN_MOTION
+from magmpm.scene.warnings import warnings
 
 __all__ = [
     "Angles",
@@ -69,12 +72,6 @@ __all__ = [
 
 K = TypeVar("K")
 V = TypeVar("V")
-
-NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.without_energy)
-    "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
-    "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic, where either may act alone",
-)
-
 
 class FrozenDict(dict[K, V]):
     """A dict that refuses changes, so that scenes can be shared and hashed."""
@@ -172,164 +169,19 @@ class Scene(Settings):
 
     @model_validator(mode="after")
     def _agree(self, info: ValidationInfo) -> Scene:
-        """Rules that join parts of the scene."""
-        for at, name in self._materials_named():
-            if name not in self.materials:
-                near = difflib.get_close_matches(name, self.materials, n=1)
-                remedy = f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
-                raise fault(f"must be a name from `materials`: {', '.join(self.materials)}", remedy, at)
-        asks = "gravity" if self.effects.gravity is not None else "motion"
-        if self.effects.gravity is not None or self.solver.dynamic is not None:
-            for name in dict.fromkeys(piece.material_name for piece in self.regions()):
-                if self.materials[name].density is None:
-                    at = ("materials", name, "density")
-                    raise fault(
-                        f"{asks} needs the density of each material", "add, say, `density: 1100 kg/m^3`", at
-                    )
-        if self.reference is not None and self.reference.centreline[-1][0] > self.length * (1 + 1e-6):
-            kind = self.body.kind
-            raise fault(
-                f"s_mm of the reference must not exceed the {kind}'s length, {1e3 * self.length:g} mm",
-                f"check that the table belongs to this {kind}",
-                ("reference", "centreline"),
-            )
-        self._profile_is_resolved()
-        if from_file(info) and self.solver.dynamic is None and self.body.shape.clamp == "none":
-            where = ("meshes",) if self.body.kind == "parts" else ("clamp",)
-            raise fault(
-                "equilibrium needs a body that is held somewhere",
-                "clamp it, or let it move: `solver: {dynamic: {duration: 0.5 s}}`",
-                ("body", self.body.kind, *where),
-            )
-        self._motion_has_its_solver()
-        self._contact_has_its_formulation()
-        self._feed_can_push()
-        self._field_suits_the_solver()
-        if from_file(info):
-            if (missing := self.without_energy()) is not None:
-                raise fault(*NO_ENERGY, ("effects", missing))
-            for effect in ("magnetic_torque", "magnetic_force"):
-                if getattr(self.effects, effect) is not None:
-                    self._field_acts(effect)
+        rules.check(self, written=from_file(info))
         return self
-
-    def _profile_is_resolved(self) -> None:
-        """A profile that turns within a cell or two would be averaged away."""
-        strip = self.body.strip
-        if strip is not None and strip.magnetization_profile is not None:
-            across, turns = self.resolution.cells_across, strip.magnetization_profile.harmonic.turns(strip.length)
-            a_turn = max(3, round(strip.length / strip.thickness * across)) / turns
-            if a_turn < REGIONS_A_PERIOD:
-                raise fault(
-                    f"a turn of the magnetisation must be at least {REGIONS_A_PERIOD} cells long, and is {a_turn:.3g}",
-                    f"raise cells_across to {int(np.ceil(across * REGIONS_A_PERIOD / a_turn))}, or turn less often",
-                    ("resolution", "cells_across"),
-                )
-
-    def _motion_has_its_solver(self) -> None:
-        """Effects that act on a moving body only need the dynamic solver."""
-        if getattr(self.solver, "dynamic", None) is not None:
-            return
-        for name in IN_MOTION:
-            if getattr(self.effects, name) is not None:
-                raise fault(
-                    f"{name} acts in motion only, and this scene is solved for its equilibrium",
-                    f"write `solver: {{dynamic: {{duration: 0.5 s}}}}`, or do not name {name}",
-                    ("effects", name),
-                )
-
-    def _contact_has_its_formulation(self) -> None:
-        """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
-        dynamic = self.solver.dynamic
-        if self.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
-            raise fault(
-                "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
-                "leave formulation out, or write `formulation: updated`; or do not name self_contact",
-                ("solver", "dynamic", "formulation"),
-            )
-
-    def _feed_can_push(self) -> None:
-        """The guide must hold some of a catheter, and go on holding it."""
-        feed, catheter = self.effects.feed, self.body.catheter
-        if feed is None:
-            return
-        if catheter is None:
-            raise fault(
-                f"feed pushes a catheter, and this body is a {self.body.kind}",
-                "do not name feed",
-                ("effects", "feed"),
-            )
-        least = catheter.diameter
-        if not feed.exit >= least:
-            raise fault(
-                f"the guide must hold one diameter of the catheter at least, {1e3 * least:g} mm from the base at x = 0",
-                f"write an exit of {1e3 * least:g} mm or more",
-                ("effects", "feed", "exit"),
-            )
-        duration = getattr(getattr(self.solver, "dynamic", None), "duration", 0.0)
-        left = feed.exit - feed.speed * duration
-        if not left >= least:
-            raise fault(
-                f"the base must stay in the guide by one diameter, {1e3 * least:g} mm; {1e3 * left:g} mm are left after "
-                f"{duration:g} s",
-                "push more slowly, for a shorter time, or from a guide whose exit is farther",
-                ("effects", "feed", "speed"),
-            )
-
-    def _field_suits_the_solver(self) -> None:
-        """Equilibrium has one field, the one at the end of the schedule, and is a minimum of one energy."""
-        if not self.static:
-            return
-        over = self.field.over_time
-        if over is not None and over.endless is not None:
-            count = {"rotation": "turns", "oscillation": "cycles"}[over.endless]
-            raise fault(
-                "a static solve takes the field at the end of its schedule, and this has no end",
-                f"add `{count}` to say when it stops, or ask for motion with solver.dynamic",
-                ("field", "over_time", over.endless),
-            )
 
     def without_energy(self) -> str | None:
         """In a field that varies in space, which of torque and force is missing from an equilibrium; None where all is well."""
-        torque, force = self.effects.magnetic_torque, self.effects.magnetic_force
-        if not self.static or not self.field.varies or (torque is None) == (force is None):
-            return None
-        return "magnetic_torque" if torque is None else "magnetic_force"
+        return rules.without_energy(self)
 
     @property
     def static(self) -> bool:
         """Whether equilibrium is sought, rather than motion."""
-        return getattr(self.solver, "dynamic", None) is None
-
-    def _field_acts(self, effect: str) -> None:
-        """A file that asks for an outside field's torque or force must have something to turn and something to turn it.
-
-        Only asked of files: a study or a test may well set the field or all magnetisations to zero.
-        """
-        if "field" not in self.model_fields_set:
-            raise fault(
-                f"{effect} needs a field",
-                f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}",
-                ("field",),
-            )
-        if not self.magnetised_segments():
-            raise fault(
-                f"{effect} needs a segment with a magnetization whose material has a remanence",
-                "give a segment, say, `magnetization: [1, 0, 0]`, and its material `remanence: 138 mT`",
-                ("effects", effect),
-            )
+        return self.solver.dynamic is None
 
     # what the scene says, put together
-
-    def _materials_named(self) -> list[tuple[Key, str]]:
-        """Where the body names materials, and which."""
-        named: list[tuple[Key, str]] = []
-        if (material := getattr(self.body.shape, "material", None)) is not None:
-            named.append((("body", self.body.kind, "material"), material))
-        for piece in self.regions():
-            if piece.material_name != material:
-                named.append((("body", *piece.at, "material"), piece.material_name))
-        return named
 
     def regions(self) -> tuple[Region, ...]:
         """What the body is made of, each with one material: segments from base to tip, or parts."""
@@ -343,20 +195,17 @@ class Scene(Settings):
     @property
     def thickness(self) -> float:
         """What `cells_across` counts cells through, m: a catheter's diameter, a strip's thickness."""
-        shape = self.body.shape
-        return shape.diameter if isinstance(shape, Catheter) else shape.thickness
+        return self.body.shape.thickness
 
     @property
     def cell(self) -> float:
         """Width of the grid's cells, m, as asked for; the grid's own fit the body and may be a little smaller."""
-        parts = self.body.parts
-        asked = None if parts is None else parts.spacing
-        return asked or self.thickness / self.resolution.cells_across
+        return self.body.shape.cell_size(self.resolution.cells_across)
 
     @property
     def anchored(self) -> bool:
         """Whether it is held at its base alone, and so stays within its length of it."""
-        return getattr(self.body.shape, "clamp", None) == "base"
+        return self.body.shape.clamp == "base"
 
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Lower and upper corner of the box around the undeformed body, m."""
@@ -386,45 +235,7 @@ class Scene(Settings):
 
     def warnings(self) -> list[str]:
         """What the author may not have meant: one sentence each."""
-        found = []
-        torque, force = self.effects.magnetic_torque, self.effects.magnetic_force
-        if torque is None and force is None and self.field.acts and self.magnetised_segments():
-            found.append("effects: magnetic_torque is not named, so the field does nothing")
-        elif torque is None and force is not None and self.field.varies:
-            found.append("effects: magnetic_torque is not named, so the field pulls the segments but does not turn them")
-        elif force is None and self.field.varies and self.magnetised_segments():
-            found.append("effects: magnetic_force is not named, so the field turns the segments but does not pull them")
-        if force is not None and not self.field.varies:
-            found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
-        if not any(effect is not None for _, effect in self.effects):
-            found.append("effects: none is named, so nothing moves")
-        used = {piece.material_name for piece in self.regions()}
-        catheter, across = self.body.catheter, self.resolution.cells_across
-        if catheter is not None:
-            wall = (catheter.diameter - catheter.inner_diameter) / 2 * across / catheter.diameter
-            if wall < 1:
-                found.append(
-                    f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
-                    f"cells_across {int(np.ceil(across / wall - 1e-9))}"
-                )
-        if catheter is not None and catheter.clamp == "none" and self.effects.feed is not None:
-            found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
-        strip = self.body.strip
-        if strip is not None and strip.plane_strain and self.field.uniform[1] and self.effects.magnetic_torque is not None:
-            found.append("field: its y component does nothing to a strip in plane strain")
-        gravity = self.effects.gravity
-        if strip is not None and strip.plane_strain and gravity is not None and gravity.acceleration[1]:
-            found.append("effects.gravity: the y component of its acceleration does nothing to a strip in plane strain")
-        parts, dynamic = self.body.parts, self.solver.dynamic
-        apart = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
-        if parts is not None and not apart:
-            found += [
-                f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * self.cell:.3g} mm: "
-                "they move as if joined, unless self_contact is named"
-                for one, other, gap in parts.near(2 * self.cell)
-            ]
-        found += [f"materials: {name} is not used" for name in self.materials if name not in used]
-        return found
+        return warnings(self)
 
     def __repr__(self) -> str:
         """One line: the body, its effects, and how it is solved."""

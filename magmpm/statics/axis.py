@@ -6,6 +6,7 @@ import numpy as np
 
 from magmpm.bodies.grid import spline_weights
 from magmpm.bodies.regions import Line
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 from magmpm.statics.layout import StaticModel
@@ -13,8 +14,8 @@ from magmpm.statics.layout import StaticModel
 
 def section_weights(model: StaticModel) -> Array:
     """Weights (nodes_per_plane,) that give the axis from a plane's coefficients: at y = z = 0, or a tube's mean over its section."""
-    catheter = model.scene.body.catheter
-    if catheter is not None and catheter.inner_diameter > 0.0:
+    shape = model.scene.body.shape
+    if isinstance(shape, StraightBody) and shape.hollow:
         return end_face_weights(model)
     return _plane_weights(model, np.array([_line(model).base[1:]]), np.ones(1))
 

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
 from magmpm.model import Index
 from magmpm.rod.cosserat import RodShape, solve_rod
-from magmpm.scene.scene import NO_ENERGY
+from magmpm.scene.rules import NO_ENERGY
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimise_together
@@ -25,8 +26,6 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 
-FAR = 0.1  # of the length: rod and solve differ by 0.2 to 1 % on slender bodies; farther apart they may be on two branches
-FAR_STRIP = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1; branches are 1 apart
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps for a solve without a rod's shape, which may have to turn a body round: 100 to 300 in robots tried
 
@@ -146,7 +145,8 @@ def _branch(
             energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step
         )
 
-    if options.field_steps is not None or model.scene.body.shape.clamp != "base":
+    body = model.scene.body.shape
+    if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
         rod = solve_rod(model.scene)
@@ -162,7 +162,7 @@ def _branch(
             steps += _most_steps(model)
             continue
         steps += found.steps
-        if _distance(model, found.point, rod) < (FAR if model.scene.body.strip is None else FAR_STRIP):
+        if _distance(model, found.point, rod) < body.branch_distance:
             return Equilibrium(found.point, steps, True, local_correction(model, rod, found.point.grid), warnings)
     warnings.append(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"

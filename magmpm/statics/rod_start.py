@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape
 from magmpm.statics.layout import StaticModel
-
-FLAT = 3.0  # width over thickness from which the section is taken for a plate's
 
 
 def straight(model: StaticModel) -> Array:
@@ -43,7 +42,8 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     # Up to the clamp, which holds the section's shape: to let this grow with the distance from it costs more energy, not less.
     e, k2, k3 = (c[:, None] for c in (strain[:, 0] - 1.0, curvature[:, 1], curvature[:, 2]))
     in_plane = np.zeros((len(x), len(y), 3))
-    if _flat(model):
+    shape = model.scene.body.shape
+    if isinstance(shape, StraightBody) and shape.bends_as_plate:
         in_plane[:, :, 1] = y
         in_plane[:, :, 2] = z - nu / (1 - nu) * (e * z + k2 * z * z / 2)
     else:
@@ -61,12 +61,6 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     out = np.ascontiguousarray(u.reshape(layout.planes, layout.m))
     out[layout.fixed] = 0.0
     return out
-
-
-def _flat(model: StaticModel) -> bool:
-    """Whether the section keeps its width as it bends: in plane strain, and nearly so in a strip much wider than thick."""
-    strip = model.scene.body.strip
-    return strip is not None and (strip.plane_strain or strip.width > FLAT * strip.thickness)
 
 
 def plane_frames(model: StaticModel, rod: RodShape) -> Array:

@@ -34,7 +34,10 @@ def _offsets(count: int, formulation: str) -> Case:
         places = np.random.default_rng(5).uniform(0.02, 0.98, (count, 2))
         tips = []
         for place in places.tolist():
-            model = build(scene, shift=(place[0], place[1]))
+            catheter = scene.body.catheter
+            assert catheter is not None  # made by `rod`, below
+            at = scene.resolution
+            model = build(scene, catheter.discretize(at.cells_across, at.particles_per_cell, shift=(place[0], place[1])))
             moved = move(model)
             tips.append(last_cells(model) @ (moved.x - model.particles.position))
         spread = np.array(tips)[:, None] - np.array(tips)[None]

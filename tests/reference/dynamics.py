@@ -29,7 +29,6 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import brentq
 
-from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import spline_weights
 from magmpm.effects import hooks
 from magmpm.model import Model
@@ -173,7 +172,7 @@ class Updated:
         local = (self.x - model.grid.origin) / h - cell
         weights = spline_weights(local)
         slopes = np.stack([local - 1, 1 - 2 * local, local], -1) / h[:, None]
-        piece = connected_components(model.scene.body.parts, model.particles.cell, model.particles.segment)
+        piece = model.scene.body.shape.components(model.particles)
         shape = (piece.max() + 1, *shape)
         m, momentum, fixed = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, bool)
         stencil = []

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from magmpm.bodies.sections import torsion_constant
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.results import measures
-from magmpm.rod.sections import torsion_constant
 from magmpm.scene import Scene
 from magmpm.simulate import run
 

@@ -13,7 +13,6 @@ from reference import dynamics as reference
 from reference.moving import filled, follow, moving_scene
 from reference.solids import box
 
-from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.effects import self_contact
@@ -64,7 +63,7 @@ def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Ge
     model = parts(tmp_path, [(boxes[0], held), (boxes[1], False), (boxes[2], False)])
     model = replace(model, modes=np.zeros((len(model.density), 0)))
     n, part = len(model.density), model.particles.segment
-    assert len(np.unique(connected_components(model.scene.body.parts, model.particles.cell, part))) == 3
+    assert len(np.unique(model.scene.body.shape.components(model.particles))) == 3
     v = np.array([[0.0, 0.0, 0.4], [0.3, 0.1, -0.2], [-0.1, 0.2, -0.4]])[part] + 0.1 * rng.standard_normal((n, 3))
     F, C = np.eye(3) + 0.02 * rng.standard_normal((n, 3, 3)), 50.0 * rng.standard_normal((n, 3, 3))
     free = ~model.held

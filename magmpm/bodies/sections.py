@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.slender import Catheter, Strip
 from magmpm.compiled.arrays import Array
 from magmpm.materials import poisson_ratio, young_modulus
 
@@ -28,15 +27,12 @@ class Section:
     compliance: Array
 
 
-def section_of(body: Catheter | Strip, G: Array, K: Array) -> Section:
-    """The section of a straight body for materials of shear and bulk moduli G, K (k,) Pa."""
-    if isinstance(body, Catheter):
-        return _ring(body.diameter / 2, body.inner_diameter / 2, G, K)
-    return _rectangle(body.width, body.thickness, G, K, body.plane_strain)
+def ring(outer: float, inner: float, shear: Array, bulk: Array) -> Section:
+    """A round tube of outer and inner radius (m), of materials of shear and bulk moduli (k,) Pa.
 
-
-def _ring(r1: float, r0: float, G: Array, K: Array) -> Section:
-    """A round tube of outer and inner radius r1, r0 (m). Shear: Cowper, J. Appl. Mech. 33 (1966) 335-340."""
+    Shear: Cowper, J. Appl. Mech. 33 (1966) 335-340.
+    """
+    r1, r0, G, K = outer, inner, shear, bulk
     area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
     E, nu, m = young_modulus(G, K), poisson_ratio(G, K), r0 / r1
     shear = (
@@ -47,13 +43,13 @@ def _ring(r1: float, r0: float, G: Array, K: Array) -> Section:
     return Section(float(area), twist_bend, compliance)
 
 
-def _rectangle(width: float, thickness: float, G: Array, K: Array, plane_strain: bool) -> Section:
+def rectangle(width: float, thickness: float, shear: Array, bulk: Array, plane_strain: bool) -> Section:
     """A rectangle, width along axis 2 and thickness along 3 (m).
 
     Torsion: Timoshenko and Goodier, Theory of Elasticity, section 109; shear: Cowper (1966). In plane strain E/(1 - nu^2) takes
     E's place, and twist and bending in the plane of the sheet are next to impossible.
     """
-    area = width * thickness
+    area, G, K = width * thickness, shear, bulk
     E, nu = young_modulus(G, K), poisson_ratio(G, K)
     shear = 10 * (1 + nu) / (12 + 11 * nu)
     if plane_strain:

@@ -1,0 +1,72 @@
+"""The key `body` of a scene: one body, of one of the kinds there are."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field, model_validator
+
+from magmpm.bodies.assembly import Parts
+from magmpm.bodies.body_shape import BodyShape
+from magmpm.bodies.catheter import Catheter
+from magmpm.bodies.strip import Strip
+from magmpm.inputs.settings import Settings, fault
+
+CATHETER = {
+    "length": "40 mm",
+    "diameter": "4 mm",
+    "material": "silicone",
+    "segments": [{"magnetization": [1, 0, 0]}],
+}
+STRIP = {
+    "length": "17.2 mm",
+    "width": "5 mm",
+    "thickness": "0.84 mm",
+    "material": "silicone",
+    "segments": [{"magnetization": [1, 0, 0]}],
+}
+
+PARTS = {
+    "unit": "mm",
+    "meshes": [{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}],
+}
+
+
+class Body(Settings):
+    """What moves: one of these."""
+
+    model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
+
+    catheter: Catheter | None = Field(
+        default=None,
+        description="A straight round rod or tube from the origin along +x.",
+        examples=[CATHETER],
+    )
+    strip: Strip | None = Field(
+        default=None,
+        description="A strip or sheet, flat in x and y.",
+        examples=[STRIP],
+    )
+
+    parts: Parts | None = Field(
+        default=None, description="STL meshes, one a part.", examples=[PARTS]
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Body:
+        named = [key for key in type(self).model_fields if getattr(self, key) is not None]
+        if len(named) != 1:
+            raise fault(
+                f"must have one of the keys {', '.join(type(self).model_fields)}",
+                "keep one of them" if named else "write, say, `catheter: {length: 40 mm, diameter: 4 mm, ...}`",
+            )
+        return self
+
+    @property
+    def kind(self) -> str:
+        """The key that is given: catheter, strip or parts."""
+        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
+
+    @property
+    def shape(self) -> BodyShape:
+        """The body itself, of whatever kind."""
+        shape: BodyShape = getattr(self, self.kind)
+        return shape

@@ -1,0 +1,125 @@
+"""What every kind of body can tell: all that scenes, models, effects and solvers know of one.
+
+A new kind of body is one file with a class like those in catheter.py, strip.py and assembly.py, and one key of `Body` (body.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import ClampPlane, Grid
+from magmpm.bodies.regions import Line, Region
+from magmpm.bodies.section_quadrature import Particles
+from magmpm.compiled.arrays import Array
+from magmpm.inputs.settings import Settings
+from magmpm.inputs.vectors import Vector
+
+
+@dataclass(frozen=True)
+class Discretization:
+    """A body as a grid and particles.
+
+    errors: relative errors of the particles' volumes or areas, and moments; planes: faces of the grid, its lower x face aside, on which
+    the body is held.
+    """
+
+    grid: Grid
+    particles: Particles
+    errors: dict[str, float]
+    planes: tuple[ClampPlane, ...] = ()
+
+
+class BodyShape(Settings):
+    """The settings of one kind of body, and what follows from them. Lengths in m.
+
+    `cells_across` and `particles_per_cell` are those of the scene's `resolution`.
+    """
+
+    clamp_key: ClassVar[str] = "clamp"  # its key that holds it somewhere
+
+    if TYPE_CHECKING:  # settings or properties of each kind
+
+        @property
+        def length(self) -> float:
+            """Length of the undeformed body, m: what errors and distances are measured by."""
+
+        @property
+        def thickness(self) -> float:
+            """What `cells_across` counts cells through, m."""
+
+        @property
+        def clamp(self) -> str:
+            """What is held: base, both, parts or none."""
+
+    @property
+    def line(self) -> Line | None:
+        """The undeformed axis of a straight body."""
+        return None
+
+    @property
+    def in_plane_strain(self) -> bool:
+        """Whether nothing moves along y and nothing varies along it."""
+        return False
+
+    def regions(self) -> tuple[Region, ...]:
+        """What it is made of, each with one material: segments from base to tip, or parts."""
+        raise NotImplementedError
+
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around it, m."""
+        raise NotImplementedError
+
+    def grid(self, cells_across: int) -> Grid:
+        """The grid in the undeformed body. Raises SceneError where it would have too many cells."""
+        raise NotImplementedError
+
+    def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
+        """Its grid and particles. Raises SceneError where the grid would have too many cells."""
+        raise NotImplementedError
+
+    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+        """How many particles it has at least, without making them."""
+        raise NotImplementedError
+
+    def cell_size(self, cells_across: int) -> float:
+        """Width of the grid's cells as asked for, m; the grid's own fit the body and may be a little smaller."""
+        return self.thickness / cells_across
+
+    def magnetization(self, particles: Particles) -> Array:
+        """Direction of magnetization at each particle in the undeformed body, unit vectors or zeros (n, 3)."""
+        return np.array([region.magnetization for region in self.regions()])[particles.segment]
+
+    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+        """How far the outermost particles are taken to be from the body's surface, m.
+
+        towards: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
+        obstacle that the body just touches holds a particle already.
+        """
+        raise NotImplementedError
+
+    def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
+        """How far some of the particles (k,) are taken to be from the body's surface, all ways, (k,) m."""
+        return np.full(len(some), self.depth(cells_across, particles_per_cell))
+
+    def part_of(self, particles: Particles) -> NDArray[np.integer]:
+        """Which part of the body each particle (n,) is in; a body that is not made of parts is one."""
+        return np.zeros(len(particles.volume), np.int64)
+
+    def components(self, particles: Particles) -> NDArray[np.int64]:
+        """Which connected component each particle (n,) is in, from 0: components move apart, a component hangs together."""
+        return np.zeros(len(particles.volume), np.int64)
+
+    def check_resolution(self, cells_across: int) -> None:
+        """Raises PydanticCustomError (see `fault`), for the scene, where so few cells can't resolve the body."""
+
+    def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
+        """What the author may not have meant. one_grid: whether all parts move on the same grid."""
+        return []
+
+    def cell_setting(self, cells_across: int) -> tuple[str, str, str]:
+        """The key that decides the size of its cells, its value, and what makes them larger, in words."""
+        return "resolution.cells_across", str(cells_across), "fewer cells_across"

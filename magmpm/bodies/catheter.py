@@ -1,0 +1,139 @@
+"""A catheter: a straight round rod or tube."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.grid import Grid
+from magmpm.bodies.section_quadrature import gauss_depth, rod_grid, rod_particles, rod_section, section_errors
+from magmpm.bodies.sections import Section, ring
+from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
+from magmpm.compiled.arrays import Array
+from magmpm.inputs.settings import Quantity, fault
+from magmpm.inputs.vectors import Vector
+
+THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` tells of walls thinner than a cell
+
+
+class Catheter(StraightBody):
+    """A straight rod, base at the origin, axis +x."""
+
+    kind: ClassVar[str] = "catheter"
+    across: ClassVar[str] = "diameter"
+
+    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
+        description="Length of the undeformed catheter.", examples=["40 mm"]
+    )
+    diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Outer diameter.", examples=["4 mm"]
+    )
+    inner_diameter: Annotated[float, Quantity("length", at_least="0 mm", at_most="1 m")] = Field(
+        default=0.0, description="Diameter of the bore; 0 mm, a solid rod, unless given.", examples=["2 mm"]
+    )
+    material: str = Field(
+        description="A name from `materials`; segments may name others.", examples=["silicone"]
+    )
+    clamp: Literal["base", "none"] = Field(
+        default="base", description="The face that is held: base, or none (a free body).", examples=["base"]
+    )
+    segments: tuple[Segment, ...] = Field(
+        min_length=1,
+        max_length=MAX_SEGMENTS,
+        description="From base to tip.",
+        examples=[[{"magnetization": [1, 0, 0]}]],
+    )
+
+    @field_validator("diameter")
+    @classmethod
+    def _slender(cls, diameter: float, info: ValidationInfo) -> float:
+        cls._check_slender(info.data.get("length"), diameter)
+        return diameter
+
+    @field_validator("inner_diameter")
+    @classmethod
+    def _hollow(cls, inner: float, info: ValidationInfo) -> float:
+        outer = info.data.get("diameter")
+        if outer is not None and not inner < outer:
+            raise fault(
+                "the inner diameter must be less than the diameter",
+                f"give less than {1e3 * outer:g} mm, or remove it",
+            )
+        if outer is not None and not (outer - inner) / 2 >= THINNEST_WALL * outer * (1 - 1e-9):
+            raise fault(
+                f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick, {1e3 * THINNEST_WALL * outer:.3g} mm here",
+                f"give at most {1e3 * (1 - 2 * THINNEST_WALL) * outer:g} mm",
+            )
+        return inner
+
+    @property
+    def thickness(self) -> float:
+        """Its diameter, m."""
+        return self.diameter
+
+    @property
+    def hollow(self) -> bool:
+        """Whether it has a bore."""
+        return self.inner_diameter > 0.0
+
+    @property
+    def radii(self) -> dict[str, float]:
+        """Outer and inner radius, m."""
+        return {"outer": self.diameter / 2, "inner": self.inner_diameter / 2}
+
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around it, m."""
+        return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
+
+    def grid(self, cells_across: int, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
+        """The grid in the undeformed body, lower along y and z by `shift` of a cell."""
+        return rod_grid(self.length, self.diameter, cells_across, shift=shift)
+
+    def discretize(self, cells_across: int, particles_per_cell: int, shift: tuple[float, float] = (0.0, 0.0)) -> Discretization:
+        """Its grid, lower along y and z by `shift` of a cell, and particles."""
+        grid, ends = self.grid(cells_across, shift), np.cumsum(self.segment_lengths())
+        particles = rod_particles(grid, **self.radii, segment_ends=ends, particles_per_cell=particles_per_cell)
+        return Discretization(grid, particles, section_errors(particles, **self.radii, length=self.length))
+
+    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+        """The number of its particles, but for cells that two segments share, which have more."""
+        grid = self.grid(cells_across)
+        section = rod_section(grid, **self.radii, particles_per_cell=particles_per_cell)[1][0]
+        return float(len(section) * grid.cells[0] * particles_per_cell)
+
+    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+        """How far the outermost particles are from its surface, m: see BodyShape. All ways: the least around its section."""
+        depths = _depths_around(self, cells_across, particles_per_cell)
+        if towards is None:
+            return float(depths.min())
+        along, aside = abs(float(towards[0])), math.hypot(towards[1], towards[2])
+        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if aside > 0 else 0.0
+        around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
+        return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
+
+    def section(self, shear: Array, bulk: Array) -> Section:
+        """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
+        return ring(**self.radii, shear=shear, bulk=bulk)
+
+    def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
+        """Of a wall that is thinner than a cell."""
+        wall = (self.diameter - self.inner_diameter) / 2 * cells_across / self.diameter
+        if wall >= 1:
+            return []
+        return [
+            f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
+            f"cells_across {int(np.ceil(cells_across / wall - 1e-9))}"
+        ]
+
+
+@lru_cache(maxsize=8)
+def _depths_around(catheter: Catheter, cells_across: int, particles_per_cell: int) -> Array:
+    """How deep (m) below its tangent plane a catheter's particles lie, every degree around it: from y towards z, (360,)."""
+    _, (points, _, _) = rod_section(catheter.grid(cells_across), **catheter.radii, particles_per_cell=particles_per_cell)
+    angle = np.deg2rad(np.arange(360))
+    return np.asarray(catheter.diameter / 2 - (points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0))

@@ -1,0 +1,147 @@
+"""Bodies that are straight along x and made of segments, base to tip: what a catheter and a strip have in common."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from magmpm.bodies.body_shape import BodyShape
+from magmpm.bodies.regions import Line, Region
+from magmpm.bodies.sections import Section
+from magmpm.compiled.arrays import Array
+from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.vectors import Direction, Vector
+
+MAX_SEGMENTS = 1000
+MAX_SLENDERNESS = 500.0  # length over diameter, or over thickness
+SHORTEST = 0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 cells across, 0.16 at 16
+
+
+class Segment(Settings):
+    """A piece of a catheter or strip with one magnetisation and one material."""
+
+    magnetization: Direction = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Direction in the undeformed body: [x, y, z], normalised, or "
+        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
+        examples=[[1, 0, 0]],
+    )
+    material: str | None = Field(
+        default=None,
+        description="A name from `materials`; the body's unless given.",
+        examples=["plain silicone"],
+    )
+    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] | None = Field(
+        default=None,
+        description="Length of this segment; segments without one share the rest of the length equally.",
+        examples=["8 mm"],
+    )
+
+
+class StraightBody(BodyShape):
+    """A body along +x with one cross-section, which a rod describes well."""
+
+    kind: ClassVar[str]  # its key in `body`
+    across: ClassVar[str]  # its key for the size that cells are counted through
+    # Of the length: equilibria of body and rod differ by 0.2 to 1 % where slender; farther apart than this they may be on two branches.
+    branch_distance: ClassVar[float] = 0.1
+
+    if TYPE_CHECKING:  # settings or properties of each kind
+
+        @property
+        def material(self) -> str:
+            """Of the segments that name none."""
+
+        @property
+        def segments(self) -> tuple[Segment, ...] | None:
+            """From base to tip."""
+
+    @field_validator("segments", check_fields=False)
+    @classmethod
+    def _fill_the_length(cls, segments: tuple[Segment, ...] | None, info: ValidationInfo) -> tuple[Segment, ...] | None:
+        length = info.data.get("length")
+        if length is not None and segments is not None:
+            cls._check_lengths(length, info.data.get(cls.across), segments)
+        return segments
+
+    @classmethod
+    def _check_lengths(cls, length: float, thickness: float | None, segments: tuple[Segment, ...]) -> None:
+        """Segments must fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long.
+
+        Raises PydanticCustomError (see `fault`).
+        """
+        given = [s.length for s in segments if s.length is not None]
+        total, free = math.fsum(given), len(segments) - len(given)
+        text = f"{1e3 * total:g} mm, the {cls.kind} {1e3 * length:g} mm"
+        if free == 0 and not math.isclose(total, length, rel_tol=1e-9):
+            raise fault(
+                f"segment lengths must sum to the {cls.kind}'s length", f"they sum to {text}: change either"
+            )
+        if free and total >= length * (1 - 1e-9):
+            raise fault(
+                f"segment lengths must leave some of the {cls.kind}'s length to the segments without one",
+                f"those given sum to {text}: shorten them",
+            )
+        lengths = segment_lengths(length, segments)
+        shortest = min(range(len(lengths)), key=lengths.__getitem__)
+        if thickness is not None and lengths[shortest] < SHORTEST * thickness * (1 - 1e-9):
+            raise fault(
+                f"a segment must be at least {SHORTEST:g} times the {cls.kind}'s {cls.across} long, "
+                f"{1e3 * SHORTEST * thickness:.3g} mm here, and segment {shortest + 1} is {1e3 * lengths[shortest]:.3g} mm",
+                "check its unit, make it longer, or leave it out: the grid tells nothing finer",
+                (shortest, "length") if segments[shortest].length is not None else (),
+            )
+
+    @classmethod
+    def _check_slender(cls, length: float | None, thickness: float) -> None:
+        """Raises PydanticCustomError (see `fault`); length None: not known."""
+        if length is not None and not thickness <= length <= MAX_SLENDERNESS * thickness:
+            raise fault(
+                f"the length must be 1 to {MAX_SLENDERNESS:g} times the {cls.across}",
+                f"check the units of both: length {1e3 * length:g} mm, {cls.across} {1e3 * thickness:g} mm",
+            )
+
+    @property
+    def base(self) -> Vector:
+        """Centre of its base face, m."""
+        return (0.0, 0.0, 0.0)
+
+    @property
+    def line(self) -> Line:
+        """Its undeformed axis."""
+        return Line(self.base, self.length)
+
+    @property
+    def hollow(self) -> bool:
+        """Whether its axis lies outside its material."""
+        return False
+
+    @property
+    def bends_as_plate(self) -> bool:
+        """Whether the section keeps its width as it bends."""
+        return False
+
+    def segment_lengths(self) -> list[float]:
+        """Length of each region in m, base to tip; they sum to `length`."""
+        return segment_lengths(self.length, self.segments or ())
+
+    def regions(self) -> tuple[Region, ...]:
+        """Its segments, base to tip."""
+        return tuple(
+            Region(f"segment {i + 1}", (self.kind, "segments", i), s.material or self.material, s.magnetization)
+            for i, s in enumerate(self.segments or ())
+        )
+
+    def section(self, shear: Array, bulk: Array) -> Section:
+        """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
+        raise NotImplementedError
+
+
+def segment_lengths(length: float, segments: tuple[Segment, ...]) -> list[float]:
+    """Length of each segment in m, base to tip; they sum to `length` (m)."""
+    given = [s.length for s in segments if s.length is not None]
+    free = len(segments) - len(given)
+    share = math.fsum([length, *(-length for length in given)]) / free if free else 0.0
+    return [share if s.length is None else s.length for s in segments]

@@ -1,0 +1,198 @@
+"""A strip or sheet: a straight body with a rectangular section."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.grid import ClampPlane, Grid
+from magmpm.bodies.magnetization_profile import REGIONS_A_PERIOD, Profile
+from magmpm.bodies.regions import Region
+from magmpm.bodies.section_quadrature import Particles, gauss_depth, strip_errors, strip_grid, strip_particles
+from magmpm.bodies.sections import Section, rectangle
+from magmpm.bodies.segments import MAX_SEGMENTS, MAX_SLENDERNESS, Segment, StraightBody
+from magmpm.compiled.arrays import Array
+from magmpm.inputs.settings import Key, Quantity, fault
+from magmpm.inputs.vectors import Vector, three
+
+FLAT = 3.0  # width over thickness from which the section is taken for a plate's
+
+_Coordinate = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 m")]
+
+
+class Strip(StraightBody):
+    """A straight strip or sheet: length along x, width along y, thickness along z."""
+
+    kind: ClassVar[str] = "strip"
+    across: ClassVar[str] = "thickness"
+    branch_distance: ClassVar[float] = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1
+
+    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
+        description="Length along x.", examples=["17.2 mm"]
+    )
+    width: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
+        description="Width along y.", examples=["5 mm"]
+    )
+    thickness: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Thickness along z; `cells_across` counts the cells through it.", examples=["0.84 mm"]
+    )
+    material: str = Field(
+        description="A name from `materials`; segments may name others.", examples=["silicone"]
+    )
+    clamp: Literal["base", "both", "none"] = Field(
+        default="base",
+        description="The faces that are held: base (at the lower x), both ends, or none (a free body).",
+        examples=["base"],
+    )
+    position: Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], three("[0 mm, 0 mm, 1 mm]")] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Centre of the base face: [x, y, z]; the origin unless given.",
+        examples=[["0 mm", "0 mm", "1 mm"]],
+    )
+    plane_strain: bool = Field(
+        default=False,
+        strict=True,
+        description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.",
+        examples=[True],
+    )
+    segments: tuple[Segment, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MAX_SEGMENTS,
+        description="From base to tip; give these or `magnetization_profile`.",
+        examples=[[{"magnetization": [1, 0, 0]}]],
+    )
+    magnetization_profile: Profile | None = Field(
+        default=None,
+        description="A magnetisation that varies along the length; give this or `segments`.",
+        examples=[{"harmonic": {"periods": 1, "phase": "45 deg"}}],
+    )
+
+    @field_validator("thickness")
+    @classmethod
+    def _thin(cls, thickness: float, info: ValidationInfo) -> float:
+        width = info.data.get("width")
+        cls._check_slender(info.data.get("length"), thickness)
+        if width is not None and not 0.5 * thickness <= width <= MAX_SLENDERNESS * thickness:
+            raise fault(
+                f"the width must be 0.5 to {MAX_SLENDERNESS:g} times the thickness",
+                f"check the units of both: width {1e3 * width:g} mm, thickness {1e3 * thickness:g} mm",
+            )
+        return thickness
+
+    @model_validator(mode="after")
+    def _one_magnetization(self) -> Strip:
+        if (self.segments is None) == (self.magnetization_profile is None):
+            raise fault(
+                "give `segments` or `magnetization_profile`, one of them",
+                "write, say, `segments: [{magnetization: [1, 0, 0]}]`",
+            )
+        return self
+
+    @property
+    def base(self) -> Vector:
+        """Centre of its base face, m."""
+        return self.position
+
+    @property
+    def in_plane_strain(self) -> bool:
+        """Whether nothing moves along y and nothing varies along it."""
+        return self.plane_strain
+
+    @property
+    def bends_as_plate(self) -> bool:
+        """Whether it keeps its width as it bends: in plane strain, and nearly so where it is much wider than thick."""
+        return self.plane_strain or self.width > FLAT * self.thickness
+
+    @property
+    def size(self) -> Array:
+        """Length, width and thickness, (3,) m."""
+        return np.array([self.length, self.width, self.thickness])
+
+    def segment_lengths(self) -> list[float]:
+        """Length of each region in m, base to tip; they sum to `length`."""
+        if self.segments is not None:
+            return super().segment_lengths()
+        count = len(self.regions())
+        return [self.length / count] * count
+
+    def box(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner of the box around it, m."""
+        (x, y, z), w, t = self.position, self.width / 2, self.thickness / 2
+        return (x, y - w, z - t), (x + self.length, y + w, z + t)
+
+    def regions(self) -> tuple[Region, ...]:
+        """Its segments, or equal lengths of its profile, base to tip."""
+        profile = self.magnetization_profile
+        if profile is None:
+            return super().regions()
+        count = max(1, math.ceil(REGIONS_A_PERIOD * profile.harmonic.turns(self.length) - 1e-9))
+        at: Key = ("strip", "magnetization_profile")
+        return tuple(
+            Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length))
+            for i in range(count)
+        )
+
+    def grid(self, cells_across: int) -> Grid:
+        """The grid in the undeformed body: knots on all its faces."""
+        return strip_grid(np.array(self.position), self.size, cells_across, one_wide=self.plane_strain)
+
+    def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
+        """Its grid and particles. The regions of a profile are there to be shown: they cut no cells."""
+        grid, ends = self.grid(cells_across), np.cumsum(self.segment_lengths())
+        particles = strip_particles(
+            grid,
+            segment_ends=self.position[0] + (ends if self.segments is not None else np.array([self.length])),
+            particles_per_cell=particles_per_cell,
+            one_wide=self.plane_strain,
+        )
+        if self.segments is None:
+            middle = (particles.cell[:, 0] + 0.5) * grid.spacing[0]
+            particles = replace(particles, segment=np.searchsorted(ends, middle).astype(np.int32))
+        planes = (ClampPlane(0, False, grid.cells[0] - 1),) if self.clamp == "both" else ()
+        return Discretization(grid, particles, strip_errors(particles, self.size), planes)
+
+    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+        """The number of its particles, but for cells that two segments share, which have more."""
+        return float(np.prod(self.grid(cells_across).cells)) * particles_per_cell ** (2 if self.plane_strain else 3)
+
+    def magnetization(self, particles: Particles) -> Array:
+        """Direction of magnetization at each particle in the undeformed body, unit vectors or zeros (n, 3)."""
+        profile = self.magnetization_profile
+        if profile is None:
+            return super().magnetization(particles)
+        x, of = np.unique(particles.position[:, 0], return_inverse=True)
+        share = (x - self.position[0]) / self.length
+        return np.array([profile.direction(s, self.length) for s in share.tolist()])[of]
+
+    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+        """How far the outermost particles are from its surface, m: see BodyShape. All ways: the Gauss points' below the flat faces."""
+        share = gauss_depth(particles_per_cell)
+        if towards is None:
+            return share * self.cell_size(cells_across)
+        deep = share * self.grid(cells_across).spacing
+        if self.plane_strain:
+            deep[1] = 0.0  # one particle stands for the width
+        return float(np.abs(towards) @ deep)
+
+    def section(self, shear: Array, bulk: Array) -> Section:
+        """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
+        return rectangle(self.width, self.thickness, shear, bulk, self.plane_strain)
+
+    def check_resolution(self, cells_across: int) -> None:
+        """A profile that turns within a cell or two would be averaged away."""
+        if self.magnetization_profile is None:
+            return
+        turns = self.magnetization_profile.harmonic.turns(self.length)
+        a_turn = max(3, round(self.length / self.thickness * cells_across)) / turns
+        if a_turn < REGIONS_A_PERIOD:
+            raise fault(
+                f"a turn of the magnetisation must be at least {REGIONS_A_PERIOD} cells long, and is {a_turn:.3g}",
+                f"raise cells_across to {int(np.ceil(cells_across * REGIONS_A_PERIOD / a_turn))}, or turn less often",
+                ("resolution", "cells_across"),
+            )

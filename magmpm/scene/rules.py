@@ -1,0 +1,183 @@
+"""Rules that join parts of a scene: what each part alone can't know."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING
+
+from magmpm.inputs.settings import Key, fault
+from magmpm.scene.surroundings import IN_MOTION
+
+if TYPE_CHECKING:
+    from magmpm.scene.scene import Scene
+
+NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.without_energy)
+    "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
+    "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic, where either may act alone",
+)
+
+
+def check(scene: Scene, *, written: bool) -> None:
+    """Raises PydanticCustomError (see `fault`) for the first rule that is broken.
+
+    written: whether the scene is a file's, which must hold together; scenes made in Python may be incomplete, to be changed further.
+    """
+    _materials_are_there(scene)
+    _densities_are_given(scene)
+    _reference_fits(scene)
+    scene.body.shape.check_resolution(scene.resolution.cells_across)
+    if written and scene.static and scene.body.shape.clamp == "none":
+        raise fault(
+            "equilibrium needs a body that is held somewhere",
+            "clamp it, or let it move: `solver: {dynamic: {duration: 0.5 s}}`",
+            ("body", scene.body.kind, scene.body.shape.clamp_key),
+        )
+    _motion_has_its_solver(scene)
+    _contact_has_its_formulation(scene)
+    _feed_can_push(scene)
+    _field_suits_the_solver(scene)
+    if written:
+        if (missing := without_energy(scene)) is not None:
+            raise fault(*NO_ENERGY, ("effects", missing))
+        for effect in ("magnetic_torque", "magnetic_force"):
+            if getattr(scene.effects, effect) is not None:
+                _field_acts(scene, effect)
+
+
+def _materials_are_there(scene: Scene) -> None:
+    """Every material that the body names."""
+    for at, name in _materials_named(scene):
+        if name not in scene.materials:
+            near = difflib.get_close_matches(name, scene.materials, n=1)
+            remedy = f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
+            raise fault(f"must be a name from `materials`: {', '.join(scene.materials)}", remedy, at)
+
+
+def _materials_named(scene: Scene) -> list[tuple[Key, str]]:
+    """Where the body names materials, and which."""
+    named: list[tuple[Key, str]] = []
+    if (material := getattr(scene.body.shape, "material", None)) is not None:
+        named.append((("body", scene.body.kind, "material"), material))
+    for region in scene.regions():
+        if region.material_name != material:
+            named.append((("body", *region.at, "material"), region.material_name))
+    return named
+
+
+def _densities_are_given(scene: Scene) -> None:
+    """Gravity and motion need the mass of what they act on."""
+    gravity = scene.effects.gravity is not None
+    if not gravity and scene.static:
+        return
+    for name in dict.fromkeys(region.material_name for region in scene.regions()):
+        if scene.materials[name].density is None:
+            raise fault(
+                f"{'gravity' if gravity else 'motion'} needs the density of each material",
+                "add, say, `density: 1100 kg/m^3`",
+                ("materials", name, "density"),
+            )
+
+
+def _reference_fits(scene: Scene) -> None:
+    """A reference is no longer than its body."""
+    if scene.reference is not None and scene.reference.centreline[-1][0] > scene.length * (1 + 1e-6):
+        kind = scene.body.kind
+        raise fault(
+            f"s_mm of the reference must not exceed the {kind}'s length, {1e3 * scene.length:g} mm",
+            f"check that the table belongs to this {kind}",
+            ("reference", "centreline"),
+        )
+
+
+def _motion_has_its_solver(scene: Scene) -> None:
+    """Effects that act on a moving body only need the dynamic solver."""
+    if not scene.static:
+        return
+    for name in IN_MOTION:
+        if getattr(scene.effects, name) is not None:
+            raise fault(
+                f"{name} acts in motion only, and this scene is solved for its equilibrium",
+                f"write `solver: {{dynamic: {{duration: 0.5 s}}}}`, or do not name {name}",
+                ("effects", name),
+            )
+
+
+def _contact_has_its_formulation(scene: Scene) -> None:
+    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
+    dynamic = scene.solver.dynamic
+    if scene.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
+        raise fault(
+            "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
+            "leave formulation out, or write `formulation: updated`; or do not name self_contact",
+            ("solver", "dynamic", "formulation"),
+        )
+
+
+def _feed_can_push(scene: Scene) -> None:
+    """The guide must hold some of a catheter, and go on holding it."""
+    feed, catheter = scene.effects.feed, scene.body.catheter
+    if feed is None:
+        return
+    if catheter is None:
+        raise fault(
+            f"feed pushes a catheter, and this body is a {scene.body.kind}",
+            "do not name feed",
+            ("effects", "feed"),
+        )
+    least = catheter.diameter
+    if not feed.exit >= least:
+        raise fault(
+            f"the guide must hold one diameter of the catheter at least, {1e3 * least:g} mm from the base at x = 0",
+            f"write an exit of {1e3 * least:g} mm or more",
+            ("effects", "feed", "exit"),
+        )
+    duration = scene.solver.dynamic.duration if scene.solver.dynamic is not None else 0.0
+    left = feed.exit - feed.speed * duration
+    if not left >= least:
+        raise fault(
+            f"the base must stay in the guide by one diameter, {1e3 * least:g} mm; {1e3 * left:g} mm are left after "
+            f"{duration:g} s",
+            "push more slowly, for a shorter time, or from a guide whose exit is farther",
+            ("effects", "feed", "speed"),
+        )
+
+
+def _field_suits_the_solver(scene: Scene) -> None:
+    """Equilibrium has one field, the one at the end of the schedule, and is a minimum of one energy."""
+    if not scene.static:
+        return
+    over = scene.field.over_time
+    if over is not None and over.endless is not None:
+        count = {"rotation": "turns", "oscillation": "cycles"}[over.endless]
+        raise fault(
+            "a static solve takes the field at the end of its schedule, and this has no end",
+            f"add `{count}` to say when it stops, or ask for motion with solver.dynamic",
+            ("field", "over_time", over.endless),
+        )
+
+
+def without_energy(scene: Scene) -> str | None:
+    """In a field that varies in space, which of torque and force is missing from an equilibrium; None where all is well."""
+    torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
+    if not scene.static or not scene.field.varies or (torque is None) == (force is None):
+        return None
+    return "magnetic_torque" if torque is None else "magnetic_force"
+
+
+def _field_acts(scene: Scene, effect: str) -> None:
+    """A file that asks for an outside field's torque or force must have something to turn and something to turn it.
+
+    Only asked of files: a study or a test may well set the field or all magnetisations to zero.
+    """
+    if "field" not in scene.model_fields_set:
+        raise fault(
+            f"{effect} needs a field",
+            f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}",
+            ("field",),
+        )
+    if not scene.magnetised_segments():
+        raise fault(
+            f"{effect} needs a segment with a magnetization whose material has a remanence",
+            "give a segment, say, `magnetization: [1, 0, 0]`, and its material `remanence: 138 mT`",
+            ("effects", effect),
+        )
