@@ -85,7 +85,7 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
     particles, of = made.particles, made.particles.segment
     made.grid.locate(particles.position, particles.cell)  # each in its cell: kernels do not look
     regions = scene.regions()
-    materials = [scene.segment_material(k) for k in range(len(regions))]
+    materials = [scene.region_material(k) for k in range(len(regions))]
     if scene.effects.in_a_field:
         scene.outside_field().check_at_rest(particles.position, moving=not scene.static)
     ratio = np.array([material.bulk_to_shear for material in materials])

@@ -65,10 +65,10 @@ def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str,
     content["name"] = f"{study.name} best"[:100]
     if space.segments:
         directions = space.directions(found)
-        pieces = space.scene.regions()
+        regions = space.scene.regions()
         for i in space.segments:
             place = content["body"]
-            for key in pieces[i].at:
+            for key in regions[i].at:
                 place = place[key]
             place["magnetization"] = directions[i].tolist()
     if space.field_max is not None:

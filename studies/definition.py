@@ -164,7 +164,7 @@ class Study:
         """
         scene = self.scene
         if self.vary_magnetization:
-            magnetised = np.isin(np.arange(len(scene.regions())), scene.magnetised_segments())
+            magnetised = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
             scene = scene.with_magnetizations(np.outer(magnetised, [1.0, 0.0, 0.0]))
         content = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
         if self.field_max is not None:
@@ -259,7 +259,7 @@ def _check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     elif scene.effects.magnetic_torque is None:
         rule = "the scene of a study must name the effect magnetic_torque: without it, magnets do nothing"
         remedy = "add `effects: {magnetic_torque: {}}` to the scene"
-    elif not scene.magnetised_segments():
+    elif not scene.magnetized_regions():
         rule = "the scene of a study must have a magnetised segment"
         remedy = "give the segments that may be magnetised a direction, say, `magnetization: [1, 0, 0]`"
     elif file.vary.field is None and not scene.field.acts:

@@ -43,4 +43,4 @@ def _torque(scene: Scene, over_time: dict[str, object]) -> float:
     source = FieldSource.model_validate({**data, "over_time": over_time})
     middle = np.mean(scene.box(), axis=0)
     B = replace(scene.outside_field(), source=source).at(middle)[0]
-    return float(np.linalg.norm(np.cross(scene.segment_remanence(), B), axis=1).sum())
+    return float(np.linalg.norm(np.cross(scene.region_remanence(), B), axis=1).sum())

@@ -53,7 +53,7 @@ class SearchSpace:
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
         """The space a study asks for."""
-        segments = tuple(study.scene.magnetised_segments()) if study.vary_magnetization else ()
+        segments = tuple(study.scene.magnetized_regions()) if study.vary_magnetization else ()
         return cls(scene=study.scene, segments=segments, field_max=study.field_max)
 
     @cached_property
@@ -116,7 +116,7 @@ class SearchSpace:
 
     def directions(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
         """Magnetisation of every segment of the scene, (k, 3) unit vectors or zeros, in the undeformed body."""
-        found = np.array([piece.magnetization for piece in self.scene.regions()], dtype=float)
+        found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
         for i, name in zip(self.segments, self.segment_names(), strict=True):
             found[i] = direction(parameters[f"{name}_around_deg"], parameters[f"{name}_along_deg"])
         return found

@@ -106,14 +106,14 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
     assert magnets is not None
     assert magnets[0].cylinder is not None
     magnet, solid = magnets[0], magnets[0].cylinder
-    G, ratio = scene.segment_material(0).shear_modulus, scene.segment_material(0).bulk_to_shear
+    G, ratio = scene.region_material(0).shear_modulus, scene.region_material(0).bulk_to_shear
     stiffness = 9 * ratio * G / (3 * ratio + 1) * math.pi * catheter.diameter**4 / 64
     moment = magnet.remanence / MU0 * math.pi / 4 * solid.diameter**2 * solid.length * np.array(magnet.axis)
     at, ds = (np.array(magnet.position) + move)[:, None], catheter.length / points
     s = (np.arange(points) + 0.5) * ds
     area = math.pi * catheter.diameter**2 / 4
     strength = (
-        np.where(s > catheter.segment_lengths()[0], scene.segment_remanence()[1, 0], 0.0) / MU0 * area
+        np.where(s > catheter.segment_lengths()[0], scene.region_remanence()[1, 0], 0.0) / MU0 * area
     )  # A m
 
     def flux(p: Array) -> Array:

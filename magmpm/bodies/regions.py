@@ -1,4 +1,4 @@
-"""What bodies of every kind are made of: pieces with one material each, and the axis of those that have one."""
+"""What bodies of every kind are made of: regions with one material each; and the axis of those that are straight."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from magmpm.inputs.vectors import Vector
 
 @dataclass(frozen=True)
 class Region:
-    """A piece of a body with one material: a segment of a catheter or strip, a part of an assembly.
+    """A stretch of a body with one material and magnetization: a segment of a catheter or strip, a part of an assembly.
 
     magnetization: unit vector in the undeformed body, or zeros; held: it can't move.
     """

@@ -283,11 +283,11 @@ def _import(options: argparse.Namespace) -> int:
     from magmpm.scene.magnetic_mpm_import import import_robot
 
     scene, warnings = import_robot(options.robot, options.output, overwrite=options.overwrite)
-    pieces = scene.regions()
-    held = sum(piece.held for piece in pieces)
-    summary = {"scene": str(options.output), "name": scene.name, "parts": len(pieces), "held": held, "warnings": warnings}
+    regions = scene.regions()
+    held = sum(region.held for region in regions)
+    summary = {"scene": str(options.output), "name": scene.name, "parts": len(regions), "held": held, "warnings": warnings}
     text = [
-        f"{scene.name}: {len(pieces)} parts, {held} held",
+        f"{scene.name}: {len(regions)} parts, {held} held",
         *(f"  warning  {warning}" for warning in warnings),
         f"saved {options.output}; set its field, then: magmpm run {shlex.quote(str(options.output))}",
     ]

@@ -13,7 +13,7 @@ The fit is weighted by mass: the centre of mass stays where it is. Velocities ar
 
 Folds of the body that touch and are not neighbours keep their pressure (it is strain that only the grid in space gives them: relaxed, it
 would let them sink into each other), but not their tension: what sticks lets go within some spans. Left alone is what is OFF cells off
-the fit: there the body has been torn. Pieces of the body (magmpm.bodies.connectivity) are fitted apart.
+the fit: there the body has been torn. Components of the body (magmpm.bodies.connectivity) are fitted apart.
 """
 
 from __future__ import annotations

@@ -61,8 +61,8 @@ def reach(scene: Scene, towards: Array | None = None) -> float:
 
 
 def penalty(scene: Scene, factor: float) -> float:
-    """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free pieces."""
-    used = [scene.materials[piece.material_name] for piece in scene.regions() if not piece.held]
+    """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free regions."""
+    used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     return factor * max(squares, default=0.0) / scene.cell ** 2
 
@@ -73,10 +73,10 @@ def stable_step(stiffness: float) -> float:
 
 
 def place(model: Any, particle: int) -> str:
-    """Which piece of the body a particle is in, and where, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
-    piece = model.scene.regions()[model.particles.segment[particle]]
+    """Which region of the body a particle is in, and where, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
+    region = model.scene.regions()[model.particles.segment[particle]]
     at = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[particle] + 0.0)
-    return f"{piece.name} ({dotted(('body', *piece.at))}), at ({at}) mm"
+    return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"
 
 
 def refuse_overlap(key: str, obstacle: str, model: Any, particle: int, depth: float, energy: float, remedy: str) -> None:

@@ -32,7 +32,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 
 def advice(scene: Scene, body: Body) -> Advice:
     """How far weight bends the body."""
-    if any(scene.materials[piece.material_name].density is None for piece in scene.regions()):
+    if any(scene.materials[region.material_name].density is None for region in scene.regions()):
         return Advice(None, "not known: a material has no density")
     moved = shift(scene, body, "gravity")
     return Advice(moved, f"weight moves it by {in_lengths(moved, scene)}")

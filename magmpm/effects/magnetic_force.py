@@ -39,7 +39,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 
 def advice(scene: Scene, body: Body) -> Advice:
     """How far the field's gradient pulls the body."""
-    if not scene.field.varies or not scene.magnetised_segments():
+    if not scene.field.varies or not scene.magnetized_regions():
         return Advice(0.0, "nothing to pull, or no gradient to pull it: a uniform field does not")
     if scene.effects.magnetic_torque is None:
         return Advice(None, "not known: a rest in this field needs magnetic_torque as well")

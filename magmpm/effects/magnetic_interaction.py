@@ -41,7 +41,7 @@ DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
 def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
     """What kernels take; fields and forces are zero until `refresh`."""
-    if strength == 0.0 or len(scene.magnetised_segments()) < 2:
+    if strength == 0.0 or len(scene.magnetized_regions()) < 2:
         return ()
     record = np.zeros(1, DTYPE)
     record["share"] = strength
@@ -50,10 +50,10 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 
 def advice(scene: Scene, body: Body) -> Advice:
     """How strong the segments' fields are in each other."""
-    on = scene.magnetised_segments()
+    on = scene.magnetized_regions()
     if len(on) < 2:
         return Advice(0.0, "no two magnetised segments to act on each other")
-    remanence = float(np.linalg.norm(scene.segment_remanence()[on], axis=1).max())
+    remanence = float(np.linalg.norm(scene.region_remanence()[on], axis=1).max())
     # A face of charge Br/mu0 seen over its own width gives about Br/12 in the mean over a neighbour of two diameters (8.3 mT for 0.1 T).
     return Advice(
         None, f"touching segments feel a field of about {1e3 * remanence / 12:.2g} mT from each other; a coarse run tells what it moves"

@@ -51,7 +51,7 @@ def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -
 
 def advice(scene: Scene, body: Body) -> Advice:
     """How far the field bends the body."""
-    if not scene.field.acts or not scene.magnetised_segments():
+    if not scene.field.acts or not scene.magnetized_regions():
         return Advice(0.0, "nothing to turn, or no field to turn it")
     moved = shift(scene, body, "magnetic_torque")
     if scene.field.over_time is not None and moved < STILL * scene.length:

@@ -52,7 +52,7 @@ def advice(scene: Scene, body: Body) -> Advice:
     if body.frequency is None:
         return Advice(0.0, "moves no equilibrium; losses in the material")
     named = scene.effects.viscosity
-    softest = min(scene.materials[piece.material_name].shear_modulus for piece in scene.regions())
+    softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
     critical = 2 * softest / body.frequency
     if named is None:
         return Advice(0.0, f"moves no equilibrium; {critical:.3g} Pa s damps its first bending critically")

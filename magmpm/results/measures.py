@@ -11,7 +11,7 @@ from magmpm.results.result import Result
 
 
 def region_means(model: Model, values: Array) -> Array:
-    """Mean over each piece's volume, (k, m), of values (n, m) at the particles."""
+    """Mean over each region's volume, (k, m), of values (n, m) at the particles."""
     particles = model.particles
     count = len(model.scene.regions())
     share = np.zeros((count, len(values)))

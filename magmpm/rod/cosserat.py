@@ -87,13 +87,13 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     lengths = np.array(body.segment_lengths())
     counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
     of = np.repeat(np.arange(len(lengths)), counts)
-    materials = [scene.segment_material(k) for k in range(len(lengths))]
+    materials = [scene.region_material(k) for k in range(len(lengths))]
     G = np.array([material.shear_modulus for material in materials])
     section = body.section(G, G * [material.bulk_to_shear for material in materials])
     area = section.area
     density = np.array([material.density or 0.0 for material in materials])
     torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
-    magnetised = scene.segment_remanence() * (0.0 if torque is None else area / MU0)
+    magnetised = scene.region_remanence() * (0.0 if torque is None else area / MU0)
     length = (lengths / counts)[of]
     acceleration = np.zeros(3) if gravity is None else np.array(gravity.acceleration)
     mass = (density * area)[of] * length

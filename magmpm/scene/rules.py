@@ -175,7 +175,7 @@ def _field_acts(scene: Scene, effect: str) -> None:
             f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}",
             ("field",),
         )
-    if not scene.magnetised_segments():
+    if not scene.magnetized_regions():
         raise fault(
             f"{effect} needs a segment with a magnetization whose material has a remanence",
             "give a segment, say, `magnetization: [1, 0, 0]`, and its material `remanence: 138 mT`",

@@ -215,19 +215,19 @@ class Scene(Settings):
         """The outside field around the body, with its tables. Raises SceneError (fields.outside_field)."""
         return outside_field(self.field, self.box(), anchored=self.anchored, cell=self.cell)
 
-    def segment_material(self, index: int) -> Material:
+    def region_material(self, index: int) -> Material:
         """The material of the region (segment or part) with this index. Raises IndexError."""
         return self.materials[self.regions()[index].material_name]
 
-    def segment_remanence(self) -> NDArray[np.float64]:
-        """Remanent flux density of each piece in the undeformed body, (k, 3) T."""
+    def region_remanence(self) -> NDArray[np.float64]:
+        """Remanent flux density of each region in the undeformed body, (k, 3) T."""
         return np.array(
             [[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.regions()]
         )
 
-    def magnetised_segments(self) -> list[int]:
+    def magnetized_regions(self) -> list[int]:
         """Indices of the segments that have a direction and a remanence."""
-        return [int(i) for i in np.flatnonzero(self.segment_remanence().any(axis=1))]
+        return [int(i) for i in np.flatnonzero(self.region_remanence().any(axis=1))]
 
     def reference_centreline(self) -> NDArray[np.float64] | None:
         """Rows [s, x, y, z] of the known answer, (m, 4) m, or None."""
@@ -272,13 +272,13 @@ class Scene(Settings):
         Raises InputError when the shape is another, a number is not finite, or the body has a profile in place of segments.
         """
         given = np.asarray(directions, dtype=float)
-        pieces = self.regions()
-        if given.shape != (len(pieces), 3):
-            raise InputError(f"directions have shape {given.shape}; must be {(len(pieces), 3)}")
+        regions = self.regions()
+        if given.shape != (len(regions), 3):
+            raise InputError(f"directions have shape {given.shape}; must be {(len(regions), 3)}")
         data = self.to_si()
-        for piece, direction in zip(pieces, given.tolist(), strict=True):
+        for region, direction in zip(regions, given.tolist(), strict=True):
             found = data["body"]
-            for key in piece.at:
+            for key in region.at:
                 found = found[key]
             if "harmonic" in found:
                 raise InputError("body: a magnetization_profile has no segments to change; give the strip `segments`")

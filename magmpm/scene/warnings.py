@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 def warnings(scene: Scene) -> list[str]:
     """What the author may not have meant: one sentence each."""
     found: list[str] = []
-    magnetized = scene.magnetised_segments()
+    magnetized = scene.magnetized_regions()
     torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
     if torque is None and force is None and scene.field.acts and magnetized:
         found.append("effects: magnetic_torque is not named, so the field does nothing")

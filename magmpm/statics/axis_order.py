@@ -26,7 +26,7 @@ MOST_MEMORY = 4e9  # bytes of the factored tangent
 def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
     """The model with renumbered axes, and where each of its particles is in the given one, (n,).
 
-    Raises SceneError where a piece hangs on nothing that is held, or the tangent would not fit.
+    Raises SceneError where a region hangs on nothing that is held, or the tangent would not fit.
     """
     of = np.arange(len(model.shear))
     if model.line is None:
@@ -75,27 +75,27 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
 
 
 def _all_hang_on_something(model: StaticModel) -> None:
-    """Every piece must be held, or share grid nodes with one that hangs on something."""
-    pieces, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
-    clamped = np.zeros(len(pieces), bool)
+    """Every region must be held, or share grid nodes with one that hangs on something."""
+    regions, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
+    clamped = np.zeros(len(regions), bool)
     # Where a clamp plane changed a cell's splines they no longer sum to one.
     changed = np.any(np.abs(model.weights.sum(axis=2) - 1) > 1e-6, axis=1)
     clamped[particles.segment[changed | model.held]] = True
     links = []
     for shift in np.ndindex(3, 3, 3):
         at = np.ravel_multi_index((particles.cell + shift).T, nodes)
-        links.append(np.unique(at * len(pieces) + particles.segment))
+        links.append(np.unique(at * len(regions) + particles.segment))
     key = np.concatenate(links)
-    node = np.unique(key // len(pieces), return_inverse=True)[1]
-    count = len(pieces) + int(node.max()) + 1
-    graph = coo_matrix((np.ones(len(key)), (key % len(pieces), node + len(pieces))), shape=(count, count))
+    node = np.unique(key // len(regions), return_inverse=True)[1]
+    count = len(regions) + int(node.max()) + 1
+    graph = coo_matrix((np.ones(len(key)), (key % len(regions), node + len(regions))), shape=(count, count))
     _, group = connected_components(graph, directed=False)
-    held_groups = set(group[: len(pieces)][clamped].tolist())
-    for k, piece in enumerate(pieces):
+    held_groups = set(group[: len(regions)][clamped].tolist())
+    for k, region in enumerate(regions):
         if group[k] not in held_groups:
             raise SceneError(
                 f"body.{model.scene.body.kind}",
-                found=f"{piece.name} touches no part that is held",
+                found=f"{region.name} touches no part that is held",
                 rule="equilibrium needs every part to hang on something",
                 remedy="clamp it or what it touches, or move it: `solver: {dynamic: {duration: 0.5 s}}`",
             )

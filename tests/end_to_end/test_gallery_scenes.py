@@ -188,12 +188,12 @@ def test_the_gripper_is_what_its_script_writes_and_alike_on_six_sides(tmp_path: 
     parts = load_scene(SCENES / "gripper.yaml").body.parts
     assert parts is not None
     names = ["hub", "ball", *(f"{half}_{k}" for k in range(1, 7) for half in ("inner", "outer"))]
-    assert [piece.name for piece in parts.meshes] == [f"gripper_{name}" for name in names]
-    directions = np.array([piece.magnetization for piece in parts.meshes[2:]]).reshape(6, 2, 3)
+    assert [part.name for part in parts.meshes] == [f"gripper_{name}" for name in names]
+    directions = np.array([part.magnetization for part in parts.meshes[2:]]).reshape(6, 2, 3)
     c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert directions[1:] == pytest.approx(directions[:-1] @ turn.T, abs=1e-4)  # written with 4 digits
-    volumes = [piece.volume for piece in parts.meshes]
+    volumes = [part.volume for part in parts.meshes]
     assert volumes[1] == pytest.approx(4 / 3 * np.pi * 2.5**3, rel=1e-5)  # single precision in the file
     assert np.ptp(volumes[2::2]) < 1e-5 * volumes[2]
 

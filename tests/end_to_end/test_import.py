@@ -61,9 +61,9 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.Captur
     text = scene_file.read_text()
     assert "../robot/meshes/robot - arm.STL" in text  # meshes are found from the scene's folder
     scene = load_scene(scene_file)
-    assert [piece.held for piece in scene.regions()] == [True, False, False]
-    np.testing.assert_allclose(scene.segment_remanence(), [[0, 0, 0], [0, 0, 0.138], [0.1104, 0, 0.0828]], atol=1e-12)
-    assert [scene.segment_material(k).density for k in range(3)] == [927, 1882, 1882]
+    assert [region.held for region in scene.regions()] == [True, False, False]
+    np.testing.assert_allclose(scene.region_remanence(), [[0, 0, 0], [0, 0, 0.138], [0.1104, 0, 0.0828]], atol=1e-12)
+    assert [scene.region_material(k).density for k in range(3)] == [927, 1882, 1882]
     assert {m.bulk_to_shear for m in scene.materials.values()} == {20.0}
     model = build(scene)
     assert model.particles.volume.sum() == pytest.approx(48e-9, rel=1e-6)  # STL is single precision
@@ -136,12 +136,12 @@ def test_odd_input_is_warned_of(tmp_path: Path) -> None:
         "meshes: left over.STL: no segment uses it",
         "segments[2].mesh: tip.STL touches no other segment: the nearest is 5 mm away",
     ]
-    np.testing.assert_allclose(np.linalg.norm(scene.segment_remanence(), axis=1), [0, 0.138, 0.138])
+    np.testing.assert_allclose(np.linalg.norm(scene.region_remanence(), axis=1), [0, 0.138, 0.138])
 
 
 def test_remanence_spelt_well_is_taken_too(tmp_path: Path) -> None:
     scene, _ = import_robot(robot_file(tmp_path, remenance=None, remanence=0.05), tmp_path / "s.yaml")
-    assert np.linalg.norm(scene.segment_remanence()[1]) == pytest.approx(0.05)
+    assert np.linalg.norm(scene.region_remanence()[1]) == pytest.approx(0.05)
 
 
 def flipped(mesh: Mesh) -> Mesh:
@@ -210,7 +210,7 @@ def test_real_robots(robot: str, volume: float, held: int, odd: int, tmp_path: P
     """Volume (mm^3, sum of the meshes' as another program, trimesh, has it), the held part, and vectors that are not unit."""
     scene, warnings = import_robot(REAL / f"{robot}.yaml", tmp_path / "s.yaml")
     assert len(scene.regions()) == 9
-    assert sum(piece.held for piece in scene.regions()) == held
+    assert sum(region.held for region in scene.regions()) == held
     assert len([w for w in warnings if "magnetisation_vector" in w]) == odd == len(warnings)
     model = build(scene)
     assert 1e9 * model.particles.volume.sum() == pytest.approx(volume, rel=1e-4)

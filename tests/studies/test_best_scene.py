@@ -50,7 +50,7 @@ def test_magnetisation_found_is_in_the_file(tmp_path: Path, monkeypatch: pytest.
     assert text.startswith(f"# The best design of the study probe: trial {report.best['number']}, rms ")
     assert "../../scene.yaml" in text.split("\n\n")[0]
     scene = same_answer(report, file, monkeypatch)
-    assert [piece.magnetization for piece in scene.regions()] == [pytest.approx(m, abs=1e-8) for m in report.best["magnetization"]]
+    assert [region.magnetization for region in scene.regions()] == [pytest.approx(m, abs=1e-8) for m in report.best["magnetization"]]
     assert scene.regions()[2].magnetization == (0.0, 0.0, 0.0)
     assert scene.name == "probe best", "its results must not replace those of the study's scene"
 

@@ -60,7 +60,7 @@ def test_shipped_scene(name: str) -> None:
     length = scene.body.catheter.length
     assert largest_distance(result, target) <= 0.3e-2 * length
     twin = PROBLEMS["axial_transverse_5mT" if name == "axial_transverse" else name].scene(4)
-    np.testing.assert_allclose(twin.segment_remanence(), scene.segment_remanence(), rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(twin.region_remanence(), scene.region_remanence(), rtol=1e-12, atol=1e-16)
     assert twin.field == scene.field
     assert twin.body.catheter.diameter == pytest.approx(scene.body.catheter.diameter)
 

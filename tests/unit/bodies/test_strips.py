@@ -99,8 +99,8 @@ def test_a_profile_turns_at_every_particle() -> None:
     np.testing.assert_allclose(model.magnet, want, atol=1e-15)
     assert len(scene.regions()) == 8
     mean = measures.region_means(model, model.magnet)
-    # Mean over an eighth of a turn: sin(pi/8)/(pi/8) = 0.974 of the piece's own direction.
-    np.testing.assert_allclose(mean, 0.974 * scene.segment_remanence(), atol=0.002)
+    # Mean over an eighth of a turn: sin(pi/8)/(pi/8) = 0.974 of the region's own direction.
+    np.testing.assert_allclose(mean, 0.974 * scene.region_remanence(), atol=0.002)
 
 
 def test_a_profile_finer_than_the_grid_is_refused() -> None:

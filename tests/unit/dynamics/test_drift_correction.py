@@ -135,7 +135,7 @@ def test_a_torn_body_is_left_alone(model: Model) -> None:
 
 
 def test_numbering_keeps_pieces_apart() -> None:
-    """Cells of two pieces have no node in common, cells of one share those between them."""
+    """Cells of two components have no node in common, cells of one share those between them."""
     base = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]])
     node, key = anchor._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
     assert len(set(node[0]) & set(node[1])) == 18

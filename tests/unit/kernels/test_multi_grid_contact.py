@@ -1,4 +1,4 @@
-"""Pieces that meet in the updated formulation: against the plain reference, and against what a free body does."""
+"""Components that meet in the updated formulation: against the plain reference, and against what a free body does."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_distance_of_a_half_space_is_read_off_its_mass() -> None:
 
 @pytest.mark.parametrize("held", [False, True], ids=["free", "on a held part"])
 def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Generator) -> None:
-    """Three pieces, 0.05 to 0.3 cells apart, that approach, part, and slide past each other."""
+    """Three components, 0.05 to 0.3 cells apart, that approach, part, and slide past each other."""
     boxes = [box((0, 0, -3), (4, 4, 0)), box((0.3, 0, 0.1), (3.3, 3, 3)), box((3.35, 0.4, 0.3), (6, 3, 3))]
     model = parts(tmp_path, [(boxes[0], held), (boxes[1], False), (boxes[2], False)])
     model = replace(model, modes=np.zeros((len(model.density), 0)))
@@ -81,7 +81,7 @@ def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Ge
         assert moving.advance(3, 1e-6, model.effects) == (3, False)
     for found, wanted in zip((*motion.particles(), motion.affine()), (plain.x, plain.v, plain.F, plain.C), strict=True):
         np.testing.assert_allclose(found[free], wanted[free], rtol=0, atol=1e-13 * np.abs(wanted).max())
-    assert np.abs(alone.particles()[1] - motion.particles()[1]).max() > 0.01, "the pieces have met"
+    assert np.abs(alone.particles()[1] - motion.particles()[1]).max() > 0.01, "the components have met"
 
 
 def test_a_part_falls_freely_from_under_another(tmp_path: Path) -> None:
@@ -127,9 +127,9 @@ def test_parts_that_collide_keep_their_momentum_gain_no_energy_and_part(tmp_path
 
 
 def test_every_pair_of_many_pieces_meets(tmp_path: Path) -> None:
-    """Two towers of two cubes fall on a plate: no piece passes another, and all come to rest, 0.1 to 0.65 cells apart.
+    """Two towers of two cubes fall on a plate: no component passes another, and all come to rest, 0.1 to 0.65 cells apart.
 
-    A piece between two others yields to the one for the other at nodes that all three share.
+    A component between two others yields to the one for the other at nodes that all three share.
     """
     cubes = [box((4 * i, 0, 3.7 * k), (4 * i + 3, 3, 3.7 * k + 3)) for i, k in product(range(2), repeat=2)]
     model = parts(tmp_path, [(box((-1, -1, -3.7), (8, 4, -0.7)), True), *((cube, False) for cube in cubes)], gravity={})

@@ -62,7 +62,7 @@ def test_five_segments_is_the_contracts(five: Scene) -> None:
     assert five.effects.gravity is None
     assert five.solver.anti_locking == "f-bar"
     assert (five.resolution.cells_across, five.resolution.particles_per_cell) == (4, 2)
-    assert five.magnetised_segments() == [0, 1, 2, 3, 4]
+    assert five.magnetized_regions() == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -120,9 +120,9 @@ def test_segments_without_length_share_the_rest(tmp_path: Path) -> None:
     hollow = load_scene(ROOT / "data/scenes/hollow.yaml")
     lengths = hollow.body.catheter.segment_lengths()
     assert lengths == [0.006, 0.008, 0.007, 0.006, 0.007, 0.006]
-    assert hollow.magnetised_segments() == [1, 3, 5]
-    assert hollow.segment_material(0).remanence == 0.0
-    remanence = hollow.segment_remanence()
+    assert hollow.magnetized_regions() == [1, 3, 5]
+    assert hollow.region_material(0).remanence == 0.0
+    remanence = hollow.region_remanence()
     assert remanence.shape == (6, 3)
     np.testing.assert_array_equal(remanence[[0, 2, 4]], 0.0)
     np.testing.assert_allclose(np.linalg.norm(remanence[[1, 3, 5]], axis=1), 0.138, rtol=1e-15)
@@ -131,7 +131,7 @@ def test_segments_without_length_share_the_rest(tmp_path: Path) -> None:
 def test_a_direction_without_remanence_is_unmagnetised(five: Scene) -> None:
     data = five.to_si()
     data["materials"]["magnetic silicone"]["remanence"] = 0.0
-    assert Scene.from_si(data).magnetised_segments() == []
+    assert Scene.from_si(data).magnetized_regions() == []
 
 
 def test_warnings(tmp_path: Path) -> None:
@@ -237,12 +237,12 @@ def test_with_magnetizations(five: Scene) -> None:
     directions[:4] = np.random.default_rng(1).normal(size=(4, 3))
     scene = five.with_magnetizations(directions)
     unit = directions[:4] / np.linalg.norm(directions[:4], axis=1, keepdims=True)
-    np.testing.assert_allclose(scene.segment_remanence()[:4], 0.138 * unit, rtol=1e-14)
-    assert scene.magnetised_segments() == [0, 1, 2, 3]
-    assert five.magnetised_segments() == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(scene.region_remanence()[:4], 0.138 * unit, rtol=1e-14)
+    assert scene.magnetized_regions() == [0, 1, 2, 3]
+    assert five.magnetized_regions() == [0, 1, 2, 3, 4]
     assert five.with_magnetizations([s.magnetization for s in five.body.catheter.segments]) == five
     assert (
-        five.with_magnetizations(np.zeros((5, 3))).magnetised_segments() == []
+        five.with_magnetizations(np.zeros((5, 3))).magnetized_regions() == []
     )  # no error: a limit to be tested
     with pytest.raises(InputError, match=r"shape \(4, 3\); must be \(5, 3\)"):
         five.with_magnetizations(directions[:4])
