@@ -1,7 +1,7 @@
-"""Quadratic B-splines: the laws that make a body move rigidly, stretch evenly and stay clamped.
+"""Quadratic B-splines: rigid motion, uniform stretch and the clamp are exact.
 
 Source: de Boor, A Practical Guide to Splines, chapters 9 to 11. Tolerances of 1e-15 to 1e-14 are a few
-roundings of numbers near 1.
+rounding errors of numbers near 1.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ greville = np.array([-0.5, 0.5, 1.5])  # centers of a cell's three splines, in c
 
 @given(inside)
 def test_partition_of_unity(xi: float) -> None:
-    """sum N_a = 1 and sum N_a' = 0: a translation strains nothing. All N_a >= 0."""
+    """sum N_a = 1 and sum N_a' = 0: a translation causes no strain. All N_a >= 0."""
     N = spline_weights(np.array(xi))
     assert N.sum() == pytest.approx(1.0, abs=1e-15)
     assert spline_slopes(np.array(xi)).sum() == pytest.approx(0.0, abs=1e-15)
@@ -68,8 +68,8 @@ def test_once_differentiable_across_faces() -> None:
 
 
 def test_clamp_holds_the_face_exactly() -> None:
-    """On the face every spline of the clamped cell is exactly 0, whatever the coefficients: not one bit of
-    motion.
+    """On the face every spline of the clamped cell is exactly 0, for any coefficients: no motion, bit for
+    bit.
     """
     N, _ = clamp_first_node(spline_weights(np.array(0.0)), spline_slopes(np.array(0.0)))
     assert np.array_equal(N, np.zeros(3))
@@ -77,8 +77,8 @@ def test_clamp_holds_the_face_exactly() -> None:
 
 @given(st.tuples(*[st.floats(-1, 1)] * 2), inside)
 def test_clamp_holds_nothing_but_the_face(c: tuple[float, float], xi: float) -> None:
-    """Every spline function with value 0 on the face (c_0 = -c_1) is still there, with the same values and
-    slopes.
+    """Every spline function with value 0 on the face (c_0 = -c_1) is still representable, with the same
+    values and slopes.
     """
     free = np.array([-c[0], c[0], c[1]])
     N, D = spline_weights(np.array(xi)), spline_slopes(np.array(xi))

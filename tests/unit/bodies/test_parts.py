@@ -1,4 +1,4 @@
-"""Bodies of STL parts: exact quadrature of any closed mesh, clamps, statics along any axis, and what is refused."""
+"""Bodies of STL parts: exact quadrature of any closed mesh, clamps, statics along any axis, and refusals."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_moments_of_cut_cells_add_up_to_the_mesh(name: str) -> None:
         low = grid.origin + grid.spacing * cell
         v = m[:, 0] * spacing.prod()
         first = low * m[:, :1] + spacing * m[:, 1:4]
-        # Pieces below 1e-9 of a cell are dropped, and there are at most some hundreds of cells: 1e-7.
+        # Regions below 1e-9 of a cell are dropped, and there are at most some hundreds of cells: 1e-7.
         assert v.sum() == pytest.approx(volume_of(triangles), rel=1e-7)
         mean = first.sum(0) * spacing.prod() / v.sum()
         np.testing.assert_allclose(mean, -2 + 4 * whole[1:4] / whole[0], atol=1e-7)
@@ -93,7 +93,7 @@ def test_moments_of_one_cell_of_a_known_piece() -> None:
 
 @pytest.mark.parametrize(("name", "spacing"), [("box", 0.23), ("ball", 0.3), ("turned box", 0.12), ("ball", 0.11)])
 def test_particles_have_the_mesh_s_moments_and_are_sorted(name: str, spacing: float) -> None:
-    """Volume and centroid to 1e-7 (dropped slivers); second moments lose what skew slivers cost: less than 1e-4 at 2 cells and more."""
+    """Volume and centroid to 1e-7 (dropped slivers); second moments have an error from skew slivers: less than 1e-4 at 2 cells and more."""
     parts = [SOLIDS[name].triangles]
     grid, _ = grid_of_parts(parts, [False], spacing)
     particles = part_particles(grid, parts, 2)
@@ -103,7 +103,7 @@ def test_particles_have_the_mesh_s_moments_and_are_sorted(name: str, spacing: fl
     assert errors["second_moment_error"] < 1e-4
     assert np.all(particles.volume > 0)
     assert np.all(np.diff(np.ravel_multi_index(particles.cell.T, grid.cells)) >= 0)
-    grid.locate(particles.position, particles.cell)  # raises where one lies outside its cell
+    grid.locate(particles.position, particles.cell)  # raises if one lies outside its cell
 
 
 def test_stl_text_and_binary_say_the_same(tmp_path: Path) -> None:
@@ -151,13 +151,13 @@ def test_meshes_that_enclose_nothing_definite_are_refused(kind: str, says: str) 
 
 
 def together(*solids: Mesh, inverted: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Solids as one mesh, as an STL file holds them: near vertices made one."""
+    """Solids as one mesh, as in an STL file: near vertices are merged."""
     corners = [s.triangles[:, ::-1] if k in inverted else s.triangles for k, s in enumerate(solids)]
     return _merged(np.concatenate(corners))
 
 
 def other_diagonals(solid: Mesh) -> Mesh:
-    """A box whose faces are cut the other way."""
+    """A box whose faces are split along the other diagonals."""
     quads = [(a, b, c, d) for (a, b, c), (_, _, d) in solid.faces.reshape(-1, 2, 3)]
     return Mesh(solid.vertices, np.array([t for a, b, c, d in quads for t in ((b, c, d), (b, d, a))]))
 
@@ -183,17 +183,17 @@ APART = box((6, 0, 0), (9, 3, 3))
         (together(BLOCK, box((3, 1, 1), (5, 3, 3)), inverted=(1,)), "shell 1 of volume 64 and shell 2 of volume 8 share 4"),
         (together(BLOCK, SMALL, inverted=(1,)), None),  # a cavity
         (together(BLOCK, ball((2, 2, 2), 1), inverted=(1,)), None),
-        (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1,)), None),  # a stone in a cavity
+        (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1,)), None),  # a solid in a cavity
         (together(BLOCK, SMALL, box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1, 2)), "shell 3 of volume 0.125 faces inward"),
         (together(BLOCK, APART), None),
-        (together(BLOCK, box((4, 0, 0), (8, 4, 4))), None),  # one face in common
-        (together(BLOCK, box((4, 4, 0), (8, 8, 4))), None),  # one edge in common
+        (together(BLOCK, box((4, 0, 0), (8, 4, 4))), None),  # a common face
+        (together(BLOCK, box((4, 4, 0), (8, 8, 4))), None),  # a common edge
         (together(BLOCK, box((4, 4, 0), (8, 8, 4)), box((4, 0, 0), (8, 4, 4))), None),
-        (together(BLOCK, box((4, 4, 4), (8, 8, 8))), None),  # one corner in common
+        (together(BLOCK, box((4, 4, 4), (8, 8, 8))), None),  # a common corner
     ],
 )  # fmt: skip
 def test_shells_of_a_mesh_cover_each_point_once(mesh: tuple[np.ndarray, np.ndarray], says: str | None) -> None:
-    """Pieces that share a volume, that face inward or lie in one another are refused; cavities, and pieces apart or that touch, are not."""
+    """Shells that overlap, face inward or lie inside each other are refused; cavities, and shells that are apart or touch, are not."""
     if says is None:
         checked(*mesh)
         return
@@ -217,13 +217,13 @@ def test_thickness_and_overlap() -> None:
     one, sphere = pack_mesh(plate), pack_mesh(ball((0, 0, 0), 1))
     assert list(overlaps([one, pack_mesh(box((10, 0, 0), (12, 6, 0.5)))])) == []
     ((_, _, shared, smaller),) = overlaps([one, pack_mesh(box((9, 0, 0), (12, 6, 0.5)))])
-    assert (shared, smaller) == pytest.approx((3.0, 9.0), rel=1e-12)  # exact but for rounding
+    assert (shared, smaller) == pytest.approx((3.0, 9.0), rel=1e-12)  # exact except for rounding
     ((_, _, shared, smaller),) = overlaps([sphere, sphere])
     assert shared == pytest.approx(volume_of(ball((0, 0, 0), 1).triangles), rel=1e-12)
 
 
 def voxels(cells: set[tuple[int, int, int]], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """The surface of unit cubes, faces between two of them left out, triangles in any order."""
+    """The surface of unit cubes without the faces between two of them, with triangles in any order."""
     cube = box((0, 0, 0), (1, 1, 1)).triangles
     outward = np.cross(cube[:, 1] - cube[:, 0], cube[:, 2] - cube[:, 0]).round().astype(int)
     corners = [t + c for c in cells for t, n in zip(cube, outward, strict=True) if tuple((n + c).tolist()) not in cells]
@@ -233,7 +233,9 @@ def voxels(cells: set[tuple[int, int, int]], rng: np.random.Generator) -> tuple[
 
 @pytest.mark.parametrize("seed", range(20))
 def test_volumes_are_exact_whatever_order_the_triangles_have(seed: int) -> None:
-    """Cubes placed at random touch along edges and at corners. What two such bodies share is the sum over pairs of cubes, for any shift."""
+    """Cubes at random places touch along edges and at corners. The overlap of two such bodies is the sum over pairs of cubes, for any
+    shift.
+    """
     rng = np.random.default_rng(seed)
     one, other = ({tuple(c) for c in np.argwhere(rng.random((4, 4, 4)) < 0.5).tolist()} for _ in range(2))
     solids = []
@@ -252,7 +254,7 @@ def test_volumes_are_exact_whatever_order_the_triangles_have(seed: int) -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_box_of_parts_is_the_strip(axis: int) -> None:
-    """Two boxes, one held, are the strip clamped at its base, whichever axis they lie along: same grid, same answer to 1e-9 m."""
+    """Two boxes, one held, equal a strip clamped at its base, along any axis: same grid, same result to 1e-9 m."""
     strip = Scene.from_si(
         {
             "name": "strip",
@@ -300,7 +302,7 @@ def test_a_result_of_parts_survives_being_saved(tmp_path: Path) -> None:
 
 
 def test_held_inside_its_neighbours_the_nodes_around_it_are_held() -> None:
-    """A core held in the middle of a bar: no plane does the holding, so every node that the core touches rests."""
+    """A held core in the middle of a bar: there is no clamping plane, so every node that the core touches is held."""
     model = static_model(build(
         parts_scene(
             {"mesh": box((2, 0, 0), (3, 1, 1)), "clamp": True},
@@ -309,7 +311,7 @@ def test_held_inside_its_neighbours_the_nodes_around_it_are_held() -> None:
         )
     ))
     assert model.held.sum() == model.held.size // 5
-    assert model.dof == 3 * 4 * 4 * (12 - 4)  # 10 cells of 0.5 mm along x; the core's two touch 4 planes of nodes
+    assert model.dof == 3 * 4 * 4 * (12 - 4)  # 10 cells of 0.5 mm along x; the two cells of the core touch 4 planes of nodes
     assert not model.free
 
 
@@ -349,7 +351,7 @@ def test_assemblies_that_make_no_body_are_refused(parts: list[dict[str, Any]], b
 
 
 def test_parts_that_nearly_touch_are_told_of() -> None:
-    """Half a millimetre apart, with cells of as much, they share grid nodes, and are joined, but where each has its own grid."""
+    """At a distance of one cell, half a millimeter, they share grid nodes and are joined, unless each has its own grid."""
     near = [{"mesh": CUBE, "name": "a"}, {"mesh": box((1.5, 0, 0), (2.5, 1, 1)), "name": "b"}]
     scene = parts_scene({"mesh": box((-1, 0, 0), (0, 1, 1)), "clamp": True, "name": "wall"}, *near)
     told = [w for w in scene.warnings() if w.startswith("body.parts")]

@@ -1,7 +1,7 @@
-"""Particles: exact volume and exact section moments, for any cell size, wall and split into segments.
+"""Particles: exact volume and exact section moments, for any cell size, wall and segments.
 
-Exact: area pi (R^2 - r^2), second moments pi/4 (R^4 - r^4), first and mixed moments 0. The lattice of a usual
-MPM gets the second moments of a 4 mm disc at 0.5 mm wrong by 2 to 5 %, and bending with them.
+Exact: area pi (R^2 - r^2), second moments pi/4 (R^4 - r^4), first and mixed moments 0. With the particle
+lattice of common MPM codes, the second moments of a 4 mm disc at 0.5 mm have errors of 2 to 5 %, and so has bending.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.scene.memory import fewest_particles
 
-# Sections are differences of two discs: their rounding grows as the wall gets thin, 1e-16 / (1 - ratio).
-# Pieces below EMPTY of a cell are dropped; the walls here are thousands of times that.
+# Sections are differences of two discs: their rounding error grows for thin walls, 1e-16 / (1 - ratio).
+# Regions below EMPTY of a cell are dropped; the walls here are thousands of times larger.
 EXACT = 1e-11
 
 
@@ -34,7 +34,7 @@ def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float,
     area, moment = np.pi * (outer**2 - inner**2), np.pi / 4 * (outer**4 - inner**4)
     y, z = points.T
     assert areas.min() > 0
-    slack = 1e-9 * (high - low)[home]  # rounding of a point on a face; Grid.locate refuses more
+    slack = 1e-9 * (high - low)[home]  # rounding error of a point on a face; Grid.locate refuses more
     assert np.all(points >= low[home] - slack)
     assert np.all(points <= high[home] + slack)
     assert np.all(np.diff(home) >= 0), "sorted by rectangle"
@@ -63,14 +63,14 @@ def test_section_is_exact(cells: int, ratio: float, count: int) -> None:
 )
 @settings(max_examples=60)
 def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[float], ratio: float) -> None:
-    """Unequal rectangles that lie askew of the disc's center: nothing hangs on symmetry."""
+    """Unequal rectangles, off the center of the disc: the result does not depend on symmetry."""
     edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
     check_section(*rectangles(*edges), 1.0, ratio, 2)
 
 
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 4))
 def test_disc_moments_against_a_fine_sum(corners: tuple[float, float, float, float]) -> None:
-    """Each rectangle on its own, against a midpoint sum over 1000 strips along y, closed in z."""
+    """Each rectangle separately, against a midpoint sum over 1000 strips along y, exact in z."""
     a, b, c, d = np.round(corners, 3)
     low, high = np.array([[min(a, b), min(c, d)]]), np.array([[max(a, b), max(c, d)]])
     y, dy = np.linspace(low[0, 0], high[0, 0], 1001), (high[0, 0] - low[0, 0]) / 1000
@@ -80,7 +80,7 @@ def test_disc_moments_against_a_fine_sum(corners: tuple[float, float, float, flo
     bottom = np.minimum(np.maximum(low[0, 1], -half), top)
     m0, m1, m2 = ((top ** (k + 1) - bottom ** (k + 1)) / (k + 1) for k in range(3))
     expected = dy * np.array([m0.sum(), y @ m0, m1.sum(), y**2 @ m0, y @ m1, m2.sum()])
-    # Midpoint sums of the circle's edge: error (dy)^(3/2) where its slope is infinite, dy <= 3e-3.
+    # Midpoint sums over the edge of the circle: error (dy)^(3/2) where its slope is infinite, dy <= 3e-3.
     np.testing.assert_allclose(bodies.disc_moments(low, high, 1.0)[0], expected, atol=2e-4)
 
 
@@ -113,8 +113,8 @@ def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count:
 
 
 def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
-    """0.1 + 0.2 is not 0.3: no cell may be cut into a whole and a rounding, which would be a cell without
-    stiffness.
+    """0.1 + 0.2 is not 0.3: no cell may be cut into a full part and one of the size of a rounding error, which
+    would be a cell without stiffness.
     """
     grid = bodies.rod_grid(3e-3, 1e-3, 4)  # faces every 0.25 mm
     ends = np.array([1e-3 * (1 + 4e-16), 2e-3 * (1 - 4e-16), 3e-3])
@@ -127,15 +127,15 @@ def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
 @pytest.mark.parametrize("cells", [2, 3, 4, 5, 6, 7, 8, 11, 16])
 @pytest.mark.parametrize("inner", [0.0, 2e-3, 3.9e-3])
 def test_section_printed_in_results(cells: int, inner: float) -> None:
-    """The issue asks for less than 0.1 % at any cell size; the rule is exact, so the test asks for rounding."""
+    """Required is less than 0.1 % at any cell size; the rule is exact, so the test requires rounding accuracy."""
     model = build(rod_scene(length=8e-3, inner_diameter=inner, cells=cells))
     assert set(model.section) == {"area_error", "second_moment_error"}
     assert max(model.section.values()) < EXACT
 
 
 def test_section_errors_see_a_wrong_section() -> None:
-    """The figure that results print is measured on the particles: points pulled in by 1 % give moments 2 %
-    short.
+    """The printed value is measured on the particles: points moved inward by 1 % give moments that are 2 %
+    too small.
     """
     grid = bodies.rod_grid(8e-3, 4e-3, 4)
     p = bodies.rod_particles(grid, outer=2e-3, inner=0.0, segment_ends=np.array([8e-3]), particles_per_cell=2)
@@ -146,7 +146,7 @@ def test_section_errors_see_a_wrong_section() -> None:
 
 
 def test_grid_has_knots_on_both_end_faces() -> None:
-    """The clamp is exact only on a face of the grid, and the free end needs no spline beyond its own."""
+    """The clamp is exact only on a face of the grid, and the free end needs no spline beyond it."""
     for length, diameter, cells in ((40e-3, 4e-3, 4), (10.3e-3, 4e-3, 3), (6e-3, 4e-3, 2)):
         grid = bodies.rod_grid(length, diameter, cells)
         assert grid.origin[0] == 0
@@ -159,7 +159,7 @@ def test_grid_has_knots_on_both_end_faces() -> None:
 @pytest.mark.parametrize("cells", [2, 3, 5])
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_no_body_has_fewer_particles_than_is_said_beforehand(cells: int, count: int) -> None:
-    """Tubes with thin and thick walls, strips, plane strain: the bound is below the number, and not by much where cells are full."""
+    """Tubes with thin and thick walls, strips, plane strain: the bound is below the number, and close to it where cells are full."""
     rod, tube = {"length": 13e-3, "diameter": 4e-3}, {"length": 13e-3, "diameter": 4e-3, "inner_diameter": 3.5e-3}
     strip = {"length": 13e-3, "width": 3e-3, "thickness": 1e-3}
     kinds = [("catheter", rod), ("catheter", tube), ("strip", strip), ("strip", {**strip, "plane_strain": True})]

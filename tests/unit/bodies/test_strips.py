@@ -1,4 +1,4 @@
-"""Strips: exact quadrature, plane strain that is plane, profiles, and what is refused."""
+"""Strips: exact quadrature, plane strain, profiles, and refusals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ L, B, T = 8e-3, 3e-3, 1e-3
 
 
 def strip_scene(*, field: tuple[float, ...] = (0.0, 0.0, 3e-3), cells: int = 2, **strip: Any) -> Scene:
-    """A strip of 8 x 3 x 1 mm; strip: keys that are added or replaced."""
+    """A strip of 8 x 3 x 1 mm; strip: keys to add or replace."""
     shape = {"length": L, "width": B, "thickness": T, "material": "m", **strip}
     if "magnetization_profile" not in strip:
         shape.setdefault("segments", [{"magnetization": [1, 0, 0]}])
@@ -35,7 +35,7 @@ def strip_scene(*, field: tuple[float, ...] = (0.0, 0.0, 3e-3), cells: int = 2, 
 
 
 def test_volume_centroid_and_second_moments_are_exact_anywhere() -> None:
-    """Gauss points in full cells: everything of degree 2 is exact to rounding, wherever the strip is put."""
+    """Gauss points in full cells: all moments of degree 2 are exact to rounding, at any position of the strip."""
     base = np.array([3e-3, -2e-3, 7e-3])
     model = build(strip_scene(position=base.tolist(), cells=3))
     p, v = model.particles.position - base, model.particles.volume
@@ -53,12 +53,12 @@ def test_particles_are_sorted_by_cell_and_lie_in_it(plane_strain: bool) -> None:
     cell = model.particles.cell
     flat = np.ravel_multi_index(cell.T, model.grid.cells)
     assert np.all(np.diff(flat) >= 0)
-    model.grid.locate(model.particles.position, cell)  # raises where one does not
+    model.grid.locate(model.particles.position, cell)  # raises if one does not
     assert model.grid.cells[1] == (1 if plane_strain else model.grid.cells[1])
 
 
 def test_where_it_stands_does_not_matter() -> None:
-    """The answer moves with the strip: to rounding of 1e-12 of its length."""
+    """The result moves with the strip, to rounding of 1e-12 of its length."""
     here = run(strip_scene())
     there = run(strip_scene(position=[0.01, 0.02, -0.03]))
     np.testing.assert_allclose(there.centreline[:, 1:] - [0.01, 0.02, -0.03], here.centreline[:, 1:], atol=1e-12)
@@ -67,7 +67,7 @@ def test_where_it_stands_does_not_matter() -> None:
 
 @pytest.mark.parametrize(("plane_strain", "y", "warned"), [(True, 9.81, True), (True, 0.0, False), (False, 9.81, False)])
 def test_gravity_across_a_plane_strain_strip_is_warned_of(plane_strain: bool, y: float, warned: bool) -> None:
-    """Nothing moves along y there, as with the field's y component."""
+    """Nothing moves along y in plane strain; the same warning as for a y component of the field."""
     scene = strip_scene(plane_strain=plane_strain).with_effects(gravity={"acceleration": [0.0, y, -1.0]})
     assert [text for text in scene.warnings() if "gravity" in text] == [
         "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
@@ -75,19 +75,19 @@ def test_gravity_across_a_plane_strain_strip_is_warned_of(plane_strain: bool, y:
 
 
 def test_plane_strain_is_plane() -> None:
-    """Nothing moves along y, nothing varies along it, and the strip is stiffer than one that is free to narrow."""
+    """Nothing moves or varies along y, and the strip is stiffer than one that is free to contract."""
     free = run(strip_scene(width=T))
     plane = run(strip_scene(width=T, plane_strain=True))
     moved = plane.particle_position - plane.particle_reference
     assert not moved[:, 1].any()
-    assert plane.tip[2] < 0.95 * free.tip[2]  # E/(1 - nu^2) = 1.32 E, less what the clamp holds in both
+    assert plane.tip[2] < 0.95 * free.tip[2]  # E/(1 - nu^2) = 1.32 E, minus the effect of the clamp in both
 
 
 def test_clamped_at_both_ends_both_ends_stay() -> None:
     result = run(strip_scene(clamp="both", segments=[{"magnetization": [1, 0, 0]}, {"magnetization": [-1, 0, 0]}]))
     np.testing.assert_allclose(result.centreline[[0, -1], 1:], [[0, 0, 0], [L, 0, 0]], atol=1e-15)
     np.testing.assert_allclose(result.tip, [L, 0, 0], atol=1e-15)
-    assert result.centreline[len(result.centreline) // 2, 3] > 1e-5  # the middle is lifted
+    assert result.centreline[len(result.centreline) // 2, 3] > 1e-5  # the center rises
 
 
 def test_a_profile_turns_at_every_particle() -> None:
@@ -114,7 +114,7 @@ def test_a_free_body_has_no_equilibrium() -> None:
 
 
 def test_axis_from_particles_is_the_axis() -> None:
-    """The mean of the sections of a displacement that the splines hold, to rounding."""
+    """The mean over sections of a displacement that the splines represent exactly, to rounding."""
     model = build(strip_scene())
     x = model.particles.position
     moved = x + np.outer(x[:, 0] ** 2, [1.0, 2.0, 30.0]) + np.outer(x[:, 2], [0.1, 0, 0])

@@ -1,4 +1,4 @@
-"""Compiled functions are kept where that is possible; where it is not, they are compiled and it is said once."""
+"""Compiled functions are cached if possible; otherwise they are compiled, with one message."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MODULE = "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    retu
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """Two functions in a file of their own, with a cache of their own."""
+    """Two functions in a separate file, with a separate cache."""
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(kernel_cache, "_told", set())
     (tmp_path / "doubled.py").write_text(MODULE)
@@ -47,7 +47,7 @@ def test_a_function_is_kept_and_loaded(module: ModuleType, tmp_path: Path, capsy
 
 @pytest.mark.parametrize("ending", [".nbi", ".nbc"])
 def test_one_bit_is_noticed(ending: str, module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Anywhere: content that still unpickles, but is not what was compiled, would be run."""
+    """At any place: otherwise content that unpickles, but differs from what was compiled, would be run."""
     assert module.twice(2.0) == 4.0
     (path,) = (tmp_path / "cache").rglob(f"*twice*{ending}")
     content = bytearray(path.read_bytes())
@@ -86,7 +86,7 @@ def test_a_full_disk_ends_nothing_and_is_said_once(
 def test_without_any_folder_functions_are_compiled(
     tmp_path: Path, module: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As Numba says it: no locator available."""
+    """With Numba's error: no locator available."""
 
     def none(self: KernelCache, function: Any) -> None:
         raise RuntimeError("cannot cache function")
@@ -97,7 +97,7 @@ def test_without_any_folder_functions_are_compiled(
 
 
 def test_neither_cache_nor_temporary_folder(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """magmpm can be imported all the same."""
+    """magmpm can still be imported."""
     monkeypatch.setattr(Path, "mkdir", no_room)
     environment._cache_folder()
     assert "every run compiles its own" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""compiled.thread_count: a small body's steps take the number of threads that is soonest done."""
+"""compiled.thread_count: the steps of a small body use the fastest number of threads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="ther
 
 @pytest.mark.parametrize("slow", [1, 2])
 def test_the_quicker_number_is_taken_and_the_other_tried_again(slow: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a clock of the test's own: one number of threads takes ten times as long as the other."""
+    """With a clock of the test: one number of threads takes ten times as long as the other."""
     before, taken, now = numba.get_num_threads(), [], [0.0]
     monkeypatch.setattr(threads.time, "perf_counter", lambda: now[0])
 

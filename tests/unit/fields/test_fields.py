@@ -1,4 +1,4 @@
-"""Fields in space: closed forms against magpylib, derivatives against differences, tables against what they stand for."""
+"""Fields in space: closed forms against magpylib, derivatives against differences, tables against their exact fields."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from magmpm.fields.sources import FieldSource
 magpylib = pytest.importorskip("magpylib")
 
 POSITION, MOMENT = np.array([50e-3, 10e-3, 20e-3]), np.array([1.0, 2.0, -1.0])
-M = np.array([0.3, 0.2, -0.5])  # A m^2, what a field pulls at
+M = np.array([0.3, 0.2, -0.5])  # A m^2, the moment on which a field acts
 CYLINDER = {"cylinder": {"diameter": 20e-3, "length": 16e-3}, "position": (60e-3, 5e-3, 8e-3), "remanence": 1.3}
 BLOCK = {"cuboid": {"size": (20e-3, 16e-3, 12e-3)}, "position": (60e-3, 5e-3, 8e-3), "remanence": 1.3}
 TILTED = {"axis": (0.6, 0.0, 0.8), "magnetization": (0.0, 1.0, 0.0)}
@@ -61,14 +61,14 @@ def some_points(rng: np.random.Generator, count: int = 200) -> np.ndarray:
 
 @pytest.fixture
 def turned(rng: np.random.Generator) -> np.void:
-    """A frame that is turned, moved, and at part of its strength, over a uniform field."""
+    """A rotated and moved frame with reduced strength, plus a uniform field."""
     Q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     return place(Q * np.linalg.det(Q), 0.7, (1e-3, 2e-3, -1e-3), (1e-3, 0, 2e-3))
 
 
 @pytest.fixture(scope="module")
 def spline_data() -> np.ndarray:
-    """A dipole's field on a table."""
+    """The field of a dipole as a table."""
     spacing, shape = np.full(3, 2.5e-3), (17, 17, 17)
     nodes = table.grid_points(BOX.lower, spacing, shape)
     B, _ = at(place(), ONE, nodes)
@@ -89,7 +89,8 @@ def test_dipole_is_magpylibs(rng: np.random.Generator) -> None:
 def test_derivatives_are_those_of_the_field(
     source: str, spline_data: np.ndarray, turned: np.void, rng: np.random.Generator
 ) -> None:
-    """Taylor: B less its slope falls at order 2, m . B less slope and curvature at order 3, in a frame turned and moved."""
+    """Taylor: the remainder of B after the slope has order 2, that of m . B after slope and curvature order 3, in a rotated, moved frame.
+    """
     data = ONE if source == "dipole" else spline_data
     for x in rng.uniform(-9e-3, 9e-3, (4, 3)):
         d = 1e-3 * rng.standard_normal(3)
@@ -119,7 +120,7 @@ def test_dipole_has_no_curl_and_no_divergence(turned: np.void, rng: np.random.Ge
 
 
 def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generator) -> None:
-    """B(x) = uniform + s R B0(R^T (x - o)), spelled out."""
+    """B(x) = uniform + s R B0(R^T (x - o)), written explicitly."""
     x, R = some_points(rng), turned["frame"].reshape(3, 3)
     local = (x - turned["origin"]) @ R
     want = turned["uniform"] + 0.7 * at(place(), ONE, local)[0] @ R.T
@@ -127,7 +128,7 @@ def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generato
 
 
 def test_inside_a_dipoles_sphere_all_is_finite() -> None:
-    """The inner field of a magnetized sphere, 2/3 mu0 M; nothing pulls."""
+    """The inner field of a magnetized sphere, 2/3 mu0 M, without a force."""
     radius = 5e-3
     data = dipoles(np.concatenate([POSITION, MOMENT, [radius]]))
     B, G = at(place(), data, np.stack([POSITION, POSITION + 1e-3]))
@@ -171,13 +172,13 @@ def test_spline_converges_at_fourth_order(rng: np.random.Generator) -> None:
         found = table.evaluate(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)), x)
         errors.append([np.abs(found[0] - exact).max(), np.abs(found[1] - slope).max()])
     orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
-    # A dipole's higher derivatives grow so fast that the orders are still falling toward 4 and 3 on these grids.
+    # The higher derivatives of a dipole grow so fast that on these grids the orders still decrease toward 4 and 3.
     assert 3.9 < orders[-1, 0] < 5.5
     assert 2.9 < orders[-1, 1] < 4.5
 
 
 def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
-    """As at the nearest point of the box, with no slope across: finite, for a check to complain about."""
+    """Beyond the box the value of its nearest point, with zero slope: finite, so that a check can report it."""
     x = np.array([[30e-3, 1e-3, 2e-3], [20e-3, 1e-3, 2e-3], [-50e-3, 90e-3, 2e-3], [-20e-3, 20e-3, 2e-3]])
     B, G = at(place(), spline_data, x)
     np.testing.assert_allclose(B[[0, 2]], B[[1, 3]], rtol=1e-12)
@@ -206,14 +207,14 @@ COILS = {"position": (0, 0, -50e-3), "diameter": 60e-3, "current": 5.0, "turns":
     ids=["cylinder", "block", "coil", "both"],
 )
 def test_table_is_as_exact_as_it_says(given: dict[str, object], rng: np.random.Generator) -> None:
-    """At points that its own check has not seen. Curl and divergence as well, which the exact field has not."""
+    """At points that its own check did not use. Also curl and divergence, which are zero for the exact field."""
     exact, tolerance = solids.exact(source(**given)), 2e-3
     packed, errors = table.tabulate(exact, BOX, tolerance, "field.magnet")
     x = some_points(rng, 1000)
     B, G = table.evaluate(packed, x)
     want = exact(x)
     assert errors.within(tolerance)
-    # 2: the largest of a thousand points may lie a little above the largest of the fifteen hundred of the check
+    # 2: the maximum of a thousand points may be slightly above the maximum of the fifteen hundred points of the check
     assert (np.linalg.norm(B - want, axis=1) / np.linalg.norm(want, axis=1)).max() <= 2 * tolerance
     size = np.linalg.norm(G, axis=(1, 2)).max()
     assert np.abs(G - G.transpose(0, 2, 1)).max() <= 2 * table.GRADIENT * tolerance * size
@@ -250,7 +251,9 @@ def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("given", [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}], ids=["cylinder", "block", "tilted"])
 def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
-    """As exact as asked, at the asked distance and beyond, at points its own check has not seen; its moment is the magnet's."""
+    """Meets the requested accuracy from the requested distance on, at points that its own check did not use; its moment is that of the
+    magnet.
+    """
     field = source(magnet=given)
     assert field.magnet is not None
     exact, solid = solids.exact(field), solids.taken(field)[0]
@@ -292,7 +295,7 @@ def test_reach_of_a_held_body_is_its_length() -> None:
 
 
 def test_box_is_cut_between_body_and_magnet() -> None:
-    """A quarter of the gap is left to the magnet; the body is in the box, the magnet is not."""
+    """A quarter of the gap remains to the magnet; the body is in the box, the magnet is not."""
     magnet = solids.taken(source(magnet={**CYLINDER, "position": (52e-3, 5e-3, 8e-3)}))
     box = region.cut_for(region.reach(BODY, True), BODY, magnet)
     assert box is not None
@@ -338,7 +341,7 @@ def test_rotation_is_right_handed_and_stops() -> None:
 
 
 def test_rotation_turns_sources_about_its_centre() -> None:
-    """The sources' frame: a point at the center stays, one beside it goes round, and the field goes with it."""
+    """The frame of the sources: a point at the center stays, another one moves around it, and the field rotates with it."""
     over = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "center": (60e-3, 0, 0)}}
     field = source(dipole={"position": (70e-3, 0, 0), "moment": (1, 0, 0)}, over_time=over)
     where = places(field, np.array([0.25]))[0]
@@ -355,7 +358,7 @@ def test_oscillation() -> None:
 
 
 def test_keyframes_move_and_multiply() -> None:
-    """Each quantity between the keyframes that give it; strengths multiply; what is moved is moved before it turns."""
+    """Each quantity is interpolated between the keyframes that give it; strengths multiply; the move comes before the rotation."""
     frames = [
         {"time": 0, "strength": 0},
         {"time": 1, "strength": 1, "move": (0, 0, 0)},

@@ -1,4 +1,4 @@
-"""When a field's schedule has ended, whatever part of it ends last, and that it stays as it is then: statics takes that moment."""
+"""The end of a schedule is the end of its last part, and the field then stays constant: statics uses that moment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def field(over: dict[str, Any]) -> FieldSource:
 
 @pytest.mark.parametrize("part", STARTED_LATE)
 def test_the_end_counts_from_the_start_of_each_part(part: str) -> None:
-    """Just before it the field still changes, from then on it does not."""
+    """Just before the end the field still changes, after it no more."""
     over, end = STARTED_LATE[part]
     given = field(over)
     assert end_time(given) == pytest.approx(end, rel=1e-12)
@@ -42,7 +42,7 @@ def test_the_last_part_to_end_counts() -> None:
 
 
 def test_a_rotation_the_other_way_stops_after_its_turns() -> None:
-    """Three quarters of a turn about +y, backwards: from z by way of -x and -z to +x, and there it stays."""
+    """Three quarters of a turn about +y, backward: from z through -x and -z to +x, where it stays."""
     over = {"rotation": {"axis": (0, 1, 0), "frequency": -2.0, "start": 1.0, "turns": 0.75}}
     given = FieldSource.model_validate({"uniform": (0, 0, 1e-2), "over_time": over})
     z, x = np.array([0, 0, 1e-2]), np.array([1e-2, 0, 0])

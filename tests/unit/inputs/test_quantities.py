@@ -1,4 +1,4 @@
-"""Quantities: the exact decimal times the exact factor, rounded once, whichever way the factor is found."""
+"""Quantities: the exact decimal times the exact factor, rounded once, for both sources of the factor."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLAIN = [
 @pytest.mark.parametrize(("kind", "unit"), PLAIN)
 def test_the_table_has_pints_own_factors(kind: str, unit: str) -> None:
     table, pint = KINDS[kind].plain[unit], units._factor_in_pint(unit, kind)
-    # exactly, but for angles: pint's pi has fewer digits than the table's, both far more than a float
+    # exactly, except angles: pint's pi has fewer digits than that of the table, both far more than a float
     assert table == pint or (kind == "angle" and abs(table / pint - 1) < Fraction(1, 10**30))
 
 
@@ -87,13 +87,13 @@ def test_table_and_pint_give_the_same_float(number: object, which: tuple[str, st
     ],
 )
 def test_values(kind: str, text: str, si: float) -> None:
-    # exact, but where the expected value itself is rounded: psi above, pi in Python's floats
+    # exact, except where the expected value itself is rounded: psi above, pi in Python's floats
     exact = kind != "angle" and "psi" not in text
     assert parse_quantity(text, KINDS[kind]) == (si if exact else pytest.approx(si, rel=1e-15))
 
 
 def test_decimals_are_not_degraded_by_the_unit() -> None:
-    # in floats 4.1 * 1e-3 is 0.0040999999999999995, and not what was written
+    # in floats 4.1 * 1e-3 is 0.0040999999999999995, not the written value
     for text, si in (("4.1 mm", 0.0041), ("0.3 mT", 0.0003), ("1.1 um", 1.1e-6), ("70 mT", 0.07)):
         assert parse_quantity(text, KINDS["length" if text.endswith("m") else "flux density"]) == si
 
@@ -140,7 +140,7 @@ def test_percent_is_no_angle() -> None:
 
 
 def test_plain_units_need_no_pint() -> None:
-    """Reading a scene of plain units leaves pint, which takes half a second, alone."""
+    """A scene with plain units does not import pint, which takes half a second."""
     code = (
         "import sys; from magmpm.scene import load_scene; load_scene('data/scenes/hollow.yaml'); "
         "heavy = {'pint', 'numba', 'scipy', 'optuna', 'matplotlib', 'pyvista'} & set(sys.modules); "

@@ -1,8 +1,8 @@
-"""Neo-Hookean silicone: W = G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2 and what must follow from it.
+"""Neo-Hookean silicone: W = G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2 and its consequences.
 
 Source: Simo and Hughes, Computational Inelasticity, section 9.2; Holzapfel, Nonlinear Solid Mechanics,
-sections 5.4 and 6.4. Tolerances of 1e-12 relative: a few dozen roundings, with K/G times as much where the
-volume part cancels.
+sections 5.4 and 6.4. Relative tolerances of 1e-12: a few dozen rounding errors, times K/G where the volume part
+cancels.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def random_F(seed: int, size: float = 0.25) -> np.ndarray:
-    """A deformation gradient with det F between about 0.3 and 2.5, turned by any angle."""
+    """A deformation gradient with det F between about 0.3 and 2.5, rotated by any angle."""
     rng = np.random.default_rng(seed)
     stretch = np.eye(3) + size * rng.uniform(-1, 1, (3, 3))
     return Rotation.random(rng=rng).as_matrix() @ stretch
@@ -75,7 +75,7 @@ def test_kernels_follow_the_formula(seed: int, ratio: float) -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_stress_is_the_derivative_of_energy(rng: np.random.Generator, ratio: float, seed: int) -> None:
-    """Taylor: W(F + t D) - W(F) - t P:D falls as t^2; with half the tangent taken off too, as t^3."""
+    """Taylor: W(F + t D) - W(F) - t P:D falls as t^2; with half the tangent subtracted too, as t^3."""
     F, D, K = random_F(seed), rng.standard_normal((3, 3)), ratio * G
     D /= np.linalg.norm(D)
     linear = np.sum(stress(F, K) * D)
@@ -84,7 +84,7 @@ def test_stress_is_the_derivative_of_energy(rng: np.random.Generator, ratio: flo
     def first(t: float) -> float:
         return energy(F + t * D, K) - energy(F, K) - t * linear
 
-    # The next term of the series bends the line by about the step, 1 %: 0.1 is ten times that.
+    # The next term of the series changes the slope by about the step, 1 %: 0.1 is ten times that.
     np.testing.assert_allclose(slopes(first, STEPS), 2.0, atol=0.1)
     assert np.all(slopes(lambda t: first(t) - t**2 * quadratic, STEPS) > 2.9)
 
@@ -92,7 +92,7 @@ def test_stress_is_the_derivative_of_energy(rng: np.random.Generator, ratio: flo
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_tangent_is_the_derivative_of_stress(rng: np.random.Generator, ratio: float, seed: int) -> None:
-    """Taylor: P(F + t D) - P(F) - t A:D falls as t^2, in every entry together."""
+    """Taylor: P(F + t D) - P(F) - t A:D falls as t^2, for the norm over all entries."""
     F, D, K = random_F(seed), rng.standard_normal((3, 3)), ratio * G
     P, AD = stress(F, K), (tangent(F, K) @ D.ravel()).reshape(3, 3)
     found = slopes(lambda t: stress(F + t * D, K) - P - t * AD, STEPS)
@@ -101,7 +101,7 @@ def test_tangent_is_the_derivative_of_stress(rng: np.random.Generator, ratio: fl
 
 @given(seeds, seeds)
 def test_frame_indifference(seed: int, turn: int) -> None:
-    """W(Q F) = W(F) and P(Q F) = Q P(F): the observer's turn strains nothing."""
+    """W(Q F) = W(F) and P(Q F) = Q P(F): a rotation of the observer causes no strain."""
     F, Q, K = random_F(seed), rotation(turn), 20 * G
     assert energy(Q @ F, K) == pytest.approx(energy(F, K), rel=1e-11, abs=1e-12 * K)
     np.testing.assert_allclose(stress(Q @ F, K), Q @ stress(F, K), rtol=0, atol=1e-12 * K)
@@ -117,7 +117,7 @@ def test_isotropy(seed: int, turn: int) -> None:
 
 @given(seeds)
 def test_rigid_rotation_is_free_of_stress(seed: int) -> None:
-    """W(Q) = 0 and P(Q) = 0 for every rotation Q, of any angle. Exactly 0 unturned."""
+    """W(Q) = 0 and P(Q) = 0 for every rotation Q, of any angle. Exactly 0 without rotation."""
     Q, K = rotation(seed), 500 * G
     assert energy(Q, K) == pytest.approx(0, abs=1e-13 * K)
     np.testing.assert_allclose(stress(Q, K), 0, atol=1e-13 * K)
@@ -135,8 +135,8 @@ def test_kirchhoff_stress_is_symmetric(seed: int) -> None:
 
 @given(seeds)
 def test_shape_and_volume_are_apart(seed: int) -> None:
-    """With no pressure the Kirchhoff stress has no trace, and a pure swelling has shape energy 0: F-bar may
-    average one alone.
+    """Without pressure the Kirchhoff stress has no trace, and a pure change of volume has shape energy 0: F-bar
+    may average the volume part alone.
     """
     F = random_F(seed)
     J, cof, P = np.linalg.det(F), np.empty((3, 3)), np.empty((3, 3))
@@ -156,7 +156,7 @@ def test_tangent_is_symmetric(seed: int, ratio: float) -> None:
 
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_small_strain_constants(ratio: float) -> None:
-    """At F = I the tangent is 2 G dev + K tr. Pulled along x with free sides: E = 9 K G / (3 K + G) and nu =
+    """At F = I the tangent is 2 G dev + K tr. Uniaxial tension along x: E = 9 K G / (3 K + G) and nu =
     (3K - 2G) / (2 (3K + G)).
     """
     K = ratio * G
@@ -166,14 +166,14 @@ def test_small_strain_constants(ratio: float) -> None:
     expected = G * sym + (K - 2 * G / 3) * np.einsum("ij,kl->ijkl", d, d)
     np.testing.assert_allclose(A, expected, rtol=0, atol=1e-14 * K)
     normal = np.array([[A[i, i, j, j] for j in range(3)] for i in range(3)])
-    strain = np.linalg.solve(normal, [1.0, 0.0, 0.0])  # of a stress of 1 Pa along x
+    strain = np.linalg.solve(normal, [1.0, 0.0, 0.0])  # strain at a stress of 1 Pa along x
     assert 1 / strain[0] == pytest.approx(young_modulus(G, K), rel=1e-12)
     assert -strain[1] / strain[0] == pytest.approx(poisson_ratio(G, K), rel=1e-12)
 
 
 def test_conversions_known_numbers() -> None:
     """E = 2.951 G, not 3 G, at K = 20 G; E = 2 G (1 + nu) always; 3 G and 1/2 in the incompressible limit."""
-    assert young_modulus(1.0, 20.0) == pytest.approx(2.951, abs=5e-4)  # as many digits as are given
+    assert young_modulus(1.0, 20.0) == pytest.approx(2.951, abs=5e-4)  # to the given digits
     for ratio in (0.7, 2.0, 20.0, 500.0):
         assert young_modulus(G, ratio * G) == pytest.approx(
             2 * G * (1 + poisson_ratio(G, ratio * G)), rel=1e-15
@@ -184,7 +184,7 @@ def test_conversions_known_numbers() -> None:
 
 
 def test_crushed_to_nothing_costs_ever_more() -> None:
-    """The shape energy grows without bound as det F -> 0, so that a line search turns back from it."""
+    """The shape energy grows without bound as det F -> 0, so that a line search rejects such a step."""
     squeezed = [energy(np.diag([s, 1.0, 1.0]), 20 * G) for s in (0.5, 0.1, 1e-2, 1e-4, 1e-6)]
     assert np.all(np.diff(squeezed) > 0)
     assert squeezed[-1] > 1e3 * G

@@ -1,4 +1,4 @@
-"""The benchmarks measure what they say: a fair twin, a body that moves and touches, memory as the process grows."""
+"""The benchmarks measure what they state: a fair baseline kernel, a body that moves and touches, growth of the process."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def module(name: str) -> ModuleType:
 
 
 def body(function: object) -> list[str]:
-    """The statements of a kernel, one a line, after its docstring."""
+    """The statements of a kernel after its docstring, one per line."""
     lines = [line.strip() for line in inspect.getsource(function.py_func).splitlines()]  # type: ignore[attr-defined]
     return [line for line in lines[max(k for k, line in enumerate(lines) if '"""' in line) + 1 :] if line]
 
 
 def test_the_twin_is_the_kernel_without_its_effects() -> None:
-    """What the kernel has and the twin lacks is about effects, line by line; the twin has nothing of its own."""
+    """All lines that the baseline lacks belong to effects, and it has no lines of its own."""
     ours, twin = body(kernels.advance), body(module("plain_total").advance)
     effects = ("effect", "moved", "store(x,", "touched", "elif", "gather(v,", "gather_value(", "flat_magnet", "flat_reference", ")  # fmt")
     of_loads = ("f[:] = 0.0", "for i in range(3):", "store(f, 8 * i, load(f, 8 * i) * V)", "P, f, dF, rate", "value, x")
@@ -51,7 +51,7 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
 
 
 def test_the_twin_moves_a_body_as_the_kernel_does() -> None:
-    """From a state in which every number differs from zero, to the last bit: the sums are the same."""
+    """From a state without zeros, bit for bit: the sums are the same."""
     rates, plain = module("motion_rates"), module("plain_total")
     model, motion, dt = rates.started("total", cells=2)
     rates.advance(motion, 300, dt, model.effects)
@@ -78,7 +78,7 @@ def test_contact_is_measured_on_a_body_that_touches() -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory of a process is read from /proc")
 def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The estimate before anything is built is below it; the one once it is built is near it (a tenth: libraries' share, and rounding)."""
+    """The estimate before the model is built is below the growth; the one after it is near (a tenth: share of libraries, and rounding)."""
     found = module("resident").grown("total")
     assert found["particles"] > 1e5
     assert found["peak"] > BYTES
@@ -87,7 +87,7 @@ def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.Monk
 
 
 def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Host, processor, threads, commit, load, a product of matrices and a copy; a rate also as a ratio to the product's."""
+    """Host, processor, threads, commit, load, a matrix product and a copy; rates also relative to the matrix product."""
     machine, bench = module("machine"), module("bench")
     monkeypatch.setattr(machine, "SIDE", 128)
     monkeypatch.setattr(machine, "COPIED", 8_000_000)

@@ -1,4 +1,4 @@
-"""The Cosserat rod: derivatives, closed-form answers, symmetry."""
+"""The Cosserat rod: derivatives, closed-form solutions, symmetry."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from magmpm.scene import Scene
 L, D = 40e-3, 1e-3
 E = young_modulus(G, 20 * G)
 AREA, INERTIA = np.pi / 4 * D**2, np.pi / 64 * D**4
-MOMENT = BR * AREA / MU0  # A m, of each metre of rod
+MOMENT = BR * AREA / MU0  # A m^2 per meter of rod
 
 
 def slender(**changes: object) -> Scene:
@@ -39,7 +39,7 @@ def spatial() -> Scene:
 
 
 class Chain:
-    """A rod's energy as a function of the turns of its frames, at a bent and twisted state."""
+    """The energy of a rod as a function of the rotations of its frames, at a bent and twisted state."""
 
     def __init__(self, rod: RodModel, rng: np.random.Generator) -> None:
         n = len(rod.length)
@@ -75,9 +75,9 @@ class Chain:
 
 @pytest.mark.parametrize("extensible", [True, False])
 def test_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> None:
-    """Taylor: energy less gradient falls as t^2, less half the Hessian as t^3; at a crooked state, with every load on.
+    """Taylor: the remainder after the gradient falls as t^2, after half the Hessian as t^3; at a bent, twisted state, with every load.
 
-    Compliances are made a thousand times larger, so that a wrong term of stretch or shear would show.
+    Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible.
     """
     rod = rod_model(spatial(), elements=9, extensible=extensible)
     soft = RodModel(**{**vars(rod), "compliance": 1e3 * rod.compliance, "weight": 30 * rod.weight})
@@ -86,21 +86,21 @@ def test_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> Non
     d = 0.3 * rng.standard_normal(g.shape)
     linear, quadratic = float(np.sum(g * d)), float(d.ravel() @ H @ d.ravel()) / 2
     base = chain.energy(0 * d)
-    steps = [0.02, 0.01, 0.005]  # turns of 6 mrad down
+    steps = [0.02, 0.01, 0.005]  # rotations from 6 mrad down
 
     def first(t: float) -> float:
         return chain.energy(t * d) - base - t * linear
 
     assert slopes(first, steps)[-1] == pytest.approx(
         2.0, abs=0.1
-    )  # the next term bends the line by about the turn
+    )  # the next term changes the slope by about the rotation
     assert slopes(lambda t: first(t) - t**2 * quadratic, steps)[-1] == pytest.approx(3.0, abs=0.15)
     scale = np.abs(H).max()
     np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-14 * scale)
 
 
 def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator) -> None:
-    """Central differences along each unknown, and each pair of neighbors: nothing hides behind a random direction."""
+    """Central differences along each unknown, and each pair of neighbors: no error can be missed by a random direction."""
     chain = Chain(rod_model(spatial(), elements=6), rng)
     g, H = chain.derivatives()
     n, h = g.size, 1e-4
@@ -116,10 +116,10 @@ def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator) -> None:
             second = (second + chain.energy(-h * (unit[a] + unit[b])) - minus[a] - minus[b] + base) / (
                 2 * h * h
             )
-            assert second == pytest.approx(H[a, b], abs=1e-6 * scale)  # rounding 1e-16/h^2, and h^2
+            assert second == pytest.approx(H[a, b], abs=1e-6 * scale)  # rounding error 1e-16/h^2, and h^2
 
 
-# closed-form answers
+# closed-form solutions
 
 
 def test_unloaded_rod_is_straight() -> None:
@@ -133,7 +133,7 @@ def test_unloaded_rod_is_straight() -> None:
 def test_small_transverse_field() -> None:
     """E I theta' = m B (L - s) and shear m B/(k G A): tip z = m B (L^3/(3 E I) + L/(k G A)), k of Cowper.
 
-    A short thick rod, where shear counts. Nonlinear terms are the square of the tip's angle, 1e-8.
+    A short thick rod, where shear matters. Nonlinear terms are the square of the tip angle, 1e-8.
     """
     B, length, diameter = 1e-7, 8e-3, 4e-3
     area, inertia = np.pi / 4 * diameter**2, np.pi / 64 * diameter**4
@@ -155,7 +155,7 @@ def test_axial_field_stretches() -> None:
 
 
 def test_part_of_the_load() -> None:
-    """The equilibrium at half the load is the one of half the field and weight, stretch included."""
+    """The equilibrium at half the load is that of half the field and weight, including stretch."""
     half = spatial().with_field(0.5 * np.array(spatial().field.uniform))
     half = half.with_effects(gravity={"acceleration": [0.5, -0.1, -0.25]})
     one = solve_rod_model(rod_model(spatial()), np.linspace(0, 0.5, 6)[1:])
@@ -180,7 +180,7 @@ def test_piecewise_stiffness_and_magnetisation() -> None:
 
 
 def test_small_weight() -> None:
-    """Tip sag rho g A L^4/(8 E I); what a horizontal beam does under a small load."""
+    """Tip deflection rho g A L^4/(8 E I) of a horizontal beam under a small load."""
     g = 1e-4
     found = solve_rod(slender(gravity=(0, 0, -g)), extensible=False).position[-1, 2]
     assert found == pytest.approx(-1882 * g * AREA * L**4 / (8 * E * INERTIA), rel=1e-4)
@@ -188,7 +188,7 @@ def test_small_weight() -> None:
 
 @pytest.mark.parametrize("weight", [1.0, 5.0, 15.0])
 def test_heavy_rod(weight: float) -> None:
-    """The heavy elastica, to 1e-4 of L along all of it; 15 is a long thin catheter in gravity."""
+    """The heavy elastica, to 1e-4 of L along the whole rod; a load of 15 is a long thin catheter under gravity."""
     g = weight * E * INERTIA / (1882 * AREA * L**3)
     shape = solve_rod(slender(gravity=(0, 0, -g)), extensible=False)
     exact = heavy_elastica(weight, shape.s / L)
@@ -198,7 +198,7 @@ def test_heavy_rod(weight: float) -> None:
 
 @pytest.mark.parametrize("load", [0.5, 3.0, 10.0])
 def test_twist_is_a_pendulum(load: float) -> None:
-    """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta), the elastica's equation at 90 degrees, with no bending."""
+    """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta), the equation of the elastica at 90 degrees, without bending."""
     B = load * 2 * G * INERTIA / (MOMENT * L**2)
     shape = solve_rod(slender(directions=[(0, 1, 0)], field=(0, 0, B)))
     twist = np.arctan2(shape.frames[:, 2, 1], shape.frames[:, 1, 1])
@@ -208,7 +208,7 @@ def test_twist_is_a_pendulum(load: float) -> None:
 
 
 def test_second_order_in_the_elements() -> None:
-    """Against the elastica at load 5: the error falls as the square of the element's length, to 1e-4 of L at 180."""
+    """Against the elastica at load 5: the error falls as the square of the element length, to 1e-4 of L at 180 elements."""
     exact, counts = elastica(5.0, np.pi / 2), [20, 40, 80, 160]
     scene = slender(field=field_for_load(5.0, np.pi / 2, length=L, diameter=D))
     errors = []
@@ -224,7 +224,7 @@ def test_second_order_in_the_elements() -> None:
 
 @pytest.mark.parametrize("angle", [37.0, 90.0, 200.0])
 def test_turned_about_its_axis(angle: float) -> None:
-    """Magnets, field and gravity turned about x: the shape turns with them, by any angle, for the section is round."""
+    """If magnetization, field and gravity rotate about x by any angle, the shape rotates with them, because the section is round."""
     R = Rotation.from_euler("x", angle, degrees=True).as_matrix()
     model = rod_model(spatial())
     turned = RodModel(
@@ -245,7 +245,7 @@ def test_frames_are_rotations_and_carry_the_axis() -> None:
     eye = np.broadcast_to(np.eye(3), shape.frames.shape)
     np.testing.assert_allclose(shape.frames @ shape.frames.transpose(0, 2, 1), eye, rtol=0, atol=1e-14)
     assert np.array_equal(shape.frames[0], np.eye(3)), "the clamp"
-    # the axis follows R v: chord against the mean of both ends, second order in the element
+    # the axis follows R v: chord against the mean of both ends, second order in the element length
     ends = np.einsum("nij,nj->ni", shape.frames, shape.strain)
     chord = np.diff(shape.position, axis=0) / np.diff(shape.s)[:, None]
     np.testing.assert_allclose(chord, (ends[1:] + ends[:-1]) / 2, rtol=0, atol=1e-3)
@@ -274,7 +274,7 @@ def test_buckles_at_the_critical_load() -> None:
         shape = solve_rod(slender(field=field), extensible=False)
         assert shape.stable
         if bent:
-            # deflection grows as the root of the excess: 1e-4 of load is as much as 1 % of it here
+            # deflection grows as the square root of the excess load: 1e-4 of the load changes it by 1 % here
             expected = elastica(part * critical, np.pi).deflection
             assert shape.position[-1, 2] / L == pytest.approx(expected, rel=0.02)
         else:

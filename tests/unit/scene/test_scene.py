@@ -1,4 +1,4 @@
-"""Scenes as values: SI inside, immutable, hashed by content, rebuilt from their data; the shipped files."""
+"""Scenes as values: SI inside, immutable, hashed by content, rebuilt from their data; the example files."""
 
 from __future__ import annotations
 
@@ -85,10 +85,10 @@ def test_directions_by_angles_and_by_components(tmp_path: Path) -> None:
         scene = scene_of(tmp_path, FIVE.read_text().replace("[1, 0, 0]", text))
         return scene.body.catheter.segments[0].magnetization
 
-    assert direction("{azimuth: 90 deg}") == (0.0, 1.0, 0.0)  # from +x toward +y; elevation 0 unless given
+    assert direction("{azimuth: 90 deg}") == (0.0, 1.0, 0.0)  # from +x toward +y; default elevation: 0
     assert direction("{azimuth: 0 deg, elevation: 90 deg}") == (0.0, 0.0, 1.0)
     e, a = np.radians([10.0, 30.0])
-    np.testing.assert_allclose(  # rounding of a few operations
+    np.testing.assert_allclose(  # rounding errors of a few operations
         direction("{azimuth: 30 deg, elevation: 10 deg}"),
         [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)],
         rtol=0,
@@ -277,7 +277,7 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
 
 
 def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
-    """What a schema says, without the wrapping (allOf, anyOf) that differs between versions of pydantic."""
+    """The content of a schema, without the wrapping (allOf, anyOf) that differs between versions of pydantic."""
     words = {"description", "title", "pattern", "type", "enum", "const", "required", "examples", "$ref"}
     words |= {"minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems", "additionalProperties"}
     found = set()
@@ -359,7 +359,7 @@ def test_centreline_tables(tmp_path: Path) -> None:
 
 
 def test_a_wall_thinner_than_a_cell_is_warned_of() -> None:
-    """With the number of cells that would do: (4 - 3) / 2 mm of wall at 1 mm cells is half a cell, so 8 cells make it one."""
+    """With the sufficient number of cells: (4 - 3) / 2 mm of wall is half a cell of 1 mm, so with 8 cells it is one cell."""
     data = load_scene(FIVE.with_name("hollow.yaml")).to_si()
     catheter = data["body"]["catheter"]
     catheter["inner_diameter"] = 0.75 * catheter["diameter"]
@@ -371,7 +371,7 @@ def test_a_wall_thinner_than_a_cell_is_warned_of() -> None:
 
 @pytest.mark.parametrize("column", _BOUNDS)
 def test_bounds_of_a_schedule_s_table_are_a_keyframe_s(column: str) -> None:
-    """What a table may say a keyframe takes, and what is just beyond it does not."""
+    """Keyframes accept the limits of a table, and refuse values just beyond."""
     key = {"B": "uniform", "x": "move", "y": "move", "z": "move"}.get(column[:1], column)
     low, high = _BOUNDS[column][:2]
 

@@ -1,4 +1,4 @@
-"""The same bits whatever the number of threads: sums are made in one order, by the slabs, not by who comes first."""
+"""The same bits for any number of threads: the order of sums is given by the slabs, not by the threads."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_kernels_at_any_thread_count(rng: np.random.Generator) -> None:
 
 
 def test_whole_run_at_any_thread_count() -> None:
-    """A run ends on the same bits: shape, energy, steps."""
+    """A whole run gives the same bits: shape, energy, steps."""
     results = []
     for threads in (1, 2, 2):
         numba.set_num_threads(threads)

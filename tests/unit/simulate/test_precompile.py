@@ -1,4 +1,4 @@
-"""Kernels are taken as ready only where Numba will really load them."""
+"""Kernels count as ready only if Numba will actually load them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from magmpm import precompile as warmup
 
 
 def test_another_clone_and_touched_sources_are_not_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same text elsewhere, or with other times, is compiled again by Numba; a marker that held would let this process compile it."""
+    """Numba compiles the same text again at another place or with other times; a valid marker would let this process compile it."""
     stamps = [warmup._stamp("kinds")]
     for clone in ("one", "two"):
         folder = tmp_path / clone
@@ -51,7 +51,7 @@ def test_who_waits_is_told_what_is_compiled_and_that_it_is_once(empty_cache: Pat
 
 
 def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two that need the same kernels: one compiles them, the other finds them ready."""
+    """Two processes need the same kernels: one compiles them, the other finds them ready."""
     begun, go_on = threading.Event(), threading.Event()
 
     def slow(small: object) -> bool:
@@ -82,7 +82,7 @@ def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, 
 
 
 def test_without_room_on_the_disk_nothing_is_compiled_ahead(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It could not be kept: whoever runs compiles its own, once in place of twice."""
+    """The kernels could not be stored: each run compiles its own, once instead of twice."""
     lines: list[str] = []
     monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small: pytest.fail("compiled"))
     monkeypatch.setattr("magmpm.precompile.ROOM", 1e30)
@@ -106,7 +106,7 @@ print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
 
 @pytest.mark.parametrize("solver", ["static: {}", "dynamic: {duration: 0.1 ms}", "dynamic: {duration: 0.1 ms, formulation: updated}"])
 def test_a_run_compiles_nothing_itself(solver: str, tmp_path: Path) -> None:
-    """Every kernel of a run, its frames' included, is made before the clock starts, and loaded."""
+    """Every kernel of a run, also those for frames, is compiled before the clock starts, and then loaded."""
     scene = tmp_path / "scene.yaml"
     text = (Path(__file__).parents[3] / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
     scene.write_text(text.replace("static: {}", solver).replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")

@@ -16,7 +16,7 @@ SIZES = pytest.mark.parametrize(
 
 
 def random_banded(rng: np.random.Generator, planes: int, m: int) -> np.ndarray:
-    """Symmetric positive definite (planes m, planes m), blocks more than two off the diagonal zero; condition number about 10."""
+    """Symmetric positive definite (planes m, planes m), zero beyond two blocks from the diagonal; condition number about 10."""
     A = rng.standard_normal((planes * m, planes * m))
     block = np.repeat(np.arange(planes), m)
     A = np.where(np.abs(block[:, None] - block) <= 2, A + A.T, 0.0)
@@ -24,10 +24,10 @@ def random_banded(rng: np.random.Generator, planes: int, m: int) -> np.ndarray:
 
 
 def to_panels(A: np.ndarray, planes: int, m: int) -> np.ndarray:
-    """Panels as the docstring of statics.block_cholesky lays them out, entry by entry; the rest is filled with rubbish."""
+    """Panels as in the docstring of statics.block_cholesky, entry by entry; the rest is filled with invalid numbers."""
     split = split_plane(planes)
     panels = new_panels(planes, m)
-    panels[:planes] = 7e7  # a kernel that reads more than it may will show
+    panels[:planes] = 7e7  # so that a kernel that reads too much is detected
     panels[planes:] = np.nan
     blocks = A.reshape(planes, m, planes, m)
     for column in range(planes):
@@ -70,7 +70,7 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
         kept = b.copy()
         x = solve(panels, split, b)
         expected = np.linalg.solve(A, b.ravel()).reshape(planes, m)
-        # condition number about 10, and as many roundings as unknowns in a band
+        # condition number about 10, and as many rounding errors as unknowns in a band
         np.testing.assert_allclose(x, expected, rtol=0, atol=1e-14 * m * np.abs(expected).max())
         assert np.array_equal(b, kept), "the right-hand side is left alone"
 
@@ -78,7 +78,7 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
 @pytest.mark.parametrize("planes", range(3, 10))
 @pytest.mark.parametrize("m", [1, 3, 12])
 def test_factors_are_a_cholesky(rng: np.random.Generator, planes: int, m: int) -> None:
-    """The middle's factors are the Schur complement's: numpy's Cholesky of A with the other planes eliminated."""
+    """The factors of the middle are those of the Schur complement: numpy's Cholesky of A with the other planes eliminated."""
     A = random_banded(rng, planes, m)
     panels, split = to_panels(A, planes, m), split_plane(planes)
     factor(panels, split)
@@ -96,7 +96,7 @@ def test_factors_are_a_cholesky(rng: np.random.Generator, planes: int, m: int) -
 
 @pytest.mark.parametrize("planes", range(3, 10))
 def test_indefinite_matrices_are_found_out(rng: np.random.Generator, planes: int) -> None:
-    """A negative eigenvalue is seen wherever it sits: first plane, last, middle. The plane named has been reached by then."""
+    """A negative eigenvalue is detected in every plane: first, last, middle. The reported plane has been reached."""
     m, split = 4, split_plane(planes)
     A = random_banded(rng, planes, m)
     for plane in range(planes):
@@ -118,7 +118,7 @@ def test_indefinite_in_both_halves(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("planes", [3, 4, 7])
 def test_barely_indefinite(rng: np.random.Generator, planes: int) -> None:
-    """Shifted by a thousandth past its lowest eigenvalue a matrix fails; a thousandth before, it does not."""
+    """A matrix shifted a thousandth beyond its lowest eigenvalue fails; a thousandth less, it does not."""
     m = 6
     A = random_banded(rng, planes, m)
     values = np.linalg.eigvalsh(A)

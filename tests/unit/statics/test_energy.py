@@ -19,7 +19,7 @@ from magmpm.statics.layout import StaticModel, static_model
 
 LOCKING = pytest.mark.parametrize("locking", ["f-bar", "none"])
 FIELD = (4e-3, -3e-3, 6e-3)
-LINEAR_STIFFNESS = 5.0  # of G: the value that docs/design.md chose by measurement
+LINEAR_STIFFNESS = 5.0  # times G: the value that docs/design.md chose by measurement
 
 
 def model_of(**changes: object) -> StaticModel:
@@ -28,14 +28,14 @@ def model_of(**changes: object) -> StaticModel:
 
 
 def unclamped(model: StaticModel) -> StaticModel:
-    """The body without the cells at the clamp, which give way to nothing: the rest is free in space."""
+    """The body without the cells at the clamp: the rest is free in space."""
     free = model.particles.cell[:, 0] > 0
     volume = np.where(free, model.particles.volume, 0.0)
     return replace(model, particles=replace(model.particles, volume=volume))
 
 
 def coordinates(model: StaticModel) -> np.ndarray:
-    """Greville points of the free nodes, (planes, nodes, 3) m: coefficients that make the splines x, y and z themselves."""
+    """Greville points of the free nodes, (planes, nodes, 3) m: the coefficients with which the splines represent x, y and z."""
     grid, nodes = model.grid, model.layout.node_yz
     x = grid.node_coordinates(0)[1:]
     y, z = grid.node_coordinates(1)[nodes[:, 0]], grid.node_coordinates(2)[nodes[:, 1]]
@@ -57,7 +57,7 @@ def random_coefficients(model: StaticModel, rng: np.random.Generator, size: floa
 
 @LOCKING
 def test_gradient_and_tangent_are_derivatives(rng: np.random.Generator, locking: str) -> None:
-    """Taylor on the whole energy, with both effects: remainders of order 2 without, 3 with the tangent; and dr = K d, order 2."""
+    """Taylor test of the whole energy, with both effects: remainders of order 2 without the tangent, 3 with it; and dr = K d, order 2."""
     energy = Energy(model_of(field=FIELD, gravity=(0, 1, -9.81), anti_locking=locking))
     c, d = random_coefficients(energy.model, rng), random_coefficients(energy.model, rng)
     point = energy.at(c)
@@ -73,7 +73,7 @@ def test_gradient_and_tangent_are_derivatives(rng: np.random.Generator, locking:
     def stress(t: float) -> np.ndarray:
         return energy.residual(energy.at(c + t * d)) - gradient - t * Kd
 
-    # The next term of the series bends the line by about the strain; the last slope is taken, where that is 1 %.
+    # The next term of the series changes the slope by about the strain; the last slope is used, where that is 1 %.
     assert slopes(first, steps)[-1] == pytest.approx(2.0, abs=0.05)
     assert slopes(lambda t: first(t) - t**2 * quadratic, steps)[-1] == pytest.approx(3.0, abs=0.1)
     assert slopes(stress, steps)[-1] == pytest.approx(2.0, abs=0.05)
@@ -81,15 +81,15 @@ def test_gradient_and_tangent_are_derivatives(rng: np.random.Generator, locking:
 
 @LOCKING
 def test_undeformed_body(rng: np.random.Generator, locking: str) -> None:
-    """No load: no energy, no residual, and a tangent that is positive definite, for the clamp holds every rigid motion."""
+    """No load: no energy, no residual, and a positive definite tangent, because the clamp holds every rigid motion."""
     energy = Energy(model_of(cells=2, anti_locking=locking))
     rest = energy.at(np.zeros(energy.shape))
     assert rest.energy == 0
     residual, panels = energy.tangent(rest)
     assert not residual.any()
     values = np.linalg.eigvalsh(to_dense(panels, energy.model.layout.split))
-    # The softest shape is bending, and coefficients at corners that hold little material: 1e-5 of the stiffest. A motion
-    # that nothing holds would stand at rounding, 1e-16.
+    # The softest modes are bending, and coefficients at corners with little material: 1e-5 of the stiffest. A free motion
+    # would have an eigenvalue of rounding size, 1e-16.
     assert values[0] > 1e-7 * values[-1]
 
 
@@ -98,7 +98,7 @@ def test_undeformed_body(rng: np.random.Generator, locking: str) -> None:
 
 @LOCKING
 def test_internal_and_magnetic_forces_balance(rng: np.random.Generator, locking: str) -> None:
-    """Newton's third law in P2G: in a body free in space the grid forces of elasticity and of a uniform field sum to zero."""
+    """Newton's third law in P2G: in a free body the grid forces of elasticity and of a uniform field sum to zero."""
     energy = Energy(unclamped(model_of(field=FIELD, anti_locking=locking)))
     r = energy.residual(energy.at(random_coefficients(energy.model, rng)))
     total = r.reshape(-1, 3).sum(axis=0)
@@ -121,11 +121,11 @@ def test_torque_is_the_magnets(rng: np.random.Generator, locking: str) -> None:
     expected = -model.particles.volume @ torque
     found = np.cross(arm, r)
     np.testing.assert_allclose(found.sum(axis=0), expected, rtol=0, atol=1e-13 * np.abs(found).sum())
-    assert np.linalg.norm(expected) > 1e-6  # N m: there is something to compare
+    assert np.linalg.norm(expected) > 1e-6  # N m: the compared values are not zero
 
 
 def test_weight_is_all_there(rng: np.random.Generator) -> None:
-    """The grid forces of gravity sum to the weight, density times exact volume times g, and are zero beside it."""
+    """The grid forces of gravity sum to the weight, density times exact volume times g, and are zero in the other directions."""
     g = np.array([1.0, -2.0, -9.81])
     model = unclamped(model_of(gravity=g))
     energy = Energy(model)
@@ -135,7 +135,7 @@ def test_weight_is_all_there(rng: np.random.Generator) -> None:
 
 
 def test_reaction_at_the_clamp_carries_the_weight(rng: np.random.Generator) -> None:
-    """With the clamp in place, the residual's sum lacks just what the clamped cells pass on: sum V (P + ...) grad(2 N_0)."""
+    """With the clamp, the sum of the residual lacks exactly what the clamped cells transmit: sum V (P + ...) grad(2 N_0)."""
     model = model_of(gravity=(0, 0, -9.81))
     energy = Energy(model)
     point = energy.at(random_coefficients(model, rng))
@@ -155,16 +155,16 @@ def test_reaction_at_the_clamp_carries_the_weight(rng: np.random.Generator) -> N
 @LOCKING
 @pytest.mark.parametrize("angle", [30, 90, 180, 270, 360])
 def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
-    """A free body turned by any angle about a skew axis, and moved: F = R, no energy, no force. Full turns included."""
+    """A free body, rotated by any angle about a skew axis and moved: F = R, no energy, no force. Including full turns."""
     model = unclamped(model_of(anti_locking=locking))
     energy = Energy(model)
     R = Rotation.from_rotvec(np.radians(angle) * np.array([2, -1, 2]) / 3).as_matrix()
     point = energy.at(affine(model, R, np.array([1e-2, -3e-3, 5e-3])))
     free = model.particles.volume > 0
     np.testing.assert_allclose(point.F[free], np.broadcast_to(R, (free.sum(), 3, 3)), rtol=0, atol=1e-13)
-    stiffness = G * model.particles.volume.sum()  # J a unit strain
-    assert point.energy == pytest.approx(0, abs=1e-14 * stiffness)  # rounding of J^(-2/3) I1 - 3
-    # Strain from rounding 1e-14, times stress 20 G, over the section, of which a node carries a part.
+    stiffness = G * model.particles.volume.sum()  # J per unit strain
+    assert point.energy == pytest.approx(0, abs=1e-14 * stiffness)  # rounding error of J^(-2/3) I1 - 3
+    # Strain from rounding 1e-14, times stress 20 G, over the section, of which a node carries a share.
     np.testing.assert_allclose(energy.residual(point), 0, atol=1e-12 * 20 * G * 1.6e-5)
 
 
@@ -173,7 +173,7 @@ def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
 def test_patch(locking: str, particles: int) -> None:
     """Patch test: an affine deformation gives the same F everywhere, and no residual at nodes inside the material.
 
-    Inside: all of a node's cells are full and of one material. There the Gauss points integrate the gradients exactly.
+    Inside: all cells of a node are full and of one material. There the Gauss points integrate the gradients exactly.
     """
     model = model_of(cells=5, particles=particles, directions=[(1, 0, 0)], shear=G, anti_locking=locking)
     energy = Energy(model)
@@ -187,12 +187,12 @@ def test_patch(locking: str, particles: int) -> None:
     assert len(middle) == 1
     inside = residual[3 : model.layout.planes - 2, middle[0]]  # nor at the clamp or the free end
     assert len(inside) >= 4
-    traction = np.abs(residual).max()  # what nodes on the surface carry
+    traction = np.abs(residual).max()  # forces on the nodes of the surface
     np.testing.assert_allclose(inside, 0, atol=1e-12 * traction)
 
 
 def test_clamped_face_does_not_move(rng: np.random.Generator) -> None:
-    """Whatever the coefficients, displacement at x = 0 is 0: it grows from there in proportion to x."""
+    """For any coefficients the displacement at x = 0 is 0; it grows from there in proportion to x."""
     model = model_of(cells=2)
     energy = Energy(model)
     c = random_coefficients(model, rng)
@@ -209,9 +209,9 @@ def test_clamped_face_does_not_move(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(("cells", "inner"), [(2, 0.0), (3, 0.0), (6, 0.0), (3, 3.8e-3)])
 @pytest.mark.parametrize("ratio", [2.0, 20.0, 500.0])
 def test_volume_modes_are_orthogonal(cells: int, inner: float, ratio: float) -> None:
-    """In each cell sum V m_j m_k = 0 for j != k; 1 for the mean, and for linear modes what they carry in place of K.
+    """In each cell sum V m_j m_k = 0 for j != k; 1 for the mean, and for linear modes their stiffness relative to K.
 
-    A mode that a cell's few particles can't tell from the others is left out, as 0.
+    A mode that the few particles of a cell cannot distinguish from the others is left out, as 0.
     """
     model = model_of(cells=cells, inner_diameter=inner, bulk_to_shear=ratio)
     V, modes = model.particles.volume, model.modes
@@ -227,7 +227,7 @@ def test_volume_modes_are_orthogonal(cells: int, inner: float, ratio: float) -> 
 
 
 def test_projection_leaves_linear_fields_alone() -> None:
-    """Below K = LINEAR_STIFFNESS G, J that varies linearly over a cell is seen as it is: F-bar softens no more than it must."""
+    """Below K = LINEAR_STIFFNESS G, a linear variation of J over a cell is unchanged: F-bar softens no more than necessary."""
     model = model_of(cells=4, bulk_to_shear=0.9 * LINEAR_STIFFNESS)
     V, modes = model.particles.volume, model.modes
     J = 1 + model.particles.position @ [30.0, -20.0, 10.0]
@@ -237,7 +237,7 @@ def test_projection_leaves_linear_fields_alone() -> None:
 
 
 def test_f_bar_is_never_stiffer(rng: np.random.Generator) -> None:
-    """The projected volume energy is at most the plain one, by as much as J varies within cells; the same where it does not."""
+    """The projected volume energy is at most the plain one; it is lower if J varies within cells, and equal otherwise."""
     plain, averaged = (Energy(model_of(anti_locking=choice)) for choice in ("none", "f-bar"))
     c = random_coefficients(plain.model, rng)
     assert averaged.at(c).energy < plain.at(c).energy

@@ -1,4 +1,4 @@
-"""Laws of the static solve: symmetry, independence of the start, stability, honest failure."""
+"""Laws of the static solve: symmetry, independence of the start, stability, reported failure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FIELD, GRAVITY = np.array([2e-3, 10e-3, -14e-3]), np.array([0, -3, -9.81])
 
 
 def spatial_scene(T: np.ndarray | None = None, **changes: object) -> Scene:
-    """Three segments that bend and twist out of any plane, moved by a third of the length; all vectors turned by T."""
+    """Three segments that bend and twist out of any plane, with a displacement of a third of the length; all vectors are rotated by T."""
     T = np.eye(3) if T is None else T
     given = {"directions": DIRECTIONS @ T.T, "field": T @ FIELD, "gravity": T @ GRAVITY}
     return rod_scene(length=L, **{**given, **changes})
@@ -56,14 +56,14 @@ TURNS = {
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
-    """The grid has the symmetry of a square: mirrored or turned by quarter turns about x, the answer is the same, turned.
+    """The grid has the symmetry of a square: if the scene is mirrored or rotated by quarter turns about x, so is the result.
 
     Only the order of sums differs, so the shapes agree to rounding, 1e-16 of the length, times the ratio of the stiffest mode
     to bending, about 1e6.
     """
     T = TURNS[turn]
     result = run(spatial_scene(T))
-    # the particle that sits where a particle of the other scene is carried to
+    # the particle at the transformed position of a particle of the other scene
     distance, partner = cKDTree(spatial.particle_reference @ T.T).query(result.particle_reference)
     assert distance.max() < 1e-15
     expected = spatial.particle_position[partner] @ T.T
@@ -74,7 +74,7 @@ def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
 def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
     """From the rod, from the straight body in 1 or 6 load steps, from two neighboring designs: the same shape.
 
-    The solve stops where a step can win 1e-11 of the energy, so shapes differ by at most about the root of that, 3e-6.
+    The solve stops when a step lowers the energy by 1e-11, so shapes differ by at most about the square root of that, 3e-6.
     """
     near = run(spatial_scene().with_field(1.1 * FIELD))
     far = run(spatial_scene().with_magnetizations(DIRECTIONS[::-1]))
@@ -92,15 +92,16 @@ def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
 
 
 def test_a_near_neighbour_saves_steps(spatial: Result) -> None:
-    """From its own result a run is done at once (a first step may be shifted); from one 1 % away it takes fewer steps than without."""
+    """From its own result a run ends at once (a first step may be shifted); from a result 1 % away it takes fewer steps than from the rod.
+    """
     assert run(spatial_scene(), start=spatial).iterations <= 2
     near = run(spatial_scene().with_field(1.01 * FIELD))
     assert run(spatial_scene(), start=near).iterations < spatial.iterations
 
 
 def test_start_is_the_rod_dressed_as_a_body() -> None:
-    """The rod's shape on the grid: its axis is the rod's to second order in the cell; sections narrow as they should, so that volume
-    changes little but at the clamp; no load, no displacement at all.
+    """The shape of the rod on the grid: its axis agrees with the rod to second order in the cell size; sections contract correctly, so that
+    volume changes little except at the clamp; without load there is no displacement at all.
     """
     model = static_model(build(spatial_scene(cells=4)))
     rod = solve_rod(model.scene)
@@ -108,11 +109,11 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
     line = axis.centreline(model, begin)
     inside = (
         line[:, 0] > model.grid.spacing[0]
-    )  # at the clamp the section may not turn, which the rod does not know
+    )  # at the clamp the section cannot rotate, which the rod ignores
     gap = line[inside, 1:] - rod.at(line[inside, 0])
     assert np.abs(gap).max() < 2e-3 * L
     point = Energy(model).at(begin)
-    away = model.particles.position[:, 0] > 4e-3  # a diameter from the clamp
+    away = model.particles.position[:, 0] > 4e-3  # one diameter from the clamp
     det = np.linalg.det(point.F)
     assert np.abs(det[away] - 1).max() < 0.06
     assert 0.8 < point.min_det_F < point.max_det_F < 1.2
@@ -121,7 +122,7 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
 
 
 def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
-    """Newton from the rod's shape plus noise that strains every cell by some percent finds the same minimum."""
+    """From the shape of the rod plus noise that strains every cell by some percent, Newton's method finds the same minimum."""
     model = static_model(build(spatial_scene()))
     begin = from_rod(model, solve_rod(model.scene))
     found = minimise(Energy(model), begin, tolerance=1e-11, max_steps=60)
@@ -131,8 +132,8 @@ def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
 
 
 def test_it_is_a_stable_equilibrium() -> None:
-    """At the answer the tangent is positive definite, and a Newton step from there would win less than 1e-11 of the energy, the
-    tolerance, and move nothing by more than the root of that, 3e-6, of the length.
+    """At the solution the tangent is positive definite. A further Newton step would lower the energy by less than the tolerance, 1e-11, and
+    move nothing by more than the square root of that, 3e-6, of the length.
     """
     model = static_model(build(spatial_scene()))
     energy = Energy(model)
@@ -145,7 +146,7 @@ def test_it_is_a_stable_equilibrium() -> None:
     assert found.converged
 
 
-# symmetric loads: stays straight below the critical load, buckles above
+# symmetric loads: straight below the critical load, buckled above
 
 
 def antiparallel(load: float, **changes: object) -> Scene:
@@ -156,7 +157,7 @@ def antiparallel(load: float, **changes: object) -> Scene:
 
 @pytest.mark.parametrize("load", [0.5, 2.3])
 def test_straight_below_the_critical_load(load: float) -> None:
-    """Pushed together, but not aside: tip deflection is rounding."""
+    """Compressed, but not bent: the tip deflection is a rounding error."""
     result = run(antiparallel(load))
     assert np.hypot(*result.tip[1:]) < 1e-9 * 40e-3
     assert 39.9e-3 < result.tip[0] < 40e-3 * (1 - 1e-4)
@@ -164,7 +165,7 @@ def test_straight_below_the_critical_load(load: float) -> None:
 
 @pytest.mark.parametrize("load", [2.6, 2.8, 5.0, 25.0])
 def test_buckles_towards_z_above_it(load: float) -> None:
-    """Every azimuth is as good; it goes toward +z, always. (The elastica's tip is at 0.40, 0.55, 0.79, 0.40 of L.)"""
+    """Every azimuth has the same energy; the solver always goes toward +z. (The elastica's tip is at 0.40, 0.55, 0.79, 0.40 of L.)"""
     result = run(antiparallel(load))
     assert result.tip[2] > 0.3 * 40e-3
     assert abs(result.tip[1]) < 1e-3 * 40e-3
@@ -173,8 +174,8 @@ def test_buckles_towards_z_above_it(load: float) -> None:
 
 
 def test_newton_leaves_an_unstable_equilibrium() -> None:
-    """From the straight body, where every force balances past the critical load, Newton's method goes down the direction of negative
-    curvature to the buckled shape that the rod's start finds. (Slowly: hence the rod.)
+    """From the straight body, where all forces balance above the critical load, Newton's method follows the direction of negative
+    curvature to the buckled shape that is also found from the rod. (Slowly: hence the rod.)
     """
     scene = antiparallel(5.0)
     model = static_model(build(scene))
@@ -193,14 +194,14 @@ def test_newton_leaves_an_unstable_equilibrium() -> None:
 )
 @pytest.mark.parametrize("load", [2.6, 5.0])
 def test_ramp_follows_the_buckled_branch(load: float) -> None:
-    """Load steps from the straight body end on the branch that the rod's start finds."""
+    """Load steps from the straight body end on the branch that is found from the rod."""
     given = run(antiparallel(load))
     ramped = run(antiparallel(load, field_steps=5))
     np.testing.assert_allclose(ramped.particle_position, given.particle_position, rtol=0, atol=1e-5 * 40e-3)
 
 
 def test_standing_column_falls_over() -> None:
-    """Gravity along -x on 56 x 3 mm, rho g A L^3/(E I) = 16.3: past Greenhill's 7.84, it must leave the straight shape.
+    """Gravity along -x on 56 x 3 mm, rho g A L^3/(E I) = 16.3: above Greenhill's 7.84, it must leave the straight shape.
 
     Source of 7.837: Greenhill, Proc. Camb. Phil. Soc. 4 (1881) 65-73.
     """
@@ -215,7 +216,7 @@ def test_standing_column_falls_over() -> None:
 
 
 def test_unloaded_body_is_exactly_undeformed(spatial: Result) -> None:
-    """No load, no motion: cold exactly; from a bent neighbor to rounding of the bent shape."""
+    """No load, no displacement: exactly from the undeformed start; to rounding from a bent start."""
     rest = spatial_scene(field=(0, 0, 0), gravity=(0, 0, 0))
     assert largest_move(run(rest)) == 0
     assert largest_move(run(rod_scene(length=L))) == 0
@@ -226,7 +227,7 @@ def test_unloaded_body_is_exactly_undeformed(spatial: Result) -> None:
 
 @pytest.mark.parametrize("kind", ["field", "gravity"])
 def test_small_loads_are_linear(kind: str) -> None:
-    """Tip deflection over load is one number from far below rounding of the length up to where the square of the slope counts."""
+    """Tip deflection over load is constant, from far below rounding of the length up to where the square of the slope matters."""
     full = 3e-5 if kind == "field" else 0.02  # deflection 1e-4 m; slope 0.004: 1 % of a percent from linear
     ratios = []
     for part in np.logspace(0, -7, 15):
@@ -252,7 +253,7 @@ def test_unconverged_run_says_so() -> None:
 
 
 def test_unconverged_ramp_returns_its_last_good_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ramp that gets stuck half-way hands back the equilibrium at the load it reached, marked as not converged."""
+    """A ramp that fails half-way returns the equilibrium at the load it reached, marked as not converged."""
     scene = rod_scene(length=L, field=(0, 0, 5e-3), field_steps=4)
     run(scene)  # compiles with its own solve, which must not be counted
     solved = []
@@ -275,7 +276,7 @@ def test_unconverged_ramp_returns_its_last_good_state(monkeypatch: pytest.Monkey
 
 
 def test_numbers_that_are_not_finite_end_in_an_error() -> None:
-    """NaN in the material never becomes an answer, and is found at once."""
+    """NaN in the material never gives a result, and is detected at once."""
     model = static_model(build(spatial_scene()))
     shear = model.shear.copy()
     shear[7] = np.nan
