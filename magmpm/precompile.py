@@ -1,11 +1,12 @@
-"""Kernels ready before the clock starts: compiled once, in processes of their own, and then loaded from the disk cache.
+"""Kernels are compiled before the run: once, in separate processes, and then loaded from the disk cache.
 
-Why other processes: code that was compiled in this one and the same code loaded from the cache can differ in the last bit, because
-functions that several kernels use are then linked from other places. A study that compiled its kernels and one that is resumed
-would not be the same bit for bit. So everyone loads.
+Why separate processes: code compiled in this process and the same code loaded from the cache can differ in the last bit, because
+functions that several kernels share are linked differently. Then a study that compiled its kernels and one that is resumed would not
+agree bit for bit. So every process loads its kernels from the cache.
 
-What a scene needs is compiled in parts (warmup_parts), on as many cores as there are: some depend on the scene's combination of effects,
-others do not and are there already from the first combination on. One process at a time fills a cache; others that need the same wait.
+A scene's kernels are compiled in parts, on all cores. Each part does a little of what a run does. Some parts depend on the scene's
+combination of effects: in statics the tangent, the residual and the energy, in motion the steps and what is measured of a frame. The
+others are the same for every combination. Only one process fills a cache; others that need the same kernels wait for it.
 """
 
 from __future__ import annotations
@@ -29,10 +30,20 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.cache import kept_all
 from magmpm.compiled.environment import PACKAGE
 from magmpm.effects import acting as effects
-from magmpm.precompile_parts import formulation_of, parts_of, solve_small
+from magmpm.errors import SolveError
+from magmpm.model import build
+from magmpm.results.strain import strain_of
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
+from magmpm.statics.axis_order import arranged
+from magmpm.statics.block_cholesky import factor, new_panels, solve
+from magmpm.statics.energy import Energy, Point
+from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
+from magmpm.statics.rod_start import straight
 
 LOCK = "compiling.lock"
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
@@ -175,7 +186,7 @@ class _Worker:
     """A process that compiles parts by their names."""
 
     def __init__(self, small: Scene, path: str) -> None:
-        code = "from magmpm.precompile_parts import serve; serve()"
+        code = "from magmpm.precompile import serve; serve()"
         self._process = subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
             env={**os.environ, "PYTHONPATH": path},
@@ -211,3 +222,116 @@ class _Worker:
         with suppress(OSError):
             self._process.stdin.close()
         self._process.wait()
+
+
+# What the processes do: the parts of a scene's kernels.
+
+
+def parts_of(small: Scene) -> list[str]:
+    """Names of a scene's parts, longest first."""
+    if small.solver.dynamic is None:
+        return list(_STATIC)
+    return list(_TOTAL if formulation_of(small) == "total" else _UPDATED)
+
+
+def formulation_of(scene: Scene) -> str:
+    """Of a scene that moves."""
+    from magmpm.dynamics.time_loop import formulation  # only for motion: statics needs none of it in memory
+
+    return formulation(scene)
+
+
+def solve_small(small: Scene) -> None:
+    """Solve a coarse scene: it calls every kernel; its answer is not used, and may well not exist."""
+    with suppress(SolveError):
+        if small.solver.dynamic is not None:
+            from magmpm.dynamics.time_loop import move
+
+            move(build(small))
+        else:
+            solve_static(static_model(build(small)))
+
+
+def serve() -> None:
+    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`."""
+    for line in sys.stdin:
+        part, small = json.loads(line)
+        scene = Scene.from_si(json.loads(small))
+        work = {"whole": solve_small, **_STATIC, **_TOTAL, **_UPDATED}[part]
+        with suppress(SolveError):
+            work(scene)
+        print("done" if kept_all() else "not kept", flush=True)
+
+
+def _tangent(small: Scene) -> None:
+    energy = Energy(arranged(static_model(build(small)))[0])
+    model, n = energy.model, len(energy.model.shear)
+    rest = np.tile(energy.rest_gradient, (n, 1, 1))
+    energy.tangent(Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0))
+
+
+def _energy(small: Scene) -> None:
+    energy = Energy(arranged(static_model(build(small)))[0])
+    energy.residual(energy.at(straight(energy.model)))
+
+
+def _rod(small: Scene) -> None:
+    if small.body.shape.clamp == "base":
+        solve_rod(small)
+
+
+def _factorization(small: Scene) -> None:
+    panels = new_panels(4, 3)
+    panels[:4] = np.eye(3, 9)
+    factor(panels, 2)
+    solve(panels, 2, np.ones((4, 3)))
+
+
+def _total_steps(small: Scene) -> None:
+    from magmpm.dynamics.total_lagrangian import TotalMotion
+
+    model = build(small)
+    TotalMotion(model).advance(1, 1e-12, model.effects)
+
+
+def _total_rest(small: Scene) -> None:
+    from magmpm.dynamics.stable_step import body_step
+    from magmpm.dynamics.total_lagrangian import TotalMotion
+
+    body_step(TotalMotion(build(small)))
+
+
+def _updated_steps(small: Scene) -> None:
+    from magmpm.dynamics.apic import UpdatedMotion
+
+    model = build(small)
+    UpdatedMotion(model).advance(1, 1e-12, model.effects)
+
+
+def _updated_rest(small: Scene) -> None:
+    from magmpm.dynamics.apic import UpdatedMotion
+
+    motion = UpdatedMotion(build(small))
+    motion.sort()
+    motion._relax()
+
+
+def _measured(small: Scene) -> None:
+    from magmpm.dynamics import energies, watchdog
+    from magmpm.results.frame_arrays import FrameArrays
+
+    model = build(small)
+    x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
+    _, P = energies.elastic(model, F, True)
+    energies.add_effects_stress(model, x, F, model.effects, P)
+    energies.effect_energies(model, x, F, 0.0)
+    watchdog.look(model, x, np.zeros_like(x))
+    strain_of(model, x, F)
+    FrameArrays(x, model.magnet[:, :3]).of(x, x, F, P)
+
+
+_STATIC: dict[str, Callable[[Scene], None]] = {
+    "tangent": _tangent, "rod": _rod, "energy": _energy, "factorization": _factorization,
+}  # fmt: skip
+_TOTAL: dict[str, Callable[[Scene], None]] = {"total steps": _total_steps, "total rest": _total_rest, "measured": _measured}
+_UPDATED: dict[str, Callable[[Scene], None]] = {"updated steps": _updated_steps, "updated rest": _updated_rest, "measured": _measured}

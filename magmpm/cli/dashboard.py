@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from socketserver import ThreadingMixIn
@@ -27,14 +28,15 @@ class _Quiet(WSGIRequestHandler):
         return None
 
 
-def dashboard(folder: Path, port: int) -> int:
-    """optuna-dashboard on a study's database and pictures, until it is stopped. Raises InputError."""
+def command(options: argparse.Namespace) -> int:
+    """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
     from studies.records import ARTIFACTS
     from studies.report import REPORT
     from studies.storage import must_exist, open_storage
 
+    folder, port = Path(options.folder), options.port
     if not is_study(folder):
         raise InputError(
             f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"

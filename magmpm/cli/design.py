@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MOST_SHAPES = 8  # in the movie of the best shapes
 
 
-def design(options: argparse.Namespace) -> int:
+def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from contextlib import nullcontext
 

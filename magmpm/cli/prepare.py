@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import argparse
+from collections.abc import Iterator
 from typing import Any
 
+from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.precompile import describe, fill_cache
 from magmpm.scene import Scene, load_scene
@@ -39,12 +41,14 @@ def usual() -> Iterator[Scene]:
         )
 
 
-def prepare(paths: Sequence[str]) -> list[dict[str, Any]]:
-    """Compile the kernels of scene files, or of the usual combinations. Returns {kernels, compiled} for each."""
-    scenes = [load_scene(path) for path in paths] if paths else list(usual())
+def command(options: argparse.Namespace) -> int:
+    """Compile the kernels of scene files, or without any of the usual combinations. Returns the exit status."""
+    scenes = [load_scene(path) for path in options.scenes] or list(usual())
     done = []
     with Progress("kernels") as progress:
         for k, scene in enumerate(scenes):
             progress.at(k, len(scenes), describe(scene))
             done.append({"kernels": describe(scene), "compiled": fill_cache(scene, progress.note)})
-    return done
+    lines = [f"{'compiled' if each['compiled'] else 'ready':<9} {each['kernels']}" for each in done]
+    print_summary(options, {"kernels": done}, "\n".join(lines))
+    return 0

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.cli.answers import PARTICLES, SURFACE
+from magmpm.cli.answers import PARTICLES, SURFACE, print_summary
 from magmpm.errors import InputError, report
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.motion_files import ABOUT, MOTION
@@ -18,6 +19,13 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
     from viz.worker import Renderer
+
+
+def command(options: argparse.Namespace) -> int:
+    """Draw, and say what was made. Returns the exit status. Raises InputError, RenderError."""
+    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps, style=options.style)
+    print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
+    return 0
 
 
 def render(

@@ -6,27 +6,24 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from magmpm.cli.answers import PARTICLES, print_summary, results_folder
 from magmpm.cli.design import refuse_study
 from magmpm.cli.progress import Progress
 from magmpm.cli.render import draw_run
 from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.inputs.yaml_document import of_file
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.motion_files import CHECKPOINT
 from magmpm.results.readable import lengths, quantity, significant
+from magmpm.results.result import Result
 from magmpm.results.run_folder import EARLIER, RunFolder
-
-if TYPE_CHECKING:
-    from magmpm.results.result import Result
-    from magmpm.scene import Scene
+from magmpm.scene import Scene, load_scene
+from magmpm.simulate import run
 
 
-def run_scene(options: argparse.Namespace) -> int:
+def command(options: argparse.Namespace) -> int:
     """Simulate a scene file, save the result, and draw it if asked. Returns the exit status."""
-    from magmpm.scene import load_scene
-
     scene = load_scene(options.scene)
     if options.render:
         from viz.worker import forced_backend
@@ -80,9 +77,6 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
-    from magmpm.inputs.yaml_document import of_file
-    from magmpm.simulate import run
-
     dynamic = scene.solver.dynamic
     with Progress(f"{scene.name}") as progress, of_file(options.scene):
 

@@ -1,0 +1,187 @@
+"""What can be typed after `magmpm`: commands and their arguments, each a function.
+
+Nothing heavy is imported here, so that `magmpm --help` answers at once. `_NAME` belongs to the command in magmpm/cli/NAME.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from magmpm.cli.answers import STYLES
+
+Commands = Any  # argparse gives its sub-commands no public type
+
+HELP = """\
+Simulate magnetic soft catheters, and find the magnetisation that makes a wanted shape.
+
+  magmpm run data/scenes/five_segments.yaml --render    one shape, with its picture
+  magmpm design data/studies/s_shape.yaml               the magnetisation that makes a shape
+  magmpm accuracy data/scenes/five_segments.yaml        what accuracy costs in time
+  magmpm stability                                      the hard cases, with their bounds
+  magmpm effects data/scenes/five_segments.yaml         what each effect would do here, and cost
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    whole = argparse.ArgumentParser(prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter)
+    whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
+    commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for add in (_run, _design, _accuracy, _effects, _render, _dashboard, _import_robot, _prepare, _stability):
+        add(commands).set_defaults(command=add.__name__.removeprefix("_"))
+    return whole
+
+
+def _run(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser("run", help="simulate a scene", description="Simulate a scene file.")
+    parser.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
+    parser.add_argument("--render", action="store_true", help="draw the result as well")
+    parser.add_argument("--resume", action="store_true", help="go on with a motion that was interrupted")
+    _overwriting(parser, "results of another scene")
+    _style(parser, "surface")
+    _common(parser, "runs/NAME, with the scene's name")
+    return parser
+
+
+def _design(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "design",
+        help="search the design that makes a wanted shape",
+        description="Run a design study; run it again to resume it.",
+    )
+    parser.add_argument("study", metavar="STUDY", help="study file, such as data/studies/s_shape.yaml")
+    parser.add_argument("--trials", type=int, metavar="N", help="trials in all, in place of the file's number and its `stop`")
+    parser.add_argument("--sampler", metavar="S", help="tpe, gp, cmaes or random, in place of the file's")
+    parser.add_argument("--storage", metavar="URL", help="database of the trials [sqlite in the results folder]")
+    parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    _style(parser, "particles")
+    _common(parser, "runs/NAME, with the study file's name")
+    return parser
+
+
+def _accuracy(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "accuracy",
+        help="what accuracy costs in time",
+        description="Solve a scene over a ladder of cell sizes: table, CSV, JSON and a picture of error against time.",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file; its `reference` is compared with where given")
+    parser.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
+    _overwriting(parser, "results of another scene")
+    _common(parser, "runs/NAME, with the scene's name")
+    return parser
+
+
+def _effects(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "effects",
+        help="what each effect does to a scene and costs",
+        description="For every effect, named in the scene or not: how far it moves the body's rest, by an estimate, and what it adds "
+        "to a time step.",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
+    parser.add_argument("--quick", action="store_true", help="leave out the costs, which are measured (and compiled for, once)")
+    _json(parser)
+    return parser
+
+
+def _render(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "render",
+        help="pictures and movies of a saved result",
+        description="Draw a saved run, the movie of a motion, or a study's best designs.",
+    )
+    parser.add_argument("result", metavar="RESULT", help="folder of a run or of a study, such as runs/s_shape")
+    parser.add_argument("--frames", metavar="N,N,...", help="frames of a motion as pictures of their own, or `all`")
+    parser.add_argument("--fps", type=_rate, metavar="N", help="frames of the movie a second [it lasts about 6 s]")
+    _style(parser, "surface for a run, particles for a study")
+    _common(parser, "into the folder itself")
+    return parser
+
+
+def _dashboard(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "dashboard",
+        help="optuna-dashboard on a study",
+        description="Browse a study's trials and their pictures.",
+    )
+    parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
+    parser.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
+    return parser
+
+
+def _import_robot(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "import",
+        help="a robot of the magneticMPM format becomes a scene",
+        description="Make a scene of a robot file of the magneticMPM format; its meshes stay where they are.",
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="robot file; its meshes are in the folder `meshes` beside it")
+    parser.add_argument("-o", "--output", metavar="SCENE", type=Path, required=True, help="scene file to write")
+    _overwriting(parser, "a file that says something else")
+    _json(parser)
+    return parser
+
+
+def _prepare(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "prepare",
+        help="compile kernels ahead of their first use",
+        description="Compile the kernels of scenes, or without any of the usual combinations of effects, so that no run waits for them. "
+        "They are kept in the user's cache and serve until magmpm, Numba or the processor changes.",
+    )
+    parser.add_argument("scenes", metavar="SCENE", nargs="*", help="scene files; their values make no difference, only what they name")
+    _json(parser)
+    return parser
+
+
+def _stability(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "stability",
+        help="the hard cases, each with its measure and bound",
+        description="Run scenes at the edge of what the solvers can do, and compare a measure of each with its bound. "
+        "Exit status 3 where one fails.",
+    )
+    parser.add_argument("--case", metavar="NAME", help="only the cases whose names contain this")
+    parser.add_argument("--quick", action="store_true", help="leave out the cases that take long")
+    _json(parser)
+    return parser
+
+
+def _common(parser: argparse.ArgumentParser, folder: str) -> None:
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"folder of the results [{folder}]")
+    _json(parser)
+
+
+def _json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def _overwriting(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--overwrite", action="store_true", help=f"replace {what}")
+
+
+def _style(parser: argparse.ArgumentParser, usual: str) -> None:
+    parser.add_argument("--style", choices=STYLES, help=f"what a body at rest is drawn by [{usual}]")
+
+
+def _rate(text: str) -> float:
+    """Frames a second."""
+    try:
+        if 1 <= float(text) <= 100:
+            return float(text)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"received {text!r}; must be a number from 1 to 100, such as 25")
+
+
+class _Version(argparse.Action):
+    """--version, looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(" ".join(f"{name} {version(name)}" for name in ("magmpm", "numpy", "numba", "scipy")))
+        parser.exit()

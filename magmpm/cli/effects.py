@@ -1,0 +1,20 @@
+"""`magmpm effects`: what each effect does to a scene, and costs."""
+
+from __future__ import annotations
+
+import argparse
+
+from magmpm.cli.answers import print_summary
+from magmpm.cli.progress import Progress
+from magmpm.inputs.yaml_document import of_file
+from magmpm.scene import load_scene
+from studies.effects_table import survey
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the table of effects. Returns the exit status."""
+    scene = load_scene(options.scene)
+    with Progress(f"effects of {scene.name}") as progress, of_file(options.scene):
+        table = survey(scene, measure=not options.quick, on_progress=progress.at)
+    print_summary(options, table.summary(), table.text())
+    return 0
