@@ -1,4 +1,4 @@
-"""Bodies made of STL parts: one mesh a part, each with its material, magnetisation and clamp."""
+"""Bodies made of STL parts: one mesh a part, each with its material, magnetization and clamp."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class MeshPart(Settings):
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
         description="Direction in the undeformed part: [x, y, z], normalised, or "
-        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
+        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
         examples=[[0, 0, 1]],
     )
     clamp: bool = Field(

@@ -5,6 +5,7 @@ A new kind of body is one file with a class like those in catheter.py, strip.py 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -65,25 +66,25 @@ class BodyShape(Settings):
         """Whether nothing moves along y and nothing varies along it."""
         return False
 
+    @abstractmethod
     def regions(self) -> tuple[Region, ...]:
         """What it is made of, each with one material: segments from base to tip, or parts."""
-        raise NotImplementedError
 
+    @abstractmethod
     def box(self) -> tuple[Vector, Vector]:
         """Lower and upper corner of the box around it, m."""
-        raise NotImplementedError
 
+    @abstractmethod
     def grid(self, cells_across: int) -> Grid:
         """The grid in the undeformed body. Raises SceneError where it would have too many cells."""
-        raise NotImplementedError
 
+    @abstractmethod
     def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
         """Its grid and particles. Raises SceneError where the grid would have too many cells."""
-        raise NotImplementedError
 
+    @abstractmethod
     def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
         """How many particles it has at least, without making them."""
-        raise NotImplementedError
 
     def cell_size(self, cells_across: int) -> float:
         """Width of the grid's cells as asked for, m; the grid's own fit the body and may be a little smaller."""
@@ -93,13 +94,13 @@ class BodyShape(Settings):
         """Direction of magnetization at each particle in the undeformed body, unit vectors or zeros (n, 3)."""
         return np.array([region.magnetization for region in self.regions()])[particles.segment]
 
+    @abstractmethod
     def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
         """How far the outermost particles are taken to be from the body's surface, m.
 
         towards: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
         obstacle that the body just touches holds a particle already.
         """
-        raise NotImplementedError
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
         """How far some of the particles (k,) are taken to be from the body's surface, all ways, (k,) m."""

@@ -14,7 +14,7 @@ REGIONS_A_PERIOD = 8  # regions by which a turn is shown and measured, and the f
 
 
 class Harmonic(Settings):
-    """A direction of magnetisation that turns steadily along the length."""
+    """A direction of magnetization that turns steadily along the length."""
 
     wavelength: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] | None = Field(
         default=None, description="Length of one full turn; give this or `periods`.", examples=["3.7 mm"]
@@ -56,7 +56,7 @@ class Harmonic(Settings):
 
 
 class Profile(Settings):
-    """A magnetisation that varies along the length."""
+    """A magnetization that varies along the length."""
 
     harmonic: Harmonic = Field(
         description="A direction that turns steadily along the length.", examples=[{"periods": 1, "phase": "45 deg"}]

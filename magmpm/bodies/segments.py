@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -20,12 +21,12 @@ SHORTEST = 0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 
 
 
 class Segment(Settings):
-    """A piece of a catheter or strip with one magnetisation and one material."""
+    """A length of a catheter or strip with one magnetization and one material."""
 
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
         description="Direction in the undeformed body: [x, y, z], normalised, or "
-        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetised, unless given.",
+        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
         examples=[[1, 0, 0]],
     )
     material: str | None = Field(
@@ -134,9 +135,9 @@ class StraightBody(BodyShape):
             for i, s in enumerate(self.segments or ())
         )
 
+    @abstractmethod
     def section(self, shear: Array, bulk: Array) -> Section:
         """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
-        raise NotImplementedError
 
 
 def segment_lengths(length: float, segments: tuple[Segment, ...]) -> list[float]:

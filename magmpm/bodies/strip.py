@@ -69,7 +69,7 @@ class Strip(StraightBody):
     )
     magnetization_profile: Profile | None = Field(
         default=None,
-        description="A magnetisation that varies along the length; give this or `segments`.",
+        description="A magnetization that varies along the length; give this or `segments`.",
         examples=[{"harmonic": {"periods": 1, "phase": "45 deg"}}],
     )
 

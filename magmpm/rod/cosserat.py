@@ -11,7 +11,7 @@ not depend on the shape when field and weight are uniform:
 
 The last term is the work of stretch and shear, which follow the frames without delay: v = e_1 + C f with
 C = diag(1/EA, 1/(k GA), 1/(k GA)). In a magnet the force in the section includes A/mu0 B Br_1 (the first column of the magnetic
-stress), so a rod magnetised along its axis and pulled by the field stretches and shears.
+stress), so a rod magnetized along its axis and pulled by the field stretches and shears.
 
 kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l; its exact Hessian makes Newton's method see
 buckling and twist. Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold, Multibody Syst. Dyn. 25 (2011);
@@ -93,7 +93,7 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     area = section.area
     density = np.array([material.density or 0.0 for material in materials])
     torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
-    magnetised = scene.region_remanence() * (0.0 if torque is None else area / MU0)
+    magnetized = scene.region_remanence() * (0.0 if torque is None else area / MU0)
     length = (lengths / counts)[of]
     acceleration = np.zeros(3) if gravity is None else np.array(gravity.acceleration)
     mass = (density * area)[of] * length
@@ -102,7 +102,7 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
         length=length,
         twist_bend=section.twist_bend[of],
         compliance=section.compliance[of] if extensible else np.zeros((len(of), 3)),
-        moment=magnetised[of],
+        moment=magnetized[of],
         weight=beyond[:, None] * acceleration,
         field=np.tile(fields.places(scene.field)[0]["uniform"], (len(of) + 1, 1)),
     )

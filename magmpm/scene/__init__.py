@@ -1,41 +1,16 @@
 """What a scene may say: `load_scene(path)` and the classes of which a Scene is made."""
 
-from magmpm.scene.scene import (
-    Angles,
-    Body,
-    Catheter,
-    Effects,
-    FieldSource,
-    Gravity,
-    MagneticTorque,
-    Material,
-    Reference,
-    Region,
-    Resolution,
-    Scene,
-    Segment,
-    Solver,
-    StaticOptions,
-    Strip,
-    load_scene,
-)
+from magmpm.bodies.body import Body
+from magmpm.bodies.catheter import Catheter
+from magmpm.bodies.regions import Region
+from magmpm.bodies.segments import Segment
+from magmpm.bodies.strip import Strip
+from magmpm.fields.sources import FieldSource
+from magmpm.inputs.vectors import Angles
+from magmpm.scene.options import Effects, Gravity, MagneticTorque, Material, Resolution, Solver, StaticOptions
+from magmpm.scene.scene import Reference, Scene, load_scene
 
 __all__ = [
-    "Angles",
-    "Body",
-    "Catheter",
-    "Effects",
-    "FieldSource",
-    "Gravity",
-    "MagneticTorque",
-    "Material",
-    "Reference",
-    "Region",
-    "Resolution",
-    "Scene",
-    "Segment",
-    "Solver",
-    "StaticOptions",
-    "Strip",
-    "load_scene",
-]
+    "Angles", "Body", "Catheter", "Effects", "FieldSource", "Gravity", "MagneticTorque", "Material", "Reference", "Region", "Resolution",
+    "Scene", "Segment", "Solver", "StaticOptions", "Strip", "load_scene",
+]  # fmt: skip

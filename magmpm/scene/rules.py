@@ -167,7 +167,7 @@ def without_energy(scene: Scene) -> str | None:
 def _field_acts(scene: Scene, effect: str) -> None:
     """A file that asks for an outside field's torque or force must have something to turn and something to turn it.
 
-    Only asked of files: a study or a test may well set the field or all magnetisations to zero.
+    Only asked of files: a study or a test may well set the field or all magnetizations to zero.
     """
     if "field" not in scene.model_fields_set:
         raise fault(

@@ -26,10 +26,7 @@ from pydantic import (
 )
 
 from magmpm.bodies.body import CATHETER, Body
-from magmpm.bodies.catheter import Catheter
 from magmpm.bodies.regions import Region
-from magmpm.bodies.segments import Segment
-from magmpm.bodies.strip import Strip
 from magmpm.errors import InputError
 from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
@@ -37,41 +34,13 @@ from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import TableError, read_centreline
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.settings import Settings, fault, folder_of, from_file, read_yaml, validate
-from magmpm.inputs.vectors import Angles
 from magmpm.scene import rules
-from magmpm.scene.options import (
-    Effects,
-    Gravity,
-    MagneticTorque,
-    Material,
-    Resolution,
-    Solver,
-    StaticOptions,
-)
+from magmpm.scene.options import Effects, Material, Resolution, Solver
 from magmpm.scene.warnings import warnings
-
-__all__ = [
-    "Angles",
-    "Body",
-    "Catheter",
-    "Effects",
-    "FieldSource",
-    "Gravity",
-    "MagneticTorque",
-    "Material",
-    "Reference",
-    "Region",
-    "Resolution",
-    "Scene",
-    "Segment",
-    "Solver",
-    "StaticOptions",
-    "Strip",
-    "load_scene",
-]
 
 K = TypeVar("K")
 V = TypeVar("V")
+
 
 class FrozenDict(dict[K, V]):
     """A dict that refuses changes, so that scenes can be shared and hashed."""
