@@ -116,9 +116,9 @@ class Catheter(StraightBody):
         around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
         return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
 
-    def section(self, shear: Array, bulk: Array) -> Section:
-        """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
-        return ring(**self.radii, shear=shear, bulk=bulk)
+    def section(self, shear: Array, young: Array, poisson: Array) -> Section:
+        """Its cross-section as a rod feels it, for materials of these shear and Young's moduli (k,) Pa and Poisson's ratios (k,)."""
+        return ring(**self.radii, G=shear, E=young, nu=poisson)
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
         """Of a wall that is thinner than a cell."""

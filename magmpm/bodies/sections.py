@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.materials import poisson_ratio, young_modulus
 
 OUT_OF_PLANE = 1e3  # in plane strain, what can't happen is this many times as stiff as bending
 
@@ -19,7 +18,7 @@ OUT_OF_PLANE = 1e3  # in plane strain, what can't happen is this many times as s
 class Section:
     """area m^2; twist_bend (k, 3) N m^2: torsion, bending about axes 2 and 3; compliance (k, 3) 1/N: of stretch and the two shears.
 
-    k materials, by their shear and bulk moduli.
+    k materials, by shear modulus G, Young's modulus E and Poisson's ratio nu.
     """
 
     area: float
@@ -27,14 +26,13 @@ class Section:
     compliance: Array
 
 
-def ring(outer: float, inner: float, shear: Array, bulk: Array) -> Section:
-    """A round tube of outer and inner radius (m), of materials of shear and bulk moduli (k,) Pa.
+def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
+    """A round tube of outer and inner radius (m), of materials of moduli G and E (k,) Pa and Poisson's ratio nu (k,).
 
     Shear: Cowper, J. Appl. Mech. 33 (1966) 335-340.
     """
-    r1, r0, G, K = outer, inner, shear, bulk
+    r1, r0, m = outer, inner, inner / outer
     area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
-    E, nu, m = young_modulus(G, K), poisson_ratio(G, K), r0 / r1
     shear = (
         6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
     )
@@ -43,14 +41,13 @@ def ring(outer: float, inner: float, shear: Array, bulk: Array) -> Section:
     return Section(float(area), twist_bend, compliance)
 
 
-def rectangle(width: float, thickness: float, shear: Array, bulk: Array, plane_strain: bool) -> Section:
+def rectangle(width: float, thickness: float, G: Array, E: Array, nu: Array, plane_strain: bool) -> Section:
     """A rectangle, width along axis 2 and thickness along 3 (m).
 
     Torsion: Timoshenko and Goodier, Theory of Elasticity, section 109; shear: Cowper (1966). In plane strain E/(1 - nu^2) takes
     E's place, and twist and bending in the plane of the sheet are next to impossible.
     """
-    area, G, K = width * thickness, shear, bulk
-    E, nu = young_modulus(G, K), poisson_ratio(G, K)
+    area = width * thickness
     shear = 10 * (1 + nu) / (12 + 11 * nu)
     if plane_strain:
         E = E / (1 - nu**2)

@@ -136,8 +136,8 @@ class StraightBody(BodyShape):
         )
 
     @abstractmethod
-    def section(self, shear: Array, bulk: Array) -> Section:
-        """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
+    def section(self, shear: Array, young: Array, poisson: Array) -> Section:
+        """Its cross-section as a rod feels it, for materials of these shear and Young's moduli (k,) Pa and Poisson's ratios (k,)."""
 
 
 def segment_lengths(length: float, segments: tuple[Segment, ...]) -> list[float]:

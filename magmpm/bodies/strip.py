@@ -180,9 +180,9 @@ class Strip(StraightBody):
             deep[1] = 0.0  # one particle stands for the width
         return float(np.abs(towards) @ deep)
 
-    def section(self, shear: Array, bulk: Array) -> Section:
-        """Its cross-section as a rod feels it, for materials of shear and bulk moduli (k,) Pa."""
-        return rectangle(self.width, self.thickness, shear, bulk, self.plane_strain)
+    def section(self, shear: Array, young: Array, poisson: Array) -> Section:
+        """Its cross-section as a rod feels it, for materials of these shear and Young's moduli (k,) Pa and Poisson's ratios (k,)."""
+        return rectangle(self.width, self.thickness, shear, young, poisson, self.plane_strain)
 
     def check_resolution(self, cells_across: int) -> None:
         """A profile that turns within a cell or two would be averaged away."""

@@ -30,6 +30,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
 from magmpm.fields import outside_field as fields
+from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod.kernels import frames_of, relax
 from magmpm.scene import Scene
 
@@ -89,7 +90,8 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     of = np.repeat(np.arange(len(lengths)), counts)
     materials = [scene.region_material(k) for k in range(len(lengths))]
     G = np.array([material.shear_modulus for material in materials])
-    section = body.section(G, G * [material.bulk_to_shear for material in materials])
+    K = G * [material.bulk_to_shear for material in materials]
+    section = body.section(G, young_modulus(G, K), poisson_ratio(G, K))
     area = section.area
     density = np.array([material.density or 0.0 for material in materials])
     torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
