@@ -1,4 +1,4 @@
-"""dynamics.drift_correction: places and F go to the fit of the undeformed body's splines, as in the plain reference."""
+"""dynamics.drift_correction: positions and F move to the fit with the splines of the undeformed body, as in the plain reference."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from magmpm.dynamics.time_loop import begin
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
-WHOLE = 10**9  # steps: all the way
+WHOLE = 10**9  # steps: the full correction
 L = 8e-3
 
 
@@ -32,14 +32,14 @@ def model() -> Model:
 
 
 def bent(model: Model, angle: float = 0.8) -> np.ndarray:
-    """A part of a ring: its middle line keeps its length."""
+    """A section of a ring: its center line keeps its length."""
     x, y, z = model.particles.position.T
     radius = L / angle
     return np.column_stack([(radius - z) * np.sin(x / radius), 0.98 * y, radius - (radius - z) * np.cos(x / radius)])
 
 
 def relaxed(model: Model, x: np.ndarray, F: np.ndarray, steps: int, fits: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Places and F of a motion that is put there and relaxed; more fits come nearer to the least squares."""
+    """Positions and F of a motion that starts there and is corrected; more fits come nearer to the least-squares solution."""
     motion, n = UpdatedMotion(model), len(x)
     motion.place(x, np.zeros((n, 3)), F, np.zeros((n, 3, 3)))
     assert motion.anchor is not None
@@ -53,7 +53,7 @@ def relaxed(model: Model, x: np.ndarray, F: np.ndarray, steps: int, fits: int = 
 
 @pytest.mark.parametrize("averaged", [True, False], ids=["f-bar", "plain"])
 def test_goes_to_the_fit_of_the_reference(model: Model, averaged: bool) -> None:
-    """A bent rod: places and F of the least-squares fit, in one fit from nothing, and nearer in more of them."""
+    """A bent rod: positions and F of the least-squares fit, after one fit from zero, and nearer after more."""
     if not averaged:
         model = replace(model, modes=np.zeros((len(model.density), 0)))
     x, start = bent(model), np.tile(np.eye(3), (len(model.density), 1, 1))
@@ -68,7 +68,7 @@ def test_goes_to_the_fit_of_the_reference(model: Model, averaged: bool) -> None:
 
 
 def test_goes_part_of_the_way(model: Model) -> None:
-    """1 - exp(-steps / SPAN) of it."""
+    """The share 1 - exp(-steps / SPAN) of the way."""
     x = bent(model)
     start = np.tile(np.eye(3), (len(x), 1, 1))
     _, whole = relaxed(model, x, start, WHOLE)
@@ -77,7 +77,7 @@ def test_goes_part_of_the_way(model: Model) -> None:
 
 
 def test_an_affine_deformation_is_its_own_fit(model: Model) -> None:
-    """x stays, and F becomes its gradient: rotations and uniform strains are in the splines' space."""
+    """x stays, and F becomes its gradient: the splines contain rotations and uniform strains."""
     G = np.array([[0.9, -0.4, 0.1], [0.5, 1.1, 0.0], [0.2, 0.1, 1.05]])
     x = model.particles.position @ G.T + 1e-3
     found, F = relaxed(model, x, np.tile(np.eye(3), (len(x), 1, 1)), WHOLE, fits=10)
@@ -93,7 +93,7 @@ def test_centre_momentum_and_spin_of_a_free_body_stay(rng: np.random.Generator) 
     mass = model.density * model.particles.volume
     before = quantities(motion)
     assert motion.anchor is not None
-    for _ in range(20):  # scattered as these are, one fit is not good enough to be used
+    for _ in range(20):  # for such a scattered state one fit is not accurate enough to be used
         motion.anchor.fit(x - model.particles.position)
     motion.since = WHOLE
     motion._relax()
@@ -105,7 +105,8 @@ def test_centre_momentum_and_spin_of_a_free_body_stay(rng: np.random.Generator) 
 
 
 def test_what_touches_is_left_alone() -> None:
-    """A rod folded flat on itself: the halves' particles that share nodes stay, the hinge's and those far apart are relaxed."""
+    """A rod folded flat on itself: particles of the two halves that share nodes stay; those of the hinge and those far apart are corrected.
+    """
     model = build(rod_scene(length=40e-3))
     h = model.grid.spacing.min()
     rest = model.particles.position
@@ -124,7 +125,7 @@ def test_what_touches_is_left_alone() -> None:
 
 
 def test_a_torn_body_is_left_alone(model: Model) -> None:
-    """Two halves three cells apart: where the fit is off by a quarter of a cell, F stays what it was."""
+    """Two halves three cells apart: where the error of the fit is a quarter of a cell, F stays unchanged."""
     x = model.particles.position.copy()
     x[x[:, 0] > L / 2, 0] += 3 * model.grid.spacing[0]
     start = np.tile(np.eye(3), (len(x), 1, 1))
@@ -135,7 +136,7 @@ def test_a_torn_body_is_left_alone(model: Model) -> None:
 
 
 def test_numbering_keeps_pieces_apart() -> None:
-    """Cells of two components have no node in common, cells of one share those between them."""
+    """Cells of two components have no common node; cells of one component share the nodes between them."""
     base = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]])
     node, key = anchor._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
     assert len(set(node[0]) & set(node[1])) == 18
@@ -153,12 +154,12 @@ def cubes(tmp_path: Path, gap: float) -> Scene:
 
 @pytest.mark.parametrize(("gap", "count"), [(0.0, 1), (0.4, 2), (3.0, 2), (7.0, 2)])
 def test_parts_that_touch_are_one_piece(tmp_path: Path, gap: float, count: int) -> None:
-    """And others are not, though they share cells of the grid."""
+    """Parts that do not touch are separate components, even if they share cells of the grid."""
     assert len(np.unique(Anchor(build(cubes(tmp_path, gap))).component)) == count
 
 
 def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:
-    """They begin 1.5 cells apart, where they still feel each other: the energy of both only falls, over ten fits."""
+    """They start 1.5 cells apart, where they still interact: their total energy only falls, over ten fits."""
     motion = begin(build(cubes(tmp_path, 3.0)))
     state, model = motion.motion, motion.motion.model
     assert isinstance(state, UpdatedMotion)

@@ -17,11 +17,11 @@ from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
 from magmpm.model import Model, build
 
 ROUNDING = (
-    1e-12  # of the largest value; stiff contact and viscosity magnify the last bits of places and rates
+    1e-12  # of the largest value; stiff contact and viscosity amplify rounding errors of positions and rates
 )
 DT, STEPS = 1e-6, 3
 TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
-# As one set, so that one kernel a formulation is compiled: all kinds of hooks, and contact with a good part of the particles.
+# One set, so that one kernel per formulation is compiled: all kinds of hooks, and contact with many particles.
 EFFECTS = (
     gravity.parameters(np.array([0.3, 0.2, -9.81]))
     + viscosity.parameters(3.0)
@@ -38,7 +38,7 @@ def model() -> Model:
 
 
 def touching(model: Model, x: np.ndarray) -> None:
-    """The comparison means something: some particles touch each obstacle, and some do not."""
+    """The comparison is meaningful: some particles touch each obstacle, and some do not."""
     mass = model.density * model.particles.volume
     for module, at in ((ground, 6), (walls, 8)):
         told = module.report(*EFFECTS[at : at + 2], x, 0 * x, mass, DT)

@@ -1,4 +1,4 @@
-"""Loads that change while steps are taken are those of their step: against the plain reference, which is handed them one by one."""
+"""Changing loads have the value of their step: compared with the plain reference, which receives them one by one."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from magmpm.effects import magnetic_torque
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
-ROUNDING = 1e-9  # of the largest value: some ten steps, in which a load of another step would be off by a tenth
+ROUNDING = 1e-9  # of the largest value: about ten steps, in which the load of another step would have an error of a tenth
 
 
 def plain(model: Model) -> Model:
-    """As the updated formulation takes it: the volume is not averaged."""
+    """As in the updated formulation: the volume is not averaged."""
     return replace(model, modes=np.zeros((len(model.density), 0)))
 
 
@@ -37,8 +37,8 @@ def ramped(formulation: str, duration: float) -> Scene:
 
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 def test_a_schedule_goes_on_within_a_chunk_of_steps(formulation: str) -> None:
-    """A dozen steps, far fewer than a chunk, in which the field rises. At zero field the body is at rest in its own shape, so that the
-    velocities begin at zero half a step earlier as well.
+    """A dozen steps, far fewer than a chunk, while the field rises. At zero field the undeformed body is at rest, so the velocities
+    are also zero half a step earlier.
     """
     model = build(ramped(formulation, 1e-3))
     moved = begin(model)
@@ -61,7 +61,7 @@ def test_a_schedule_goes_on_within_a_chunk_of_steps(formulation: str) -> None:
 
 
 def test_a_schedule_goes_on_after_particles_are_sorted() -> None:
-    """A body that flies a cell in 3.3 steps is sorted every 4: the field of step 5 is that of step 5."""
+    """A body that crosses a cell in 3.3 steps is sorted every 4 steps: step 5 uses the field of step 5."""
     model = replace(plain(build(rod_scene(length=8e-3))), clamped_face=False)
     n = len(model.density)
     x, v = model.particles.position, np.tile([0.0, 20.0, -10.0], (n, 1))
@@ -77,12 +77,12 @@ def test_a_schedule_goes_on_after_particles_are_sorted() -> None:
     for step in range(12):
         reference.step(dt, step)
     moved = reference.v - v
-    assert np.abs(moved).max() > 1e-3  # m/s, by the field
+    assert np.abs(moved).max() > 1e-3  # m/s, from the field
     np.testing.assert_allclose(motion.particles()[1] - v, moved, rtol=0, atol=ROUNDING * np.abs(moved).max())
 
 
 def test_what_segments_do_to_each_other_is_found_anew_before_every_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunks of 4 steps: the fields of the body as it is then, of which those of the body as it was made would be off by a thousandth."""
+    """Chunks of 4 steps use the fields of the current shape, which differ by a thousandth from those of the undeformed body."""
     monkeypatch.setattr(run, "CHUNK", 4)
     body: dict[str, Any] = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
     model = build(free_rod({"magnetic_interaction": {}}, **body))
@@ -97,7 +97,7 @@ def test_what_segments_do_to_each_other_is_found_anew_before_every_chunk(monkeyp
             if step % every == 0:
                 effects.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
             if step == 0:
-                v = -total.step(c, v, dt / 2)[1]  # a load that acts at once: velocities are those of half a step before
+                v = -total.step(c, v, dt / 2)[1]  # a load from the first step on: velocities are those of half a step before
             c, v = total.step(c, v, dt)
         found[every] = c
     size = np.abs(found[4]).max()

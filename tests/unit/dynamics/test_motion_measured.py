@@ -1,4 +1,4 @@
-"""What a motion tells of itself, at a moment that is not the first: stress, field, energies."""
+"""The measures of a motion at a moment other than the first: stress, field, energies."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ FIELD, RISE = np.array([0.0, 5e-3, 20e-3]), 2e-3  # T, s: twice as long as the m
 
 
 def scene(formulation: str) -> Scene:
-    """A short clamped catheter in a field that rises all the while."""
+    """A short clamped catheter in a field that rises throughout the motion."""
     data = moving(rod_scene(length=8e-3, field=FIELD), formulation=formulation, duration=1e-3, output_every=5e-4).to_si()
     return Scene.from_si({**data, "field": {"uniform": FIELD.tolist(), "over_time": {"ramp": {"duration": RISE}}}})
 
 
 def energies(model: Model, moved: SimulationState, averaged: bool) -> dict[str, float]:
-    """Elastic and magnetic energy, J, of the formulas as they stand: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), (J - 1)^2 of what
-    F-bar sees of it where volume is averaged, and -sum V B . F Br / mu0.
+    """Elastic and magnetic energy, J, from the formulas: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), with (J - 1)^2 projected by F-bar
+    where volume is averaged, and -sum V B . F Br / mu0.
     """
     F, V = moved.F, model.particles.volume
     J, I1 = np.linalg.det(F), np.einsum("nij,nij->n", F, F)
@@ -50,7 +50,7 @@ def energies(model: Model, moved: SimulationState, averaged: bool) -> dict[str, 
 
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 def test_stress_field_and_energies_are_those_of_the_moment(formulation: str, tmp_path: Path) -> None:
-    """A frame's: P of all of the elastic law and of the field as it is then, not as it was at the start, when there was none."""
+    """The stress of a frame includes the elastic law and the field at that moment, not that of the start, which is zero."""
     model = build(scene(formulation))
     moved = integrate(begin(model), folder=tmp_path)
     assert moved.time == 1e-3
@@ -59,7 +59,7 @@ def test_stress_field_and_energies_are_those_of_the_moment(formulation: str, tmp
     of = model if averaged else replace(model, modes=np.zeros((len(model.density), 0)))
     magnetic = -np.einsum("i,nj->nij", B, model.magnet) / MU0
     elastic = elastic_stress(of, moved.F)
-    np.testing.assert_allclose(moved.P, elastic + magnetic, rtol=0, atol=1e-10 * np.abs(elastic).max())  # sums of some ten products
+    np.testing.assert_allclose(moved.P, elastic + magnetic, rtol=0, atol=1e-10 * np.abs(elastic).max())  # sums of about ten products
     assert np.abs(magnetic).max() > 0.05 * np.abs(elastic).max(), "to leave it out would be seen"
     wanted = energies(model, moved, averaged)
     for name, value in wanted.items():
@@ -78,8 +78,8 @@ def test_a_result_s_energy_is_potential_and_the_kinetic_one_apart(formulation: s
 
 
 def test_kinetic_energy_of_particles_is_that_of_the_nodes_they_give_it_to() -> None:
-    """Of a motion that is affine in space: node a of share N_a in particle p moves with v_p + L d, d from p to a, and
-    sum N_a d (x) d = diag(h^2) / 4: a block that only turns has energy.
+    """For a motion that is affine in space: node a with the share N_a in particle p has the velocity v_p + L d, d from p to a, and
+    sum N_a d (x) d = diag(h^2) / 4: a block that only rotates has energy.
     """
     model = build(rod_scene(length=8e-3))
     motion, n, h = UpdatedMotion(model), len(model.density), model.grid.spacing

@@ -1,4 +1,4 @@
-"""A motion that is ended late and taken up again, after fits of the updated formulation, equals one that was never ended, bit for bit."""
+"""A motion that is interrupted late, after drift corrections, and resumed equals an uninterrupted one bit for bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from magmpm.model import build
 from magmpm.scene import Scene
 
 BODY = {"catheter": {"length": 8e-3, "diameter": 4e-3, "material": "m", "clamp": "base", "segments": [{"magnetization": [0.0, 0.0, 0.0]}]}}
-# All of motion: a viscous stress, which needs the velocity's gradient; contact with the ground; a guide that pushes.
+# All kinds of effects: viscous stress, which needs the velocity gradient; contact with the ground; a guide that pushes.
 EFFECTS: dict[str, Any] = {
     "gravity": {"acceleration": [0.0, 0.0, -9.81]},
     "viscosity": {"viscosity": 5.0},
@@ -26,11 +26,11 @@ EFFECTS: dict[str, Any] = {
     "walls": {"tube": {"radius": 3e-3, "path": [[-5e-3, 0, 0], [20e-3, 0, 0]]}},
     "feed": {"speed": 20e-3, "exit": 6e-3},
 }
-FRAMES, STEPS = 8, 230  # so many frames, of at least so many steps each
+FRAMES, STEPS = 8, 230  # number of frames, and the least number of steps in each
 
 
 class Interrupted(Exception):
-    """In place of a kill: what follows it on disk is what a kill just after the last checkpoint leaves."""
+    """Represents a kill: the files on disk are those after a kill just after the last checkpoint."""
 
 
 def scene(formulation: str) -> Scene:

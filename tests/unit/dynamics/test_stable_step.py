@@ -1,4 +1,4 @@
-"""The bound of a particle alone, in any place of its cell: the one that counts in the updated formulation."""
+"""The time step bound of a single particle, at any place in its cell: the relevant one in the updated formulation."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from magmpm.model import build
 
 
 def alone(motion: UpdatedMotion, place: np.ndarray) -> float:
-    """2 / omega, s, of the fastest oscillation of one of the body's particles, at rest, on the 27 nodes around its place in a cell (3,).
+    """2 / omega, s, of the fastest oscillation of one particle at rest, on the 27 nodes around its place in a cell (3,).
 
-    From the matrices as they are: stiffness dP/dF on the nodes' gradients, mass the node's share of the particle's.
+    From the full matrices: stiffness dP/dF with the gradients of the nodes, and the share of each node in the mass of the particle.
     """
     model, h = motion.model, motion.model.grid.spacing
     A, cof, F = np.empty((9, 9)), np.empty((3, 3)), np.eye(3)
@@ -30,8 +30,8 @@ def alone(motion: UpdatedMotion, place: np.ndarray) -> float:
 
 
 def test_it_holds_wherever_the_particle_is_and_no_shorter_one_would_do() -> None:
-    """The worst place is beside a cell's corner, where three nodes along each axis share the particle, one of them hardly: s_a = 6/h^2.
-    In the cell's middle it is 4/h^2, and the step may be longer by sqrt(3/2).
+    """The worst place is near a corner of the cell, where three nodes along each axis share the particle, one of them with a small share:
+    s_a = 6/h^2. At the center of the cell it is 4/h^2, and the step may be longer by sqrt(3/2).
     """
     motion = UpdatedMotion(build(rod_scene(length=8e-3)))
     told = stable_step(motion).isolated

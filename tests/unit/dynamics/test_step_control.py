@@ -1,4 +1,4 @@
-"""The time step follows the body: shorter where large strain makes it stiffer or where it moves too quickly, and long again after."""
+"""The time step follows the body: shorter if large strain makes it stiffer or if it moves too fast, and long again afterward."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FORMULATIONS = pytest.mark.parametrize("formulation", ["total", "updated"])
 
 
 def crushed(formulation: str, *, ratio: float = 20.0, to: float = 0.2) -> SimulationState:
-    """A free body at rest whose det F is `to`: let go, it swells at the speed of its waves."""
+    """A free body at rest with det F = `to`: when released, it expands at its wave speed."""
     moved = begin(build(free_rod(formulation=formulation, length=8e-3, bulk_to_shear=ratio)))
     motion, size = moved.motion, to ** (1 / 3)
     if isinstance(motion, TotalMotion):
@@ -39,7 +39,7 @@ def crushed(formulation: str, *, ratio: float = 20.0, to: float = 0.2) -> Simula
 
 
 def strained(motion: TotalMotion | UpdatedMotion, rng: np.random.Generator) -> None:
-    """Random strains of some ten percent, another for each particle."""
+    """Random strains of about ten percent, different for each particle."""
     model = motion.model
     if isinstance(motion, TotalMotion):
         motion.u[:] = 5e-5 * rng.standard_normal(len(motion.u)) * (motion.packed.inverse_mass > 0)
@@ -51,18 +51,18 @@ def strained(motion: TotalMotion | UpdatedMotion, rng: np.random.Generator) -> N
 
 @KINDS
 def test_kernels_and_formula_agree_on_the_stiffness(kind: type[TotalMotion] | type[UpdatedMotion], rng: np.random.Generator) -> None:
-    """What the kernels compare with the watch's limit is stable_step.stiffness of the stiffest particle."""
+    """The kernels compare stable_step.stiffness of the stiffest particle with the limit."""
     motion = kind(build(rod_scene(length=8e-3, shear=[120e3, 60e3], directions=[(1, 0, 0)] * 2)))
     strained(motion, rng)
     wanted = stiffness(motion.model, motion.particles()[2], motion.formulation).max()
     motion.advance(1, 1e-12, ())
-    assert motion.watch[HIGHEST] == pytest.approx(wanted, rel=1e-12)  # sums of some ten products
+    assert motion.watch[HIGHEST] == pytest.approx(wanted, rel=1e-12)  # sums of about ten products
 
 
 @pytest.mark.parametrize("ratio", [5.0, 20.0, 500.0])
 @FORMULATIONS
 def test_the_stiffness_is_an_upper_bound(formulation: str, ratio: float, rng: np.random.Generator) -> None:
-    """Of the largest eigenvalue of dP/dF, or dP/dF F^T, over the density; at rest 3 K + 6 G, where that is 3 K."""
+    """An upper bound of the largest eigenvalue of dP/dF, or dP/dF F^T, over the density; at rest 3 K + 6 G, where the eigenvalue is 3 K."""
     model = build(rod_scene(length=8e-3, bulk_to_shear=ratio))
     model = replace(model, modes=np.zeros((len(model.density), 0)))
     n, G = len(model.density), model.shear[0]
@@ -84,7 +84,7 @@ def test_the_stiffness_is_an_upper_bound(formulation: str, ratio: float, rng: np
 
 
 def replace_count(model: Model, n: int) -> Model:
-    """The first n particles of a model of one material: what `stiffness` looks at."""
+    """The first n particles of a model of one material: the attributes that `stiffness` uses."""
     names = ("shear", "bulk", "density", "modes")
     return replace(model, **{name: getattr(model, name)[:n] for name in names})
 
@@ -104,7 +104,7 @@ def test_going_back_gives_the_same_bits(kind: type[TotalMotion] | type[UpdatedMo
 
 @FORMULATIONS
 def test_a_body_let_go_from_a_large_strain_takes_short_steps_and_long_ones_again(formulation: str) -> None:
-    """Let go at det F = 0.2 it would turn particles inside out in its first steps; with damping it comes to rest in steps as at first."""
+    """Released at det F = 0.2, it would invert particles in its first steps; with damping it comes to rest with the initial steps."""
     moved = crushed(formulation)
     first = moved.control.step
     interval(moved, 4 * first)
@@ -121,7 +121,7 @@ def test_a_body_let_go_from_a_large_strain_takes_short_steps_and_long_ones_again
 
 
 def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The bound is looked for again where the stiffness has grown by what the step has in reserve, and not in a body that bends."""
+    """The bound is computed again if the stiffness has grown by the reserve of the step, but not in a body that bends."""
     found: list[float] = []
 
     def noted(motion: TotalMotion) -> float:
@@ -142,7 +142,7 @@ def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long(monkeypatch
 
 @FORMULATIONS
 def test_a_step_of_the_scene_is_kept_or_refused(formulation: str) -> None:
-    """It is never changed: a motion it is too long for ends, with the key to change."""
+    """It is never changed: if it is too long, the motion ends, with the key to change."""
     moved = crushed(formulation)
     scene = moved.motion.model.scene
     options = scene.solver.dynamic.model_copy(update={"time_step": moved.control.step})
@@ -154,8 +154,8 @@ def test_a_step_of_the_scene_is_kept_or_refused(formulation: str) -> None:
 
 @FORMULATIONS
 def test_shortened_steps_are_resumed(formulation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A motion that shortens and lengthens its steps, resumed from a checkpoint among them, equals an unbroken one bit for bit."""
-    monkeypatch.setattr(step_control, "CHANGE", 1e-5)  # of a calm motion; a violent one would be as good, and slower
+    """A motion that shortens and lengthens its steps, resumed from a checkpoint in between, equals an uninterrupted one bit for bit."""
+    monkeypatch.setattr(step_control, "CHANGE", 1e-5)  # of a calm motion; a violent one would work too, but slower
     monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
     rod = rod_scene(length=8e-3, field=(0.0, 0.0, 20e-3))
     scene = moving(rod, formulation=formulation, duration=2e-3, output_every=2e-4)

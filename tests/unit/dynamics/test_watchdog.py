@@ -1,4 +1,4 @@
-"""The watchdog's limits, each from both sides: what just passes, and what just does not."""
+"""The limits of the watchdog, each tested on both sides."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_what_is_no_number_is_told(model: Model, which: str) -> None:
 
 
 def test_energy_from_nothing_is_told_from_a_twentieth_of_what_moves() -> None:
-    """From the least sum so far: a body that swings passes its energy on, and may lose some, but gain only a little."""
+    """Measured from the smallest total energy so far: a swinging body converts energy and may lose some, but gain only little."""
 
     def told(*sums: tuple[float, float]) -> list[bool]:
         balance = watchdog.EnergyBalance()
@@ -79,7 +79,7 @@ def test_a_body_that_was_turned_inside_out_is_told_where(model: Model) -> None:
 
 
 def test_comparisons_in_compiled_code_know_infinity_and_no_number() -> None:
-    """What compiled code may rely on (magmpm.compiled.jit): np.isfinite would not do."""
+    """What compiled code may rely on (magmpm.compiled.jit): np.isfinite would not work."""
 
     @compiled
     def below(values):  # type: ignore[no-untyped-def]

@@ -1,4 +1,4 @@
-"""Ground and walls that a body can't get to are warned of, or refused, alike whatever they are made of; those it can are not."""
+"""Ground and walls out of reach of the body give a warning or are refused, in the same way for all kinds; others do not."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from magmpm.scene import Scene, load_scene
 ROOT = Path(__file__).parents[3]
 L, D = 40e-3, 4e-3
 CATHETER = {"catheter": {"length": L, "diameter": D, "material": "m", "segments": [{}]}}
-REACH = STRETCHED * float(np.sqrt(L**2 + 2 * D**2))  # of the box's diagonal
+REACH = STRETCHED * float(np.sqrt(L**2 + 2 * D**2))  # of the diagonal of the box
 
 
 def scene(named: dict[str, Any], *, clamp: str = "base", duration: float = 0.1) -> Scene:
@@ -56,7 +56,7 @@ def ground(below: float) -> dict[str, Any]:
     ids=["ground", "far ground", "tube", "wide tube", "vessel", "wide vessel"],
 )
 def test_what_a_held_body_can_not_reach_is_warned_of(named: dict[str, Any], far: str | None) -> None:
-    """A body within the lumen, above the ground: the run is the same without them, and says so."""
+    """A body inside the lumen and above the ground: the run is the same without them, and says so."""
     found = effects.warnings(scene(named))
     assert len(found) == (far is not None)
     if far is not None:
@@ -66,7 +66,7 @@ def test_what_a_held_body_can_not_reach_is_warned_of(named: dict[str, Any], far:
 
 
 def test_a_tube_that_begins_far_before_the_body_is_refused_as_a_far_vessel_is() -> None:
-    """480 mm before the tip; within the reach, or with a feed that brings the body there, it is taken."""
+    """480 mm before the tip; within reach, or with a feed that brings the body there, it is accepted."""
     says = r"before an open end of its tube; the lumen's wall does nothing: it is 4\d\d mm beyond.*\n.*rule.*\n.*remedy"
     with pytest.raises(InputError, match=says):
         build(scene({"walls": tube(0.52, 0.6)}))
@@ -80,7 +80,7 @@ def test_a_tube_that_begins_far_before_the_body_is_refused_as_a_far_vessel_is() 
 
 
 def test_a_free_body_may_go_as_far_as_a_motion_lets_it() -> None:
-    """Ten of its sizes: beyond, the watchdog ends the motion before the ground is met."""
+    """Ten times its size: beyond that, the watchdog ends the motion before it reaches the ground."""
     size = float(np.sqrt(L**2 + 2 * D**2))
     near, far = FAR * size, (FAR + 1) * size
     assert effects.warnings(scene({"ground": ground(near), "gravity": {}}, clamp="none")) == []
@@ -90,7 +90,7 @@ def test_a_free_body_may_go_as_far_as_a_motion_lets_it() -> None:
 
 
 def test_distance_from_a_tube() -> None:
-    """Inside, beside and before a straight tube of 5 mm that goes on for 2 mm past its ends; exact but for the curve's steps of 0.1 mm."""
+    """Inside, beside and before a straight tube of 5 mm that continues 2 mm beyond its ends; exact up to the curve's steps of 0.1 mm."""
     path = curve(np.array([[0, 0, 0], [60e-3, 0, 0]]), 1e-4)
     points = np.array([[30e-3, 1e-3, 0], [30e-3, 0, 9e-3], [-5e-3, 5e-3, 0], [-5e-3, 0, 1e-3]])
     found = distance.to_tube(points, path, 5e-3, 2e-3)

@@ -1,4 +1,4 @@
-"""Contact with ground and walls: the distances, the laws' numbers, and what begins in the wrong place."""
+"""Contact with ground and walls: distances, values of the force laws, and bodies that start inside an obstacle."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
 
 
 def test_a_straight_tube(rng: np.random.Generator) -> None:
-    """Along x the distance is radius - r, near the wall within what the module says; its slope points to the axis."""
+    """Along x the distance is radius - r, near the wall within the accuracy that the module states; its gradient points to the axis."""
     radius = 5e-3
     path = curve(np.array([[-5e-3, 0, 0], [20e-3, 0, 0]]), 1e-4)
     table = distance.tube(path, radius, radius / 6)
@@ -43,7 +43,7 @@ def test_a_straight_tube(rng: np.random.Generator) -> None:
 
 
 def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
-    """A quarter of a circle: distances to it are known; past its ends they are those of its tangents."""
+    """A quarter of a circle with known distances; beyond its ends they are those to its tangents."""
     t = np.linspace(0, np.pi / 2, 30)
     path = curve(20e-3 * np.column_stack([np.sin(t), 1 - np.cos(t), 0 * t]), 1e-5)
     assert tightest_bend(path) == pytest.approx(20e-3, rel=2e-2)
@@ -102,7 +102,7 @@ def test_outside_the_table_nothing_touches() -> None:
 
 
 def test_push_and_friction_have_the_numbers_of_their_formulas() -> None:
-    """m w^2 depth up, mu times that against the sliding; nothing above the plane; less than mu where that would turn the sliding back."""
+    """m w^2 depth upward, mu times that against the sliding; zero above the plane; less than mu where mu would reverse the sliding."""
     named = ground.parameters(
         point=[0, 0, 1e-3], normal=[0, 0, 2], friction=0.4, stiffness=STIFFNESS, reach=1e-4
     )
@@ -152,7 +152,7 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
 
 
 def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
-    """All ways the least; toward a plane, what the body's and its particles' extents that way differ by."""
+    """The least over all directions; toward a plane, the difference between the extents of body and particles in that direction."""
     for cells in (2, 3, 4):
         scene = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
         x = build(scene).particles.position
@@ -161,7 +161,7 @@ def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.rand
         )  # whole degrees
         for way in (np.eye(3)[2], -np.eye(3)[1], np.eye(3)[0], np.array([0.6, 0.0, -0.8])):
             body = 2e-3 * np.hypot(way[1], way[2]) + 12e-3 * way[0]
-            # two axes at once: the outermost particle of the one need not be that of the other
+            # two axes at once: their outermost particles may differ
             assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-9)
 
 
@@ -180,7 +180,7 @@ def test_reach_of_a_strip_is_exact_in_every_direction(rng: np.random.Generator) 
 
 
 def test_reach_of_parts_is_the_least_of_the_free_ones(tmp_path: Path) -> None:
-    """A free box, whose Gauss points lie 0.21 cells deep on its grid's faces, over a held one, which does not count."""
+    """A free box, whose Gauss points lie 0.21 cells below its faces, above a held one, which does not count."""
     meshes = []
     for name, low, high in (("free", [0, 0, 0], [3, 2, 1]), ("held", [0, 0, -1], [3, 2, 0])):
         vertices, faces = box(low, high)
@@ -195,7 +195,7 @@ def test_reach_of_parts_is_the_least_of_the_free_ones(tmp_path: Path) -> None:
         assert 0.1e-3 < free < 0.12e-3  # of cells of 0.5 mm
 
 
-# what begins in the wrong place
+# bodies that start inside an obstacle
 
 
 def scene(**effects: dict[str, Any]) -> Scene:
@@ -205,7 +205,7 @@ def scene(**effects: dict[str, Any]) -> Scene:
 
 @pytest.mark.parametrize("normal", [[0, 0, 1], [0, 0.3, 1], [0, 1, 1], [0, 0.5, -1]])
 def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
-    """Laid on the plane with its surface touching, at any angle of the section's cells: it is not thrown off."""
+    """It lies on the plane with its surface in contact, at any angle of the cells of the section: it is not thrown off."""
     point = [f"{-2 * c / np.linalg.norm(normal)} mm" for c in normal]
     build(scene(ground={"point": point, "normal": normal}))
 
@@ -227,7 +227,9 @@ def test_a_body_in_the_ground_is_refused() -> None:
     ids=["ground", "walls"],
 )  # fmt: skip
 def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
-    """Which obstacle, which segment by its key, and where: the tip's lower side in both, whose plane or tube rises along x."""
+    """The message names the obstacle, the segment by its key, and the place: the lower side of the tip, for a plane or tube that rises
+    along x.
+    """
     named = validate(Effects, obstacle, "example.yaml")
     with pytest.raises(InputError) as caught:
         build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))
@@ -255,7 +257,7 @@ def test_a_body_outside_its_tube_is_refused() -> None:
 
 
 def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
-    """A box of STL around the catheter: the same laws, from the file's unit; too small or elsewhere, it is refused."""
+    """An STL box around the catheter: the same laws, with the unit of the file; a box that is too small or elsewhere is refused."""
 
     def lumen(low: list[float], high: list[float], unit: str = "mm") -> dict[str, Any]:
         vertices, faces = box(low, high)
@@ -288,7 +290,7 @@ def outward(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 
 def test_gap_of_two_folds(rng: np.random.Generator) -> None:
-    """Two layers of a folded strip: their distance less a particle's size; neighbors in the body do not count."""
+    """Two layers of a folded strip: their distance minus the size of a particle; neighbors in the body do not count."""
     x = np.arange(100) * 0.5e-3
     flat = np.column_stack([x, 0 * x, 0 * x])
     folded = np.where(x[:, None] < 25e-3, flat, np.column_stack([50e-3 - x, 0 * x, 0 * x + 2e-3]))
@@ -303,12 +305,12 @@ def test_what_a_motion_tells_of_a_fold() -> None:
     cell, X = 2e-3, model.particles.position
     straight = self_contact.observe(model, X)
     assert (straight["depth"], straight["count"]) == (-self_contact.WITHIN * cell, 0)
-    far = X[:, 0] > 24e-3  # the far leg lies on the near one, turned round, so that x and z mirror it
+    far = X[:, 0] > 24e-3  # the far leg lies on the near one in reverse, so x and z are mirrored
     legs = np.where(far[:, None], np.column_stack([40e-3 - X[:, 0], X[:, 1], 4e-3 + 0.3 * cell - X[:, 2]]), X)
     folded = self_contact.observe(model, legs)
     top = 2 * (2e-3 - X[:, 2].max()) - 2 * contact.reach(
         model.scene
-    )  # a round body's particles lie deeper on top
+    )  # the particles of a round body lie deeper at its top
     assert folded["depth"] == pytest.approx(-(0.3 * cell + top), abs=1e-9)
     assert folded["count"] > 0
     assert not folded["force"].any()

@@ -1,4 +1,4 @@
-"""A new effect, written as a user would write it: one dtype, four hooks, one call of `register`.
+"""A new effect as a user would write it: one dtype, four hooks, one call of `register`.
 
 W = k/4 (F:F - 3)^2 - rho a . x: nonlinear in F, with stress k (F:F - 3) F, tangent k (2 F (x) F + (F:F - 3) 1) and force rho a.
 """
@@ -22,8 +22,8 @@ from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
-# Kernels are cached on disk by the field names of their effects: a name that changes with this file keeps
-# stale ones away.
+# Kernels are cached on disk by the field names of their effects: a name that changes with this file avoids
+# outdated ones.
 _STAMP = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
 DTYPE = np.dtype([("stiffness", np.float64), ("pull", np.float64, (3,)), (f"test_{_STAMP}", np.int8)])
 
@@ -81,7 +81,7 @@ def model() -> StaticModel:
 
 
 def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.random.Generator) -> None:
-    """Taylor on the whole model, with only the new effect beside the material, as stiff as it: orders 2 and
+    """Taylor test of the whole model, with only the new effect, as stiff as the material: orders 2 and
     3.
     """
     named = Energy(replace(model, effects=parameters(G, (3.0, 2.0, -9.81))))
@@ -96,14 +96,14 @@ def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.r
     second = slopes(
         lambda t: named.at(c + t * d).energy - point.energy - t * linear - t**2 * quadratic, steps
     )
-    # Strains here reach 0.1, and the next term of the series bends the line by about as much at the first
+    # Strains here reach 0.1, and the next term of the series changes the slope by about as much at the first
     # step.
     np.testing.assert_allclose(first[-1], 2.0, atol=0.1)
     assert second[-1] == pytest.approx(3.0, abs=0.2)
 
 
 def test_its_pull_is_gravity(model: StaticModel, rng: np.random.Generator) -> None:
-    """Without stiffness it is the weight of gravity.py: the same residual, bit for bit, through other hooks."""
+    """Without stiffness it equals the weight of gravity.py: the same residual, bit for bit, through other hooks."""
     a = (3.0, 2.0, -9.81)
     ours, theirs = (
         Energy(replace(model, effects=named))
@@ -115,7 +115,7 @@ def test_its_pull_is_gravity(model: StaticModel, rng: np.random.Generator) -> No
 
 
 def test_its_strength_is_a_value_not_a_program(model: StaticModel, rng: np.random.Generator) -> None:
-    """Other parameters act at once, without compiling again: the stress doubles with the stiffness."""
+    """Other parameters act without a new compilation: the stress doubles with the stiffness."""
     c = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
     bare, one, two = (
         Energy(replace(model, effects=parameters(k, (0.0, 0.0, 0.0)))) for k in (0.0, G, 2 * G)

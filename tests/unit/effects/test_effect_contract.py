@@ -1,4 +1,4 @@
-"""Every effect goes through the same laws, in a scene in which it acts (reference.acting). A new one joins by its key in `parts.Effects`.
+"""Every effect must satisfy the same laws, in a scene in which it acts (reference.acting). A new one joins by its key in `parts.Effects`.
 
 Here what every effect is, and its conservative hooks (energy, stress, force, tangent, softening), which belong together by Taylor tests;
 those of motion in test_effect_contract_motion.py.
@@ -29,7 +29,7 @@ OUTPUTS: dict[str, tuple[tuple[int, ...], ...]] = {
 }  # fmt: skip
 
 
-# what every effect is
+# properties of every effect
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -52,7 +52,7 @@ def test_it_is_described_and_has_records(key: str) -> None:
 
 @pytest.mark.parametrize("key", KEYS)
 def test_it_acts(key: str) -> None:
-    """In its scene the plain reference moves otherwise than without it, by far more than rounding, in each formulation."""
+    """In its scene the plain reference moves differently than without it, by far more than rounding, in each formulation."""
     one = acting(key)
     if not one.own:
         pytest.skip("no hooks: its formulation acts, see below")
@@ -60,7 +60,7 @@ def test_it_acts(key: str) -> None:
     found = []
     for body in (replace(one.model, effects=one.all), without):
         total, updated = Total.of(body), Updated.of(body)
-        L = np.array([[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]])  # 1/s: a motion of which viscous stress takes note
+        L = np.array([[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]])  # 1/s: a motion with viscous stress
         c, v = np.zeros((len(total.X), 3)), np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0)
         updated.v, updated.C, updated.L = 1e-3 + updated.x @ L.T, np.tile(L, (len(updated.x), 1, 1)), np.tile(L, (len(updated.x), 1, 1))
         for _ in range(2):
@@ -70,12 +70,12 @@ def test_it_acts(key: str) -> None:
         assert np.isfinite(updated.x).all()
         found.append((v, updated.v))
     for a, b in zip(*found, strict=True):
-        assert np.abs(a - b).max() > 1e-8 * np.abs(b).max()  # rounding is 1e-13
+        assert np.abs(a - b).max() > 1e-8 * np.abs(b).max()  # rounding error: 1e-13
 
 
 def test_self_contact_acts() -> None:
-    """Of two blocks a tenth of a cell apart the upper one moves: down, it takes the lower one along; up, it leaves it where it is. Without
-    the effect both cling to the one grid that they share.
+    """Two blocks are a tenth of a cell apart, and the upper one moves: downward it pushes the lower one, upward it leaves it in place.
+    Without the effect both stick, because they share one grid.
     """
     moved = {}
     for named in (True, False):
@@ -140,7 +140,7 @@ STEPS = np.array([0.04, 0.02, 0.01, 0.005])
 
 
 def falls(left: np.ndarray, order: int, rounding: float) -> bool:
-    """Whether what is left (steps, ...) of a Taylor series is there at all. Asserts that it falls at its order then."""
+    """Whether the remainder (steps, ...) of a Taylor series is nonzero. If so, asserts that it falls with its order."""
     size = np.array([np.abs(one).max() for one in left])
     if size[0] <= 1e3 * rounding:
         return False
@@ -152,7 +152,8 @@ def falls(left: np.ndarray, order: int, rounding: float) -> bool:
 
 @pytest.mark.parametrize("key", having(*STATIC))
 def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Generator) -> None:
-    """Each of its static hooks gives something at some particle; magnetic_torque counts magnetic_force's energy, whose scene has both."""
+    """Each of its static hooks is nonzero at some particle; the energy of magnetic_force is counted in magnetic_torque; its scene has both.
+    """
     one = acting(key)
     assert any(hook(own, "energy") for own in zip(one.all[::2], one.all[1::2], strict=True)), "a stress or force has an energy"
     at = Point(one, rng)
@@ -169,8 +170,8 @@ def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Gener
 
 @pytest.mark.parametrize("key", having(*STATIC))
 def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) -> None:
-    """Taylor: with slope and curvature taken away, what is left of W falls at order 3; with the slope only, at order 2; and stress and
-    force, their own slopes (tangent, softening) taken away, at order 2. Left out, what is left of them falls at order 1 only.
+    """Taylor: the remainder of W after slope and curvature has order 3, after the slope alone order 2. The remainders of stress and force
+    after their slopes (tangent, softening) have order 2; without the slopes only order 1.
     """
     one = acting(key)
     curved = hook(one.own, "tangent") is not None or hook(one.own, "softening") is not None
@@ -197,7 +198,7 @@ def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) ->
 
 @pytest.mark.parametrize("key", [key for key in KEYS if hasattr(effects.module_of(key), "refresh")])
 def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(key: str, rng: np.random.Generator) -> None:
-    """Tables found anew in every shape: dE = sum V (P : dF - f . dx), at order 2; and the hooks' energy counts the loads as they stand."""
+    """With tables computed for every shape: dE = sum V (P : dF - f . dx), at order 2; the energy of the hooks uses the current loads."""
     model = acting(key).model
     x, F = model.particles.position, np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3))
     dx, dF = 1e-3 * rng.standard_normal(x.shape), 0.3 * rng.standard_normal(F.shape)
@@ -231,7 +232,7 @@ def test_hooks_add_to_what_is_there(key: str, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("key", having("energy"))
 def test_no_load_is_no_effect(key: str) -> None:
-    """A load at zero strength is left out of the kernels, and in proportion to it otherwise."""
+    """A load at zero strength is left out of the kernels; otherwise it is proportional to the strength."""
     given = scene(key)
     assert effects.module_of(key).of_scene(given, 0.0, None) == ()
     one, half = acting(key), effects.module_of(key).of_scene(given, 0.5, None)

@@ -1,7 +1,7 @@
 """The laws of effects in motion, each in a scene in which it acts: see test_effect_contract.py.
 
-Viscous stress is objective, exerts no torque and makes heat; contact is conservative but for friction, which only brakes, and `near` tells
-where it acts; damping only brakes; no resistance is no effect; and the step an effect allows is one that a body with it bears.
+Viscous stress is objective, exerts no torque and dissipates; contact is conservative except for friction, which only brakes, and `near`
+finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def turn(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("key", having("rate_stress"))
 def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
-    """Objective: P(Q F, Q dF + W Q F) = Q P(F, dF) for any turn Q and spin W; without torque; and it makes heat."""
+    """Objective: P(Q F, Q dF + W Q F) = Q P(F, dF) for any rotation Q and spin W; without torque; and dissipative."""
     one = acting(key)
     function = hook(one.own, "rate_stress")
     assert function is not None
@@ -54,14 +54,14 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
         assert np.sum(P * dF) > 0
 
 
-# forces on a particle of a velocity
+# forces on a moving particle
 
 CONTACT = [key for key in having("contact") if effects.module_of(key).PHASE == "contact"]
 
 
 @pytest.mark.parametrize("key", [key for key in having("contact") if key not in CONTACT])
 def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
-    """It takes energy out wherever the particle is, and does not push what is at rest."""
+    """It removes energy at every place, and exerts no force on a particle at rest."""
     function = hook(acting(key).own, "contact")
     assert function is not None
     for _ in range(5):
@@ -73,7 +73,7 @@ def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
 
 
 def touching(key: str, rng: np.random.Generator) -> np.ndarray:
-    """Places (20, 3) m, within half a mm of the body's own particles, where the effect pushes a particle at rest."""
+    """Places (20, 3) m, within half a millimeter of particles of the body, where the effect pushes a particle at rest."""
     function, model = hook(acting(key).own, "contact"), acting(key).model
     places: list[np.ndarray] = []
     while len(places) < 20:
@@ -101,7 +101,7 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
 
     smooth = 0
     for x in touching(key, rng):
-        step = 1e-8  # of a depth of about a mm, so that differences carry 7 digits, and stays beside kinks of a table
+        step = 1e-8  # of a depth of about 1 mm, so that differences have 7 digits, and away from kinks of a table
         J = np.stack([(force(x + step * e) - force(x - step * e)) / (2 * step) for e in np.eye(3)], axis=1)
         assert np.abs(J - J.T).max() <= 1e-4 * np.abs(J).max()
         smooth += np.linalg.eigvalsh((J + J.T) / 2)[0] < 0
@@ -110,7 +110,7 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
 
 @pytest.mark.parametrize("key", CONTACT)
 def test_friction_brakes_and_never_turns_back(key: str, rng: np.random.Generator) -> None:
-    """What moving adds to the force opposes the motion, lies across the normal, and at most stops the sliding within the step."""
+    """The force added by the motion opposes it, is perpendicular to the normal, and at most stops the sliding within the step."""
     most = {}
     for friction in (0.0, 0.2, 10.0):
         found = effects.module_of(key).of_scene(scene(key, {"friction": friction}), 1.0, None)
@@ -155,7 +155,7 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
 
 @pytest.mark.parametrize("key", having("near"))
 def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Generator) -> None:
-    """Else a kernel would leave the push out. And it is not so everywhere, or it would be of no use."""
+    """Otherwise a kernel would skip the contact force. It must not be positive everywhere, or it would be useless."""
     own, model = acting(key).own, acting(key).model
     near, contact = hook(own, "near"), hook(own, "contact")
     assert contact, "near tells where contact acts"
@@ -176,7 +176,7 @@ def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Gen
 
 @pytest.mark.parametrize("key", [k for k in having("node") if effects.module_of(k).PHASE == "damping"])
 def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
-    """It takes energy out, along the velocity, and none in no time."""
+    """It removes energy, along the velocity, and none in zero time."""
     function = hook(acting(key).own, "node")
     assert function is not None
     X, v = np.zeros(3), rng.standard_normal(3)
@@ -211,7 +211,8 @@ def test_what_is_stiff_tells_its_step(key: str) -> None:
 
 @pytest.mark.parametrize("key", CONTACT)
 def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.Generator) -> None:
-    """0.7 of 2 / w, with w^2 the largest eigenvalue of minus the force's Jacobian over the mass: the true bound of a particle on it."""
+    """0.7 of 2 / w, with w^2 the largest eigenvalue of minus the force's Jacobian over the mass: the true bound of a particle in contact.
+    """
     own = acting(key).own
     function = hook(own, "contact")
     stiffest = 0.0
@@ -228,7 +229,7 @@ def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.G
 
 
 def growth(one: Acting, dt: float) -> float:
-    """Spectral radius of a step of the total formulation's reference about the body as it is made: what a small motion grows by."""
+    """Spectral radius of a step of the reference of the total formulation about the undeformed body: the growth of a small motion."""
     total = Total.of(replace(one.model, effects=one.all))
     on = np.flatnonzero(np.repeat((total.mass > 0) & ~total.fixed, 3))
     n, m = 3 * len(total.X), len(on)
@@ -237,7 +238,7 @@ def growth(one: Acting, dt: float) -> float:
         after = total.step(c.reshape(-1, 3), v.reshape(-1, 3), dt)
         return np.concatenate([after[0].ravel()[on], after[1].ravel()[on] * dt])
 
-    rest, size = np.zeros(n), 1e-9  # m: far less than what is touched is deep
+    rest, size = np.zeros(n), 1e-9  # m: far less than the depth of contact
     start, columns = step(rest, rest), []
     for k in range(2 * m):
         c, v = np.zeros(n), np.zeros(n)
@@ -248,7 +249,7 @@ def growth(one: Acting, dt: float) -> float:
 
 @pytest.mark.parametrize("key", STIFF)
 def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
-    """At the default 0.8 of the smaller of the body's and the effect's bounds no small motion grows."""
+    """At the default 0.8 of the smaller bound of body and effect no small motion grows."""
     one = acting(key)
     own = effects.module_of(key).stable_step(*one.own, one.model)
     dt = 0.8 * min(own, body_step(TotalMotion(one.model)))
@@ -257,8 +258,8 @@ def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
 
 @pytest.mark.parametrize("key", having("rate_stress"))
 def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> None:
-    """A particle alone on its nodes, anywhere in its cell, decays at rates up to r: r dt stays below 2 by far, with the elastic stress
-    beside it below 0.9 (its file says why), and is no less than a quarter of that.
+    """A single particle on its nodes, anywhere in its cell, decays at rates up to r: r dt stays far below 2, together with the elastic
+    stress below 0.9 (its file says why), and is not less than a quarter of that.
     """
     one = acting(key)
     function, rho, h = hook(one.own, "rate_stress"), one.model.density[0], one.model.grid.spacing
@@ -268,7 +269,7 @@ def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> No
         function(rho, np.eye(3), np.eye(9)[k].reshape(3, 3), P)
         viscous[k] = P.ravel()
     fastest = 0.0
-    for place in (1e-4, 0.1, 0.3, 0.5):  # of the cell; where a node has hardly a share in the particle it moves most easily
+    for place in (1e-4, 0.1, 0.3, 0.5):  # of the cell; a node with a small share in the particle moves most easily
         xi = np.full((1, 3), place)
         N, slope = spline_weights(xi)[0], spline_slopes(xi)[0] / h[:, None]
         a, b, c = np.indices((3, 3, 3)).reshape(3, -1)

@@ -25,7 +25,7 @@ from magmpm.model import build
 from magmpm.scene import options as parts
 
 ROOT = Path(__file__).resolve().parents[3]
-RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that nothing but the drag acts on a body of no stiffness
+RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that only the drag acts on a body without stiffness
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def example() -> tuple[str, str]:
-    """The file and the line, as CONTRIBUTING.md has them."""
+    """The file and the line from CONTRIBUTING.md."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     file, line = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert file.startswith("# magmpm/effects/drag.py")
@@ -67,7 +67,7 @@ def named(settings: dict[str, Any]) -> tuple[np.ndarray, ...]:
 
 
 def test_the_line_names_it(drag: ModuleType) -> None:
-    """Found by its key, with a unit; refused with a wrong one; left out at no strength; called in its phase."""
+    """Found by its key, with a unit; refused with a wrong unit; left out at zero strength; called in its phase."""
     (record, data) = named({"drag": "5 1/s"})
     assert record["drag_rate"] == RATE
     assert not len(data)
@@ -81,7 +81,7 @@ def test_the_line_names_it(drag: ModuleType) -> None:
 
 
 def test_the_file_brakes(drag: ModuleType) -> None:
-    """A free body of no stiffness slows by 1 - rate dt a step, in both formulations; and its step is stable."""
+    """A free body without stiffness slows by 1 - rate dt per step, in both formulations; and its step is stable."""
     scene = rod_scene(length=12e-3).model_copy(
         update={"effects": validate(effects.Effects, {"drag": "5 1/s"}, "example.yaml")}
     )
@@ -98,7 +98,7 @@ def test_the_file_brakes(drag: ModuleType) -> None:
     total = Total.of(build(scene))
     v = np.where(total.mass[:, None] > 0, start, 0.0)
     c = np.zeros_like(v)
-    P = total.force(c, v, DT)  # at rest in shape: no stress, and the clamp, which brakes nothing, left out
+    P = total.force(c, v, DT)  # no strain and no stress; the clamp is left out
     mass = total.model.density * total.model.particles.volume
     np.testing.assert_allclose(P, -RATE * total.N.T @ (mass[:, None] * (total.N @ v)), rtol=0, atol=1e-18)
 
@@ -106,9 +106,9 @@ def test_the_file_brakes(drag: ModuleType) -> None:
 def test_the_file_brakes_in_a_compiled_kernel(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Three steps of the solver's own kernel, which was compiled with the example in it, are those of the plain reference.
+    """Three steps of the solver's kernel, compiled with the example, equal those of the plain reference.
 
-    Compiled kernels are kept on disk by the names of their effects' fields: with a name that changes with the text, none is a stale one.
+    Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones.
     """
     file, line = example()
     stamp = hashlib.sha256(file.encode()).hexdigest()[:8]

@@ -1,4 +1,4 @@
-"""The effects' physics, and the mechanism by which kernels call them."""
+"""The physics of the effects, and the mechanism by which kernels call them."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def derivatives(
 
 
 def test_magnet_energy_and_stress() -> None:
-    """W = -(1/mu0) B . (F Br), and P = dW/dF = -(1/mu0) B (x) Br: W is linear in F, so differences of any
-    size are exact.
+    """W = -(1/mu0) B . (F Br), and P = dW/dF = -(1/mu0) B (x) Br: W is linear in F, so differences of
+    any size are exact.
     """
     named = magnetic_torque.parameters(B)
     P, A, f = derivatives(named)
@@ -64,7 +64,7 @@ def test_magnet_energy_and_stress() -> None:
             moved = F0.copy()
             moved[i, j] += 1.0
             difference = total_energy(named, BR, RHO, U, moved) - W
-            assert P[i, j] == pytest.approx(difference, abs=1e-12 * abs(W))  # rounding of the two energies
+            assert P[i, j] == pytest.approx(difference, abs=1e-12 * abs(W))  # rounding error of the two energies
     assert np.array_equal(P, -np.outer(B / MU0, BR))
     assert not A.any()
     assert not f.any(), "a uniform field turns, it does not pull"
@@ -81,11 +81,11 @@ def test_skew_part_of_the_stress_is_the_torque() -> None:
     torque = np.einsum("ijk,jk->i", PERMUTATION, tau)
     expected = np.cross(F0 @ BR, B) / MU0
     np.testing.assert_allclose(torque, expected, rtol=1e-13)
-    assert np.linalg.norm(expected) > 1  # N/m^2: there is something to compare
+    assert np.linalg.norm(expected) > 1  # N/m^2: the compared values are not zero
 
 
 def test_torque_turns_the_magnet_into_the_field() -> None:
-    """The energy falls as F Br turns toward B: the sign that decides which way a catheter bends."""
+    """The energy falls as F Br rotates toward B: this sign determines the direction in which a catheter bends."""
     named, field = magnetic_torque.parameters(np.array([0, 0, 1e-3])), 0.0
     for angle in (0.3, 0.6, 0.9):  # about -y: from +x toward +z
         turned = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
@@ -117,7 +117,7 @@ def test_empty_tuple_adds_nothing() -> None:
 
 
 def test_effects_add_up_in_any_order() -> None:
-    """Two effects give the sum of each alone, whichever stands first."""
+    """Two effects give the sum of each alone, in any order."""
     magnet, weight = magnetic_torque.parameters(B), gravity.parameters(G_EARTH)
     both, swapped = derivatives(magnet + weight), derivatives(weight + magnet)
     alone = [derivatives(magnet), derivatives(weight)]
@@ -142,7 +142,7 @@ def test_collect_names_only_what_the_scene_names() -> None:
 
 @pytest.fixture
 def clean_registry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Whatever a test registers is forgotten after it."""
+    """Removes what a test registers."""
     monkeypatch.setattr(hooks, "_registry", {hook: dict(table) for hook, table in hooks._registry.items()})
     return
 
@@ -159,12 +159,12 @@ def test_unknown_hook_is_refused_and_leaves_no_trace() -> None:
         ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"
     ):
         hooks.register(dtype, energy=_nothing, friction=_nothing)
-    hooks.register(dtype, energy=_nothing)  # a refused registration is none
+    hooks.register(dtype, energy=_nothing)  # a refused registration has no effect
 
 
 @pytest.mark.usefixtures("clean_registry")
 def test_field_names_tell_effects_apart() -> None:
-    """A second effect with the same names would be called in the first one's place."""
+    """Otherwise a second effect with the same names would be called instead of the first."""
     with pytest.raises(ValueError, match="field names of its own"):
         hooks.register(gravity.DTYPE, energy=_nothing)
     with pytest.raises(ValueError, match="field names of its own"):
@@ -174,7 +174,7 @@ def test_field_names_tell_effects_apart() -> None:
 
 
 def test_energy_and_derivatives_of_named_effects_agree_in_a_model(rng: np.random.Generator) -> None:
-    """Taylor test of the loads alone: the energy with both effects less the energy without, linear in the
+    """Taylor test of the loads alone: the energy with both effects minus the energy without, linear in the
     coefficients.
     """
     scene = rod_scene(length=8e-3, field=B, gravity=G_EARTH)
@@ -206,7 +206,7 @@ def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
 
 @pytest.mark.parametrize("zeros", [magnetic_torque.parameters(np.zeros(3)), gravity.parameters(np.zeros(3))])
 def test_kernels_with_an_effect_of_zeros(rng: np.random.Generator, zeros: tuple[np.ndarray, ...]) -> None:
-    """Should a record of zeros reach the kernels, it changes nothing but the last bits, where sums are
+    """A record of zeros in the kernels changes only the last bits, where sums are
     reassociated.
     """
     bare = static_model(build(rod_scene(length=8e-3)))

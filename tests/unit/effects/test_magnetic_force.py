@@ -1,4 +1,4 @@
-"""Torque and force of a field that varies: derivatives of one energy, in hooks and in a model; balances; what scenes may ask for."""
+"""Torque and force of a nonuniform field: derivatives of one energy, in hooks and in a model; balances; valid scenes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def parts(named: Sequence[np.ndarray], x: np.ndarray, F: np.ndarray) -> tuple[An
 
 
 def test_hooks_are_what_the_formulas_say() -> None:
-    """W = -(1/mu0) B . F Br, P = -(1/mu0) B (x) Br, f = (1/mu0) (grad B)^T F Br with B and grad B of the place."""
+    """W = -(1/mu0) B . F Br, P = -(1/mu0) B (x) Br, f = (1/mu0) (grad B)^T F Br with B and grad B at the particle."""
     W, P, f, _, M = parts(effects.collect(SCENE), X0, F0)
     source = SCENE.outside_field()
     B, G = source.at(X0)[0], source.gradient(X0)[0]
@@ -65,7 +65,7 @@ def test_hooks_are_what_the_formulas_say() -> None:
 
 
 def test_hooks_belong_to_one_energy(rng: np.random.Generator) -> None:
-    """Taylor in place and deformation together: order 2 without curvature, 3 with it (H, M; there is no d2W/dF2)."""
+    """Taylor test in position and deformation together: order 2 without curvature, 3 with it (H, M; there is no d2W/dF2)."""
     named = effects.collect(SCENE)
     W, P, f, H, M = parts(named, X0, F0)
     for _ in range(4):
@@ -79,7 +79,7 @@ def test_hooks_belong_to_one_energy(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("kind", ["dipole", "magnet"])
 def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) -> None:
-    """The whole model's residual and tangent are the first and second derivative of its energy, and the loads' share as well."""
+    """Residual and tangent of the model are the first and second derivative of its energy, also for the loads alone."""
     if kind == "magnet":
         pytest.importorskip("magpylib")
         magnet = {"position": (24e-3, 2e-3, 3e-3), "cylinder": {"diameter": 10e-3, "length": 8e-3}, "axis": (1, 0, 0.3), "remanence": 1.3}
@@ -99,7 +99,7 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     second = slopes(lambda t: loaded.at(c + t * v).energy - point.energy - t * linear - t**2 * quadratic, steps)
     assert first[-1] == pytest.approx(2.0, abs=0.02)
     assert second[-1] == pytest.approx(3.0, abs=0.05)
-    # the loads alone: what they add to the tangent is the difference of what they add to the residual
+    # the loads alone: their part of the tangent is the derivative of their part of the residual
     small = 1e-2 * v
     change = [(e.residual(e.at(c + small)) - e.residual(e.at(c - small))) / 2 for e in (loaded, bare)]
     K0 = to_dense(bare.tangent(bare.at(c))[1], model.layout.split)
@@ -109,8 +109,8 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
 
 
 def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Generator) -> None:
-    """Momentum and angular momentum, by virtual work: moved by a, turned by w, the body's energy changes by the integrals of
-    f . a and of (x cross f + (1/mu0) F Br cross B) . w over it.
+    """Momentum and angular momentum, by virtual work: for a displacement a and a rotation w, the energy of the body changes by the
+    integrals of f . a and of (x cross f + (1/mu0) F Br cross B) . w over it.
     """
     model = static_model(build(SCENE))
     loaded, bare = Energy(model), Energy(replace(model, effects=()))
@@ -127,7 +127,7 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
     work = V @ (f @ a + (np.cross(x, f) + np.cross(m, B)) @ w)
 
     def energy(t: float) -> float:
-        """Of the magnets when the body is moved by t a and turned by t w."""
+        """Magnetic energy of the body displaced by t a and rotated by t w."""
         angle = t * np.linalg.norm(w)
         k = w / np.linalg.norm(w)
         K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
@@ -140,7 +140,7 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
 
 
 def test_a_small_free_body_accelerates_by_the_gradient() -> None:
-    """a = (1/mu0) (grad B)^T Br/rho in the undeformed body: the hook's force over the density."""
+    """a = (1/mu0) (grad B)^T Br/rho in the undeformed body: the force of the hook over the density."""
     _, _, f, _, _ = parts(effects.collect(SCENE), X0, np.eye(3))
     G = SCENE.outside_field().gradient(X0)[0]
     np.testing.assert_allclose(f / RHO, G.T @ BR / (MU0 * RHO), rtol=1e-13)
@@ -187,7 +187,7 @@ def test_a_magnet_in_the_body_is_refused_before_the_run() -> None:
 
 @pytest.mark.parametrize("place", [(3e-3, 0, 0), (4e-3, 0.7e-3, -1.1e-3), (4e-3, 0, 2.3e-3)], ids=["axis", "inside", "at the surface"])
 def test_a_point_dipole_in_or_at_the_body_is_refused(place: tuple[float, float, float]) -> None:
-    """Nearer than a cell, 2 mm, its field has no meaning: which dipole, where, and what to do."""
+    """Nearer than a cell, 2 mm, its field has no meaning: the message says which dipole, where, and the remedy."""
     near = {"position": place, "moment": (0.1, 0, 0)}
     with pytest.raises(InputError, match=r"field.dipole\[1\]: the body's .* mm from the point dipole field.dipole\[1\] at ") as caught:
         build(scene_in({"dipole": [NEAR, near]}, *BOTH))
@@ -206,7 +206,7 @@ def test_a_point_dipole_that_comes_near_is_met_in_time() -> None:
 
 
 def test_a_magnet_that_passes_through_the_body_is_met_in_time() -> None:
-    """Outside at first, inside later: the check at a time says where, and names the magnet."""
+    """Outside at first, inside later: the check at a given time says where, and names the magnet."""
     sphere = {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0), "diameter": 2e-3}
     moves = {"keyframes": [{"time": 0, "move": (0, 0, 0)}, {"time": 1, "move": (-40e-3, 0, 0)}]}
     scene = scene_in({"dipole": sphere, "over_time": moves}, *BOTH)
@@ -224,7 +224,7 @@ def test_other_sources_stay_when_a_study_changes_the_uniform_field() -> None:
 
 
 def test_a_uniform_scene_hashes_as_it_did() -> None:
-    """The keys of other sources are absent from the content that is hashed: results and studies from before are still found."""
+    """The keys of other sources are not part of the hashed content, so older results and studies are still found."""
     scene = rod_scene(field=(0, 0, 1e-3))
     content = scene.model_dump(mode="json", exclude_none=True)["field"]
     assert content == {"uniform": [0.0, 0.0, 1e-3]}

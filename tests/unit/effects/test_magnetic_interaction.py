@@ -1,4 +1,4 @@
-"""Segments that act on each other: the strength of it, its laws, and the equilibrium it leads to."""
+"""Segments that act on each other: strength, laws, and equilibrium."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIXED = [X, (0.0, 1.0, 0.0), Z, (0.0, -1.0, 0.0), (1.0, 0.0, 1.0)]
 
 
 def scene(directions: list[tuple[float, float, float]], *, across: int = 3, **more: object) -> Scene:
-    """DESIGN's segments: 4 mm in diameter, 8 mm long, Br 0.1 T."""
+    """Segments of 4 mm diameter, 8 mm long, Br 0.1 T."""
     given = rod_scene(length=8e-3 * len(directions), directions=directions, **more)  # type: ignore[arg-type]
     return given.with_effects(magnetic_interaction={"blocks_across": across})
 
@@ -44,7 +44,7 @@ def at_rest(model: Model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bent(model: Model, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A body bent by some 40 degrees, and a little crumpled."""
+    """A body bent by about 40 degrees, with a small perturbation."""
     X = model.particles.position
     k = 0.7 / X[:, 0].max()
     s, c = np.sin(k * X[:, 0]), np.cos(k * X[:, 0])
@@ -57,8 +57,8 @@ def bent(model: Model, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray
 
 @pytest.mark.parametrize(("direction", "axis", "want"), [(X, 0, 8.34e-3), (Z, 2, -4.17e-3)], ids=["axial", "transverse"])
 def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: int, want: float) -> None:
-    """Over a cylinder, of the cylinder beside it: 8.34 mT along it, 4.17 mT across (DESIGN: 8.3 and 4.2), magpylib's mean over a fine
-    rule. Blocks of 1 mm are off by 0.7 %, of 2 mm by 3 %.
+    """Mean over a cylinder of the field of its neighbor: 8.34 mT axially, 4.17 mT transversely, from magpylib with a fine quadrature. The
+    error of blocks of 1 mm is 0.7 %, of 2 mm 3 %.
     """
     for cells, bound in ((4, 0.01), (2, 0.035)):
         model = build(scene([direction, direction], cells=cells))
@@ -69,8 +69,8 @@ def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: in
 
 
 def test_far_away_a_segment_is_a_dipole(rng: np.random.Generator) -> None:
-    """First and last of five segments, four lengths apart: the dipoles' own formula, to about (length/distance)^2 = 6 %, which a force
-    (one more derivative) feels twice.
+    """First and last of five segments, four lengths apart: the formula of dipoles, to about (length/distance)^2 = 6 %, and twice that for
+    the force (one more derivative).
     """
     model = build(scene([X, (0, 0, 0), (0, 0, 0), (0, 0, 0), Z]))
     _, M, _, of, B, f = acting(model, *at_rest(model))
@@ -85,7 +85,7 @@ def test_far_away_a_segment_is_a_dipole(rng: np.random.Generator) -> None:
 
 
 def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
-    """Forces cancel, and so do their torques with those of the fields on the moments: in the blocks, and in what the hooks add."""
+    """Forces cancel, and so do torques (of forces and of fields on moments): for the blocks, and in what the hooks add."""
     model = static_model(build(scene(MIXED)))
     x, F = bent(model, rng)
     places, moments, _, _, B, f = acting(model, x, F)
@@ -109,7 +109,7 @@ def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
 
 
 def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator) -> None:
-    """The whole model with blocks that touch: the residual is the gradient of the energy, found anew in every place."""
+    """The whole model with blocks that touch: the residual is the gradient of the energy, computed for every shape."""
     model = static_model(build(scene(MIXED[:3])))
     whole = InteractingEnergy(model)
     c, v = 2e-5 * rng.standard_normal((2, *whole.alone.shape))
@@ -117,7 +117,7 @@ def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator) -> No
     bare = Energy(replace(model, effects=())).residual(point)
     gradient = whole.residual(point)
     assert np.abs(gradient - bare).max() > 1e-3 * np.abs(gradient).max(), "the segments act"
-    # without the body's own energy, which would hide a mistake of a percent: the shared energy alone
+    # without the elastic energy, which would hide an error of a percent: the interaction energy alone
     linear = float(np.sum((gradient - bare) * v))
     shared = lambda t: whole.at(c + t * v).energy - whole.alone.at(c + t * v).energy  # noqa: E731
     start = shared(0.0)
@@ -125,8 +125,8 @@ def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator) -> No
 
 
 def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
-    """Of the whole energy: the residual vanishes beside what the segments put into it, and the energy is less than without them
-    settling. The shape is another than without the effect.
+    """For the total energy: the residual is negligible compared with the forces between segments, and the energy is lower than at the
+    shape without the effect, which is different.
     """
     alone = rod_scene(length=40e-3, directions=MIXED, field=(0, 1e-3, 8e-3))
     found, without = run(alone.with_effects(magnetic_interaction={})), run(alone)
@@ -143,7 +143,7 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
 
 
 def _grid(result: object, whole: InteractingEnergy) -> np.ndarray:
-    """Grid coefficients of a result, by least squares from its particles (they determine them)."""
+    """Grid coefficients of a result, by least squares from its particles, which determine them."""
     model = whole.model
     u = result.particle_position - result.particle_reference  # type: ignore[attr-defined]
     layout = model.layout

@@ -1,4 +1,4 @@
-"""Pairs of particles that are near and not neighbors: as all pairs, looked at one by one, say."""
+"""Pairs of near particles that are not neighbors: compared with a loop over all pairs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from magmpm.effects import self_contact
 
 @pytest.mark.parametrize("seed", range(4))
 def test_near_pairs_are_those_of_all_pairs(seed: int) -> None:
-    """Particles of random cells, parts and components, moved about by more than a cell: what is left out by cells must be so by pairs."""
+    """Particles of random cells, parts and components, displaced by more than a cell: the selection by cells loses no pair."""
     rng = np.random.default_rng(seed)
     n = 400
     cell = rng.integers(-3, 5, (n, 3))

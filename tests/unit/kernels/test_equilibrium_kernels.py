@@ -1,5 +1,5 @@
-"""The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with everything in it:
-two materials, two magnetisations, a cut cell, both effects, with and without F-bar.
+"""The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with all features:
+two materials, two magnetizations, a cut cell, both effects, with and without F-bar.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
 
 
 def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None:
-    """The kernels' cells are the reference's: particles that share a grid cell and a segment. No particle is left out."""
+    """The cells of the kernels are those of the reference: particles that share a grid cell and a segment. No particle is missing."""
     energy, reference, _ = case
     first = energy.model.particles.cell_first
     assert first[-1] == len(energy.model.shear)
@@ -105,7 +105,7 @@ def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None
 
 
 def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.ndarray]) -> None:
-    """What lets threads add without locks: planes that slab 2k writes are not those that slab 2k + 2 writes."""
+    """This allows threads to add without locks: slabs 2k and 2k + 2 write to different planes."""
     layout = case[0].model.layout
     touched = [
         set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)
@@ -117,7 +117,7 @@ def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.nda
 
 
 def test_crushed_cell_has_infinite_energy() -> None:
-    """det F <= 0 anywhere: the energy is inf, so a line search turns back; the state still says which det F."""
+    """det F <= 0 anywhere: the energy is inf, so a line search rejects it; the state still gives det F."""
     model = small_scene(cells=2)
     energy = Energy(model)
     c = np.zeros(energy.shape)

@@ -71,7 +71,7 @@ def test_updated(loads: str, rng: np.random.Generator) -> None:
 
 
 def test_updated_sorts_where_it_must_and_goes_on_as_before(rng: np.random.Generator) -> None:
-    """A body that flies 3 cells: sorted again and again, and still the reference's motion."""
+    """A body that flies over 3 cells: sorted repeatedly, and still equal to the reference."""
     model = model_of(clamp="none") if "clamp" in rod_scene.__kwdefaults__ else model_of()
     model = replace(model, modes=np.zeros((len(model.density), 0)), clamped_face=False)
     n = len(model.density)
@@ -122,7 +122,7 @@ def test_a_particle_turned_inside_out_stops_the_motion(kind: type[TotalMotion] |
 
 @pytest.mark.parametrize("kind", [TotalMotion, UpdatedMotion])
 def test_no_number_stops_the_motion(kind: type[TotalMotion] | type[UpdatedMotion]) -> None:
-    """NaN reaches the watchdog, not the memory beside the grid."""
+    """NaN is detected by the watchdog and never writes to memory outside the grid."""
     motion = kind(model_of())
     if isinstance(motion, TotalMotion):
         motion.v[3 * motion.packed.active[5]] = np.nan
@@ -134,12 +134,12 @@ def test_no_number_stops_the_motion(kind: type[TotalMotion] | type[UpdatedMotion
 
 
 def test_sorting_gives_the_bits_that_placing_gives(rng: np.random.Generator) -> None:
-    """A motion that is resumed places its particles anew; one that goes on sorts them where they are."""
+    """A resumed motion places its particles again; a running one sorts them."""
     model = model_of(LOADS["weight, field and damping"])
     n = len(model.density)
     motions = [UpdatedMotion(model), UpdatedMotion(model)]
     for motion in motions:
-        motion.since = INTERVAL - 90  # so that there is a fit on the way
+        motion.since = INTERVAL - 90  # so that a drift correction takes place
         motion.place(
             model.particles.position, np.tile([0.0, 8.0, -3.0], (n, 1)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
         )

@@ -1,4 +1,4 @@
-"""Components that meet in the updated formulation: against the plain reference, and against what a free body does."""
+"""Contact between components in the updated formulation, against the plain reference and free fall."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from magmpm.effects import self_contact
 from magmpm.kernels import multi_grid_contact as meeting
 from magmpm.model import Model, build
 
-G_EARTH = 9.81  # m/s^2, the effect's own
+G_EARTH = 9.81  # m/s^2, default of the effect
 
 
 def parts(folder: Path, meshes: Sequence[tuple[Mesh, bool]], **effects: object) -> Model:
@@ -39,14 +39,14 @@ def centre(model: Model, values: np.ndarray, part: int) -> np.ndarray:
 
 
 def gap(model: Model, x: np.ndarray) -> float:
-    """As contacts.csv tells it, m."""
+    """As in contacts.csv, m."""
     depth = self_contact.observe(model, x)["depth"]
     assert isinstance(depth, float)
     return -depth
 
 
 def test_distance_of_a_half_space_is_read_off_its_mass() -> None:
-    """At any place of the surface in the grid, the table is the ratio's inverse: to 0.01 cells, a fiftieth of CLOSE."""
+    """For any position of the surface in the grid, the table inverts the ratio, to 0.01 cells, a fiftieth of CLOSE."""
     curve = meeting.distances()
     for distance in np.linspace(-1.4, 1.45, 58):
         mass, before, after = meeting.filling(distance + np.array([0.0, -1.0, 1.0]))
@@ -58,7 +58,7 @@ def test_distance_of_a_half_space_is_read_off_its_mass() -> None:
 
 @pytest.mark.parametrize("held", [False, True], ids=["free", "on a held part"])
 def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Generator) -> None:
-    """Three components, 0.05 to 0.3 cells apart, that approach, part, and slide past each other."""
+    """Three components, 0.05 to 0.3 cells apart, that approach, separate, and slide along each other."""
     boxes = [box((0, 0, -3), (4, 4, 0)), box((0.3, 0, 0.1), (3.3, 3, 3)), box((3.35, 0.4, 0.3), (6, 3, 3))]
     model = parts(tmp_path, [(boxes[0], held), (boxes[1], False), (boxes[2], False)])
     model = replace(model, modes=np.zeros((len(model.density), 0)))
@@ -71,7 +71,7 @@ def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Ge
     x = model.particles.position
     plain, motion = reference.Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
     motion.place(x, v, F, C)
-    motion.curve = meeting.distances(100_001)  # as exact as the reference, lest some node's gap be to one side of CLOSE here only
+    motion.curve = meeting.distances(100_001)  # as exact as the reference, so that no gap is on different sides of CLOSE in the two
     alone = UpdatedMotion(model)
     alone.curve = np.full_like(alone.curve, 9.0)  # far from everything
     alone.place(x, v, F, C)
@@ -85,18 +85,18 @@ def test_a_step_is_the_reference_s(held: bool, tmp_path: Path, rng: np.random.Ge
 
 
 def test_a_part_falls_freely_from_under_another(tmp_path: Path) -> None:
-    """However near it began, 0.1 to 1.1 cells: nothing pulls it back."""
+    """At any initial distance, 0.1 to 1.1 cells: nothing holds it back."""
     time = 0.01
     for gap in (0.1, 0.5, 1.1):
         model = parts(tmp_path, [(box((0, 0, 0), (4, 4, 3)), True), (box((0, 0, -3 - gap), (4, 4, -gap)), False)], gravity={})
         (last,) = follow(model, [time])
         fell = centre(model, model.particles.position - last.x, 1)
-        assert fell[2] == pytest.approx(G_EARTH * time**2 / 2, rel=2e-3)  # a step of 40 us: the first counts whole, 2 t / dt
+        assert fell[2] == pytest.approx(G_EARTH * time**2 / 2, rel=2e-3)  # a step of 40 us: the first one counts fully, 2 t / dt
         assert np.abs(fell[:2]).max() < 1e-12
 
 
 def test_a_part_that_falls_on_another_rests_half_a_cell_above_it(tmp_path: Path) -> None:
-    """On the grid's lines and off them; it keeps to its place, and the gap told is that of its faces."""
+    """On grid lines and off them; it stays in place, and the reported gap is that of its faces."""
     for offset in (0.0, 0.37):
         block = box((1 + offset, 1 + offset, 3.7), (5 + offset, 5 + offset, 6.7))
         model = parts(tmp_path, [(box((0, 0, 0), (7, 7, 3)), True), (block, False)], gravity={})
@@ -109,7 +109,7 @@ def test_a_part_that_falls_on_another_rests_half_a_cell_above_it(tmp_path: Path)
 
 
 def test_parts_that_collide_keep_their_momentum_gain_no_energy_and_part(tmp_path: Path) -> None:
-    """Two blocks of different size, one askew to the other's middle."""
+    """Two blocks of different size, with an off-center collision."""
     model = filled(parts(tmp_path, [(box((0, 0, 0), (3, 3, 3)), False), (box((0.6, 0.9, 3.9), (3.6, 5, 6.9)), False)]))
     motion = UpdatedMotion(model)
     n, mass = len(model.density), model.density * model.particles.volume
@@ -129,7 +129,7 @@ def test_parts_that_collide_keep_their_momentum_gain_no_energy_and_part(tmp_path
 def test_every_pair_of_many_pieces_meets(tmp_path: Path) -> None:
     """Two towers of two cubes fall on a plate: no component passes another, and all come to rest, 0.1 to 0.65 cells apart.
 
-    A component between two others yields to the one for the other at nodes that all three share.
+    At nodes that all three share, a component between two others reacts to both.
     """
     cubes = [box((4 * i, 0, 3.7 * k), (4 * i + 3, 3, 3.7 * k + 3)) for i, k in product(range(2), repeat=2)]
     model = parts(tmp_path, [(box((-1, -1, -3.7), (8, 4, -0.7)), True), *((cube, False) for cube in cubes)], gravity={})

@@ -9,7 +9,7 @@ import pytest
 from magmpm.compiled import simd
 from magmpm.kernels.particle_group import inverse_cube_root
 
-ROUNDING = 4e-16  # some units in the last place
+ROUNDING = 4e-16  # a few units in the last place
 
 
 @numba.njit
@@ -55,7 +55,7 @@ def turn(a, out, back):  # type: ignore[no-untyped-def]
 
 
 def test_rows_of_particles(rng: np.random.Generator) -> None:
-    """load_rows is a transposition, and store_rows takes it back."""
+    """load_rows is a transposition, and store_rows inverts it."""
     a, out, back = rng.standard_normal(83), np.zeros(64), np.zeros(83)
     turn(a, out, back)
     rows = np.stack([a[3 + 10 * lane : 11 + 10 * lane] for lane in range(8)])

@@ -1,4 +1,4 @@
-"""The plain reference of dynamics is right itself: it agrees with statics' reference, and keeps what motion must keep."""
+"""The plain reference of dynamics is itself correct: it agrees with the static reference and conserves what motion must conserve."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def model() -> StaticModel:
 
 
 def test_total_force_is_the_energys_slope(model: StaticModel, rng: np.random.Generator) -> None:
-    """At rest and without effects: minus the residual of statics' reference, which has its splines from SciPy."""
+    """At rest and without effects: minus the residual of the static reference, whose splines are SciPy's."""
     total, statics = Total.of(model), Reference.of(model)
     c = np.zeros((len(total.X), 3))
     free = np.flatnonzero(total.mass > 0)
     c[free] = 2e-5 * rng.standard_normal((len(free), 3))
-    planes = c.reshape(*model.grid.nodes, 3)[1:]  # node 0 along x is the clamp's
+    planes = c.reshape(*model.grid.nodes, 3)[1:]  # node 0 along x belongs to the clamp
     y, z = model.layout.node_yz.T
     ours = total.force(c, 0 * c, 1e-6).reshape(*model.grid.nodes, 3)[1:][:, y, z]
     theirs = -statics.residual(planes[:, y, z].reshape(model.layout.planes, -1)).reshape(ours.shape)
@@ -35,7 +35,7 @@ def test_total_force_is_the_energys_slope(model: StaticModel, rng: np.random.Gen
 
 
 def test_updated_carries_affine_motion(model: StaticModel) -> None:
-    """A body far from its clamp that moves with an affine field keeps it, and F follows: one step without forces to speak of."""
+    """A body far from its clamp with an affine velocity field keeps it, and F follows: one step with negligible forces."""
     state = Updated.of(replace(model, shear=0 * model.shear, bulk=0 * model.bulk))
     state.x += np.array([4 * model.grid.spacing[0], 0.0, 0.0])
     L = np.array([[0.3, -2.0, 1.0], [2.5, -0.1, 0.4], [0.2, 0.7, -0.2]])  # 1/s
@@ -50,7 +50,7 @@ def test_updated_carries_affine_motion(model: StaticModel) -> None:
 
 
 def test_updated_keeps_momentum(model: StaticModel, rng: np.random.Generator) -> None:
-    """Away from the clamp, inner forces change neither momentum nor, where the stress is symmetric, spin."""
+    """Away from the clamp, internal forces conserve momentum and, for a symmetric stress, angular momentum."""
     state = Updated.of(model)
     state.x += np.array([4 * model.grid.spacing[0], 0.0, 0.0])
     state.v = rng.standard_normal(state.v.shape)
@@ -77,7 +77,7 @@ def test_updated_keeps_momentum(model: StaticModel, rng: np.random.Generator) ->
 
 
 def test_the_clamp_is_a_mirror(model: StaticModel) -> None:
-    """In a uniform motion the nodes beside the face move by r and -r, and the face not at all: v = V (N_2 + r (N_1 - N_0)), where
+    """In a uniform motion the nodes next to the face move by r and -r, and the face does not move: v = V (N_2 + r (N_1 - N_0)), where
     r = (m_1 - m_0) / (m_1 + m_0) from the momentum that node 0 gives to its mirror: for a uniform body, of node masses 5/6 and 1/6
     of a cell, 2/3.
     """

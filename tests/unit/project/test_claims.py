@@ -1,4 +1,4 @@
-"""docs/claims.yaml: its figures stand on their pages, its tests are there, and `make claims` tells a figure that differs."""
+"""docs/claims.yaml: its figures are on their pages, its tests exist, and `make claims` reports a figure that differs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def claims(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def test_every_figure_is_on_its_page_once(claims: ModuleType) -> None:
-    """A page that is edited without the list, or a list without its page, is found here."""
+    """Detects a page that was edited without the list, and vice versa."""
     for name, group in claims.groups().items():
         for place in claims.places(name, group):
             if place.names:
@@ -30,7 +30,7 @@ def test_every_figure_is_on_its_page_once(claims: ModuleType) -> None:
 
 
 def test_every_group_has_what_makes_it(claims: ModuleType) -> None:
-    """A function and a command, or a test that is there; the pages of the README's tables name how they are made."""
+    """A function and a command, or an existing test; the pages name the command that makes their figures."""
     for name, group in claims.groups().items():
         if "held_by" in group:
             path, _, test = group["held_by"].partition("::")
@@ -46,7 +46,7 @@ def test_every_group_has_what_makes_it(claims: ModuleType) -> None:
 
 
 def test_every_row_of_the_readmes_tables_is_listed(claims: ModuleType) -> None:
-    """So that a new figure can't be forgotten."""
+    """So that no new figure is forgotten."""
     readme = (ROOT / "README.md").read_text()
     texts = [
         claims.Place.found(place).group(0) if place.names else place.text
@@ -95,7 +95,7 @@ def test_what_agrees_and_what_is_written(claims: ModuleType, text: str, measured
 def test_a_figure_that_differs_is_told_and_written(
     claims: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Status 1 and the line; with --write the page has it, and the next run agrees; what agrees stays as it is."""
+    """Status 1 and the line; --write updates the page, and the next run agrees; figures that agree stay unchanged."""
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs/claims.yaml").write_text('memory: {command: make bench, figures: {page.md: ["takes {total} or {updated} bytes"]}}\n')
     page = tmp_path / "page.md"

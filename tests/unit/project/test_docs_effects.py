@@ -1,4 +1,4 @@
-"""docs/effects.md: its examples are settings that scenes take, and it knows every effect."""
+"""docs/effects.md: its examples are valid settings, and it lists every effect."""
 
 from __future__ import annotations
 

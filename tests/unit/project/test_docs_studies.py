@@ -1,4 +1,4 @@
-"""docs/studies.md: it has every key of study files with its range, and its example is a study that loads."""
+"""docs/studies.md: it lists every key of study files with its range, and its example is a valid study."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_schema_has_its_keys() -> None:
 
 @pytest.mark.parametrize("key", KEYS)
 def test_every_key_is_in_the_table(key: str) -> None:
-    """With its bounds, and the values it may have."""
+    """With its bounds and allowed values."""
     row = ROWS[key]
     for bound in ("minimum", "maximum"):
         if bound in KEYS[key]:

@@ -1,4 +1,4 @@
-"""Every example of docs/fields.md is a field that a scene file may have."""
+"""Every example of docs/fields.md is a valid field of a scene."""
 
 from __future__ import annotations
 

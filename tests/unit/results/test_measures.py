@@ -1,4 +1,4 @@
-"""What is read off a deformed body, and results that survive being saved."""
+"""Measures of a deformed body, and results that are saved and loaded."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def bent() -> Result:
 
 
 def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of the displacement a x + b x^2, which the clamped splines hold exactly: at node centers g, a g + b (g^2 - h^2/4)."""
+    """Coefficients of the displacement a x + b x^2, which the clamped splines represent exactly: a g + b (g^2 - h^2/4) at node centers g.
+    """
     g, h = model.grid.node_coordinates(0)[1:], model.grid.spacing[0]
     planes = np.outer(g, a) + np.outer(g**2 - h**2 / 4, b)
     return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(
@@ -35,7 +36,7 @@ def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray
 
 @pytest.mark.parametrize("inner", [0.0, 2e-3])
 def test_axis_of_a_known_displacement(inner: float) -> None:
-    """u = a x + b x^2 over every section: centreline and tip are exact, for a rod's axis and a tube's mean alike."""
+    """u = a x + b x^2 over every section: centerline and tip are exact, both for the axis of a rod and the mean of a tube."""
     model = static_model(build(rod_scene(length=L, inner_diameter=inner, cells=3)))
     a, b = np.array([0.02, -0.1, 0.2]), np.array([-3.0, 5.0, 8.0])
     grid = coefficients(model, a, b)
@@ -65,7 +66,7 @@ def test_end_face_mean_sees_the_section() -> None:
 
 
 def test_centreline_between_its_rows(bent: Result) -> None:
-    """Exact between rows, where the axis is a parabola; the rows themselves come back; outside the body is an error."""
+    """Exact between rows, where the axis is a parabola, and at the rows; a point outside the body is an error."""
     s = bent.centreline[:, 0]
     np.testing.assert_allclose(measures.centreline_at(bent, s), bent.centreline[:, 1:], rtol=0, atol=1e-16)
     a, b, c = bent.centreline[:3, 1:]  # one cell: Lagrange's parabola at a quarter of it
@@ -77,7 +78,7 @@ def test_centreline_between_its_rows(bent: Result) -> None:
 
 
 def test_distances_to_a_target(bent: Result) -> None:
-    """A target shifted by (0, 3, 4) mm at every row is 5 mm away; one shifted at the tip alone, 5/sqrt(n) in the mean."""
+    """A target shifted by (0, 3, 4) mm at every row is 5 mm away; one shifted only at the tip has an rms distance of 5/sqrt(n)."""
     s = np.linspace(0, L, 9)
     axis = np.column_stack([s, measures.centreline_at(bent, s)])
     assert measures.rms_distance(bent, axis) == 0
@@ -92,7 +93,7 @@ def test_distances_to_a_target(bent: Result) -> None:
 
 
 def test_result_adds_up(bent: Result) -> None:
-    """Segments, volumes and det F as the particles have them; remanence of a segment turned with it, as long as ever."""
+    """Segments, volumes and det F agree with the particles; the remanence of a segment rotates with it and keeps its length."""
     moved = bent.particle_position
     V = bent.particle_volume
     for k in range(2):

@@ -1,4 +1,4 @@
-"""Numbers for people: significant digits, prefixes, one unit for a vector, never -0."""
+"""Numbers for readers: significant digits, prefixes, one unit per vector, never -0."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_fixed_has_no_negative_zero() -> None:
 
 @given(st.floats(1e-15, 1e9), st.sampled_from([2, 3, 5]))
 def test_nothing_is_lost_but_digits(value: float, digits: int) -> None:
-    """What is read back is the value to its digits."""
+    """The text, read back, gives the value to its digits."""
     assert float(significant(value, digits)) == pytest.approx(value, rel=0.6 * 10.0 ** (1 - digits))
     number, unit = quantity(value, "s", digits).split()
     factor = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}[unit[:-1]]

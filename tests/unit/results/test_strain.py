@@ -1,4 +1,4 @@
-"""Strain that the material law or the grid does not carry is warned of, in equilibrium and in motion; what is usual is not."""
+"""Strain beyond the limits of the material law or the grid gives a warning, in equilibrium and in motion; usual strain does not."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def model() -> Model:
 
 
 def held(model: Model, gradient: np.ndarray) -> Strain:
-    """The strain of a body that is deformed by one gradient (3, 3) all over."""
+    """The strain of a body with a uniform deformation gradient (3, 3)."""
     return strain_of(model, model.particles.position @ gradient.T, np.tile(gradient, (len(model.density), 1, 1)))
 
 
@@ -41,7 +41,7 @@ def turned(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("stretch", [1.2, 1.49, 1.51, 3.0])
 def test_stretches_are_the_principal_ones(stretch: float, model: Model, rng: np.random.Generator) -> None:
-    """Uniaxial tension at constant volume, turned any way before and after: warned of beyond 1.5, and nothing else is."""
+    """Uniaxial tension at constant volume, with any rotation before and after: a warning above 1.5, and no other."""
     F = turned(rng) @ np.diag([stretch, stretch**-0.5, stretch**-0.5]) @ turned(rng)
     found = held(model, F)
     assert found.stretch == pytest.approx(stretch, rel=1e-12)
@@ -60,7 +60,7 @@ def test_volume_is_kept_within_a_fifth(J: float, told: bool, model: Model, rng: 
 
 
 def test_a_few_particles_are_let_pass(model: Model) -> None:
-    """As at the rim of a clamp, where strain is singular: 0.5 % of the volume."""
+    """For example at the rim of a clamp, where strain is singular: 0.5 % of the volume."""
     F = np.tile(np.eye(3), (len(model.density), 1, 1))
     F[: len(F) // 250] = np.diag([2.0, 0.5, 1.0])
     found = strain_of(model, model.particles.position, F)
@@ -72,7 +72,7 @@ def test_a_few_particles_are_let_pass(model: Model) -> None:
 
 @pytest.mark.parametrize("radius", [0.9 * D, 1.1 * D, 10 * D])
 def test_the_axis_bends_no_tighter_than_the_body_is_thick(radius: float, model: Model) -> None:
-    """Bent to a circle, as told by slices of the body."""
+    """Bent to a circle, measured on slices of the body."""
     angle, aside = model.particles.position[:, 0] / radius, radius - model.particles.position[:, 2]
     bent = np.column_stack([aside * np.sin(angle), model.particles.position[:, 1], radius - aside * np.cos(angle)])
     found = strain_of(model, bent, np.tile(np.eye(3), (len(bent), 1, 1)))
@@ -87,7 +87,7 @@ def test_radius_of_a_curve() -> None:
 
 
 def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """G of 1.5 kPa in place of 120 kPa: stretched to 2.5, det F of 0.4, bent tighter than it is thick; told in both places."""
+    """G of 1.5 kPa instead of 120 kPa: stretch 2.5, det F 0.4, radius below the thickness; reported in both places."""
     text = (ROOT / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
     path, out = tmp_path / "soft.yaml", tmp_path / "out"
     for old, new in (("shear_modulus: 120 kPa", "shear_modulus: 1.5 kPa"), ("cells_across: 4", "cells_across: 2")):
@@ -110,7 +110,7 @@ def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.parametrize("name", ["five_segments", "hollow", "zhao_plane_strain", "three_segments_3d"])
 def test_usual_scenes_are_not(name: str) -> None:
-    """Catheters and strips that are bent far, on coarse grids: stretches of 1.03 to 1.11."""
+    """Strongly bent catheters and strips on coarse grids: stretches of 1.03 to 1.11."""
     result = run(load_scene(ROOT / f"data/scenes/{name}.yaml").with_cells(2 if name != "zhao_plane_strain" else 4))
     assert [text for text in result.warnings if text.startswith("strain")] == []
     assert 1.02 < result.largest_stretch < 1.2
@@ -119,7 +119,9 @@ def test_usual_scenes_are_not(name: str) -> None:
 
 
 def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
-    """Stretched by 60 times its weight and let swing: the most is on the way, and is told with its time, also after a resume."""
+    """Stretched by 60 times its weight, then swinging: the maximum is during the motion, and is reported with its time, also after a
+    resume.
+    """
     scene = swinging(duration=30e-3)
     whole = run(scene)
     (said,) = (text for text in whole.warnings if "is stretched to more than" in text)

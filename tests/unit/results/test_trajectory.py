@@ -1,4 +1,4 @@
-"""A motion on disk: what was written is read back, by us and by VTK; kills, resuming and budgets leave whole frames."""
+"""A motion on disk: it is read back by magmpm and by VTK; kills, resuming and budgets leave whole frames."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ SINGLE = 1.2e-7  # relative rounding of single precision, 2^-23
 
 
 def contents(folder: Path) -> dict[str, Any]:
-    """Everything a motion's files hold."""
+    """The whole content of the files of a motion."""
     found: dict[str, Any] = {}
     with h5py.File(folder / motion.MOTION, "r") as file:
         file.visititems(
             lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None
         )
         count, n = file["VTKHDF/Steps"].attrs["NSteps"], file["VTKHDF/NumberOfPoints"][0]
-        for name, array in found.items():  # what grows is longer than what is counted
+        for name, array in found.items():  # growing arrays are longer than the counted frames
             if array.ndim and file[name].maxshape[0] is None:
                 found[name] = array[: count * n if "Points" in name or "PointData/" in name else count]
         found["NSteps"] = count
@@ -69,7 +69,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
         assert frame.quantities.keys() == wanted.keys()
         np.testing.assert_allclose(frame.position, moment.x, rtol=SINGLE, atol=1e-12)
         for name, array in wanted.items():
-            # Rounded once to single precision; absolute where an entry is a difference of large ones.
+            # Rounded once to single precision; absolute where an entry is a difference of large numbers.
             np.testing.assert_allclose(
                 frame.quantities[name],
                 array,
@@ -87,7 +87,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
 
 
 def test_von_mises_of_known_stresses() -> None:
-    """Pull: its stress; pure shear: sqrt(3) of it; pressure and torque (a skew stress): nothing."""
+    """Tension: its stress; pure shear: sqrt(3) times its stress; pressure and torque (a skew stress): zero."""
     pull, shear, pressure, torque = np.zeros((3, 3)), np.zeros((3, 3)), np.eye(3), np.zeros((3, 3))
     pull[0, 0] = 7.0
     shear[0, 1] = shear[1, 0] = 2.0
@@ -120,7 +120,7 @@ def test_vtk_reads_every_step_as_paraview_does(tmp_path: Path) -> None:
 
 
 def test_resumed_files_equal_unbroken_ones(tmp_path: Path) -> None:
-    """Frames after the checkpoint are dropped, also half a row of a table; what follows is the same bit for bit."""
+    """Frames after the checkpoint are dropped, also half a row of a table; the continuation is the same bit for bit."""
     model = motions.body()
     motions.written(tmp_path / "unbroken")
     motions.write(MotionWriter(tmp_path / "resumed", model), motions.bending(model, TIMES[:7]))
@@ -143,7 +143,7 @@ def test_resuming_before_the_first_frame_or_with_another_body(tmp_path: Path) ->
     motions.write(writer, motions.bending(model, TIMES))
     assert same(contents(tmp_path / "again"), contents(tmp_path / "unbroken"))
     MotionWriter(tmp_path / "again", model, resume_at=TIMES[2])
-    with h5py.File(tmp_path / "again" / motion.MOTION, "r") as file:  # VTK's reader writes past its end if there are more
+    with h5py.File(tmp_path / "again" / motion.MOTION, "r") as file:  # VTK's reader writes beyond its buffer if there are more
         assert len(file["VTKHDF/Steps/Values"]) == file["VTKHDF/Steps"].attrs["NSteps"] == 3
     with pytest.raises(InputError, match="holds another motion"):
         MotionWriter(tmp_path / "again", motions.body(0.5e-3), resume_at=0.1)
@@ -159,7 +159,7 @@ def test_a_new_motion_takes_the_place_of_an_old_one(tmp_path: Path) -> None:
 
 
 def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
-    """Never a byte over max_disk; stops where one more frame would go over, and says with what to change."""
+    """Never a byte above max_disk; stops before a frame that would exceed it, and names the key to change."""
     model = motions.body(0.25e-3)
     free = MotionWriter(tmp_path / "free", model)
     motions.write(free, motions.bending(model, TIMES))
@@ -179,11 +179,11 @@ def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
     assert caught.value.exit_status == 3
     assert writer.size <= budget < writer.size + writer.frame_size
     assert len(Motion.load(tmp_path / "kept")) == writer.frames > 2
-    # dropped frames leave their room to those that follow: a resumed run keeps to the budget it was begun with
+    # later frames reuse the space of dropped frames: a resumed run keeps the budget of its start
     resumed = MotionWriter(tmp_path / "kept", model, max_disk=free.size + 1e5, resume_at=TIMES[0])
     motions.write(resumed, motions.bending(model, TIMES[1:]))
     assert abs(resumed.size - free.size) < 1e5
-    # and the estimate that guards it is never less than what a frame took
+    # and the estimate is never below the actual size of a frame
     assert free.size - writer.size <= (free.frames - writer.frames) * writer.frame_size
 
 
@@ -226,7 +226,7 @@ def test_folders_without_a_motion_are_said_to_be(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.99, 0.6, 0.1, 0.0])
 def test_a_file_cut_off_behind_is_refused_and_not_resumed(share: float, tmp_path: Path) -> None:
-    """As `truncate -s` does, or a copy that broke off: closed and marked files alike, at once and without a frame of zeros."""
+    """Like after `truncate -s` or an incomplete copy: closed and marked files are refused at once, without a frame of zeros."""
     model = motions.body()
     motions.written(tmp_path)
     path = tmp_path / motion.MOTION
@@ -240,17 +240,17 @@ def test_a_file_cut_off_behind_is_refused_and_not_resumed(share: float, tmp_path
             Motion.load(tmp_path)
         with pytest.raises(InputError, match=motion.MOTION):
             MotionWriter(tmp_path, model, resume_at=TIMES[-1])
-        assert time.monotonic() - begun < 30  # it must end: 4 s are waited for a writer that may be at it
+        assert time.monotonic() - begun < 30  # it must end: it waits 4 s for a possible writer
 
 
 def as_left_by_a_kill(whole: bytes) -> bytes:
-    """An HDF5 file with the mark of one writer, which it bears while a frame is written."""
+    """An HDF5 file with the mark of a writer, as during the writing of a frame."""
     block = whole[:11] + bytes([5]) + whole[12:44]
     return block + hdf5_mark.lookup3(block).to_bytes(4, "little") + whole[48:]
 
 
 def test_a_killed_runs_mark_is_taken_away(tmp_path: Path) -> None:
-    """The file opens again as any other, with all its frames."""
+    """The file opens normally, with all its frames."""
     motions.written(tmp_path)
     path = tmp_path / motion.MOTION
     before = contents(tmp_path)
@@ -262,7 +262,7 @@ def test_a_killed_runs_mark_is_taken_away(tmp_path: Path) -> None:
 
 
 def test_every_array_of_a_frame_tells_whether_it_is_whole(tmp_path: Path) -> None:
-    """One number changed anywhere is found, as the folder is loaded and as the frame is read; frames before it can be resumed."""
+    """One changed number is detected, when the folder is loaded and when the frame is read; earlier frames can be resumed."""
     motions.written(tmp_path)
     path, model = tmp_path / motion.MOTION, motions.body()
     loaded, whole, n = Motion.load(tmp_path), path.read_bytes(), len(model.particles.volume)
@@ -313,7 +313,7 @@ except BudgetError as error:
 
 
 def test_a_write_the_system_refuses_ends_as_a_full_disk_does(tmp_path: Path) -> None:
-    """A limit on the size of files stands for quotas and full disks: no traceback, and the frames written are whole."""
+    """A limit on the file size represents quotas and full disks: no traceback, and the written frames are whole."""
     code = WRITE_WITHIN_A_LIMIT.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
@@ -342,7 +342,7 @@ print(*sorted(seen))
 def test_a_file_is_at_no_moment_marked_as_written_in_no_order(tmp_path: Path) -> None:
     """Byte 11 of HDF5's superblock says how a file is open: 0 not, 5 for frames that can be read at any moment, 1 otherwise.
 
-    A run that is killed while it is 1 leaves a file that nothing opens. What watches it looks a hundred times a frame.
+    A run that is killed while the byte is 1 leaves a file that cannot be opened. The test checks it a hundred times per frame.
     """
     model = motions.body(0.5e-3)
     writer = MotionWriter(tmp_path, model)
@@ -363,7 +363,7 @@ def test_a_motion_marked_as_being_written_in_no_order_is_said_to_be(tmp_path: Pa
     motions.written(tmp_path)
     left = tmp_path / "left.vtkhdf"
     with h5py.File(tmp_path / motion.MOTION, "r+", locking=False):
-        shutil.copy(tmp_path / motion.MOTION, left)  # as it would be after a kill at this moment
+        shutil.copy(tmp_path / motion.MOTION, left)  # as after a kill at this moment
     with pytest.raises(InputError, match="can't be opened as HDF5"):
         vtkhdf.mend(left)
     assert sorted(path.name for path in tmp_path.glob("*left*")) == ["left.vtkhdf"]
@@ -384,7 +384,7 @@ for k in range(100000):
 
 @pytest.mark.parametrize("delay", [0.0, 0.0137, 0.0291, 0.0403])
 def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
-    """Killed while it does nothing but write, at whatever moment: all frames counted are whole, and it can be resumed."""
+    """Killed at any moment while it only writes: all counted frames are whole, and it can be resumed."""
     code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
     process = subprocess.Popen([sys.executable, "-c", code])
     give_up = time.monotonic() + 60
@@ -402,7 +402,7 @@ def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
     for k in (0, len(read) - 1):
         np.testing.assert_array_equal(read[k].position, moment.x.astype(np.float32))
         assert all(np.isfinite(array).all() for array in read[k].quantities.values())
-    # The row of a frame follows the frame: at most the last one's is missing.
+    # The row of a frame is written after the frame: at most the last row is missing.
     assert len(read) - len(read.energies["t"]) in (0, 1)
     with h5py.File(tmp_path / motion.MOTION, "r"):
         pass  # opens without special flags, as ParaView does
