@@ -1,7 +1,7 @@
-"""Broken scene files: a good scene, and one edit each that breaks it, with what the message must say.
+"""Broken scene files: a good scene, and for each case one edit that breaks it, with the required message.
 
-`CASES` is data, so that the same files go through `load_scene` and through the command. `write(case, folder)` makes
-the file; `expected(case, path)` lists the phrases that its message must hold.
+`CASES` is data, so that `load_scene` and the command are tested with the same files. `write(case, folder)` writes
+the file; `expected(case, path)` lists the phrases that its message must contain.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class BadScene:
     """One way to get a scene file wrong.
 
     name: identifies the case; edits: (old, new) replacements in GOOD, each of which must apply exactly once; content:
-    the whole file instead, None for no file, "folder" for a folder; key: the key path the message names; received: the
-    value it repeats; says: phrases of its rule and remedy; later: the error is NotThereYet; line: where it points, found
-    from the first edit unless given; table: content of shape.csv beside the scene.
+    the whole file instead, None for no file, "folder" for a folder; key: the key path in the message; received: the
+    value in the message; says: phrases of rule and remedy; later: the error is NotThereYet; line: the reported line, by
+    default that of the first edit; table: content of shape.csv beside the scene.
     """
 
     name: str
@@ -69,7 +69,7 @@ class BadScene:
 
 
 def edit(name: str, old: str, new: str, key: str, received: str, *says: str, **more: object) -> BadScene:
-    """A case that replaces one piece of GOOD."""
+    """A case that replaces one piece of text of GOOD."""
     return BadScene(name, ((old, new),), key, received, says, **more)  # type: ignore[arg-type]
 
 
@@ -81,7 +81,7 @@ def whole(name: str, content: bytes | None, *says: str, **more: object) -> BadSc
 CATHETER = "body.catheter"
 MAGNETIC = 'materials."magnetic silicone"'
 SEGMENT = "body.catheter.segments[0]"
-SHAPE = "solver:\n"  # where the reference cases put their key
+SHAPE = "solver:\n"  # where the reference cases insert their key
 REFERENCE = "reference: {centreline: shape.csv}\nsolver:\n"
 
 FILES = [
@@ -279,7 +279,7 @@ REFERENCES = [
          "belongs to this catheter", table=TABLE.replace("40,38", "50,38")),
 ]
 
-GRAVITY = "  gravity: {}\n"  # where the cases below name effects of motion
+GRAVITY = "  gravity: {}\n"  # where the cases below insert effects of motion
 GROUND = "point: [0 mm, 0 mm, -2 mm]"
 TUBE = "radius: 5 mm, path: [[-10 mm, 0 mm, 0 mm], [60 mm, 0 mm, 0 mm]]"
 
@@ -343,11 +343,11 @@ MAP = "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n" + "".join(f"{x},{y},{z},1,2,3\n" for 
 
 
 def field(name: str, settings: str, key: str, received: str, *says: str, force: bool = True, **more: object) -> BadScene:
-    """A scene in this field, with magnetic_force named unless told."""
+    """A scene in this field, by default with magnetic_force."""
     edits = [("  uniform: [0 mT, 6 mT, 8 mT]\n", "".join(f"  {line}\n" for line in settings.splitlines()))]
     if force:
         edits.append(("  gravity: {}", "  gravity: {}\n  magnetic_force: {}"))
-    line = 22 if "\n" not in settings else 23  # what is wrong stands last
+    line = 22 if "\n" not in settings else 23  # the error is last
     return BadScene(name, tuple(edits), key, received, says, **{"line": line, **more})  # type: ignore[arg-type]
 
 
@@ -458,7 +458,7 @@ def text_of(case: BadScene) -> str:
 
 
 def write(case: BadScene, folder: Path) -> Path:
-    """Makes the broken scene in the folder; the path to give to `load_scene` or `magmpm run`."""
+    """Writes the broken scene in the folder; returns the path for `load_scene` or `magmpm run`."""
     path = folder / "probe.yaml"
     if case.table is not None:
         (folder / "shape.csv").write_text(case.table)
@@ -472,7 +472,7 @@ def write(case: BadScene, folder: Path) -> Path:
 
 
 def expected(case: BadScene, path: Path) -> list[str]:
-    """Phrases the message must hold: file and line, key path, value received, rule and remedy."""
+    """Phrases that the message must contain: file and line, key path, received value, rule and remedy."""
     phrases = [str(path), *case.says]
     if case.edits:
         line = case.line or 1 + GOOD[: GOOD.index(case.edits[0][0])].count("\n") + _lines_kept(*case.edits[0])
@@ -482,6 +482,6 @@ def expected(case: BadScene, path: Path) -> list[str]:
 
 
 def _lines_kept(old: str, new: str) -> int:
-    """Line breaks at the start of an edit, before what it changes."""
+    """Number of line breaks at the start of an edit, before the changed text."""
     same = next((n for n, (a, b) in enumerate(zip(old, new)) if a != b), min(len(old), len(new)))
     return new[:same].count("\n")

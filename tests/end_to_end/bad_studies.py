@@ -1,7 +1,7 @@
-"""Broken study files: a good study with its scene and target, and one edit each that breaks it, with what must be said.
+"""Broken study files: a good study with its scene and target, and for each case one edit that breaks it, with the required message.
 
-`CASES` is data, so that the same files go through `load_study` and through the command. `write(case, folder)` makes the
-files and returns the study's path.
+`CASES` is data, so that `load_study` and the command are tested with the same files. `write(case, folder)` writes the
+files and returns the path of the study.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ FILES = {"study.yaml": GOOD, "scene.yaml": SCENE, "target.csv": TARGET}
 
 @dataclass(frozen=True)
 class BadStudy:
-    """One way to get a study wrong.
+    """One error in a study.
 
     edit: (old, new) in `file`, once; new None: the file is missing. says: phrases of the message; later: the error is
     NotThereYet.
@@ -78,20 +78,20 @@ CASES = [
     BadStudy("stop at nothing", ("rms: 2 mm", "rms: 0 mm"), ("stop.rms", "greater than 0 mm")),
     BadStudy("stop is no mapping", ("stop: {rms: 2 mm}", "stop: 2 mm"), ("stop: received", "must be a mapping")),
     BadStudy("stop left empty", ("stop: {rms: 2 mm}", "stop:"), ("stop: received nothing", "must have a value")),
-    # what is varied
+    # varied quantities
     BadStudy("vary nothing", ("vary:\n  magnetization: {}\n  field: {max: 10 mT}\n", "vary: {}\n"), ("study.yaml:2: vary", "must vary something", "`magnetization: {}`")),
     BadStudy("vary what it can't", ("  magnetization: {}", "  remanence: {}"), ("vary.remanence", "unknown key", "magnetization, field")),
     BadStudy("field without a limit", ("field: {max: 10 mT}", "field: {}"), ("vary.field.max: received nothing", "`max: 10 mT`")),
     BadStudy("no field at most", ("max: 10 mT", "max: 0 mT"), ("vary.field.max", "greater than 0 mT")),
     BadStudy("settings where there are none", ("magnetization: {}", "magnetization: {angles: 2}"), ("vary.magnetization.angles", "unknown key")),
-    # the scene it names
+    # the named scene
     BadStudy("missing scene", ("", None), ("scene.yaml: no such file", "named in", "study.yaml:1: scene"), file="scene.yaml"),
     BadStudy("scene is a folder", ("scene: scene.yaml", "scene: ."), ("this is a folder", "named in", "study.yaml:1: scene")),
     BadStudy("broken scene", ("length: 40 mm", "length: 40"), ("scene.yaml:6: body.catheter.length", "unit", "study.yaml:1: scene"), file="scene.yaml"),
     BadStudy("scene of a later version", ("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}}\nresolution: {seconds: 2 s}"), ("resolution.seconds", "not there yet", "study.yaml:1: scene"), file="scene.yaml", later=True),
     BadStudy("scene without torque", ("effects: {magnetic_torque: {}}", "effects: {gravity: {}}"), ("study.yaml:1: scene", "magnetic_torque"), file="scene.yaml"),
     BadStudy("scene without magnets", ("segments: [{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}]", "segments: [{}]"), ("segment with a magnetization",), file="scene.yaml"),
-    # the target it names
+    # the named target
     BadStudy("missing target", ("", None), ("target.csv: no such file", "study.yaml:6: match.centreline"), file="target.csv"),
     BadStudy("target without a header", ("s_mm,x_mm,y_mm,z_mm\n", ""), ("target.csv:1", "s_mm,x_mm,y_mm,z_mm", "study.yaml:6: match.centreline"), file="target.csv"),
     BadStudy("target of words", ("19.5", "far"), ("target.csv:3", "numbers", "study.yaml:6: match.centreline"), file="target.csv"),
@@ -108,7 +108,7 @@ CASES = [
 
 
 def write(case: BadStudy, folder: Path) -> Path:
-    """The files of a case, in a folder. Returns the study's path."""
+    """Writes the files of a case in a folder. Returns the path of the study."""
     for name, text in FILES.items():
         old, new = case.edit
         if name == case.file:

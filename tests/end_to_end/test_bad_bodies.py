@@ -105,7 +105,7 @@ ASSEMBLIES = [
 
 
 def meshes(folder: Path) -> None:
-    """The meshes that the scenes name, good and bad, in mm."""
+    """The meshes of the scenes, valid and invalid, in mm."""
     arm = box((0, 0, 0), (3, 1, 1))
     piece = box((4, 0, 0), (5, 1, 1))
     mixed = arm.faces.copy()
@@ -125,7 +125,7 @@ def meshes(folder: Path) -> None:
     }
     for name, mesh in solids.items():
         write_stl(mesh, folder / f"{name}.stl")
-    # Two triangles back to back: closed, and nothing between them.
+    # Two triangles back to back: closed, without volume.
     lines = [f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet" for corners in (
         "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0", "vertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0")]  # fmt: skip
     (folder / "flat.stl").write_text("solid flat\n" + "\n".join(lines) + "\nendsolid flat\n")
@@ -169,7 +169,7 @@ def test_the_command_says_it_too(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_a_part_far_from_the_others_is_refused_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A part in other units than the rest ends up far away: the box around all has too many cells."""
+    """A part in another unit is far away: the box around all parts has too many cells."""
     meshes(tmp_path)
     write_stl(box((5000, 4000, 3000), (5003, 4001, 3001)), tmp_path / "arm.stl")
     path = tmp_path / "probe.yaml"

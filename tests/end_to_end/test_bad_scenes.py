@@ -39,7 +39,7 @@ def test_load_scene_says_what_is_wrong(case: BadScene, tmp_path: Path) -> None:
 
 
 def test_damaged_files_never_crash(tmp_path: Path) -> None:
-    """Random damage to a good file ends in a scene or in an InputError, and in nothing else."""
+    """A good file with random damage gives a scene or an InputError, nothing else."""
     rng = random.Random(1)
     path = tmp_path / "probe.yaml"
     pieces = [
@@ -93,7 +93,7 @@ def test_damaged_files_never_crash(tmp_path: Path) -> None:
         except InputError as error:
             messages.append(str(error))
     assert all(str(path) in message for message in messages)
-    assert len(messages) > 200  # of 400: most damage matters
+    assert len(messages) > 200  # of 400: most damages matter
 
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
@@ -111,4 +111,4 @@ def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> Non
         f"{path}:22: field.uniform[1]",
         f"{path}:28: resolution.seconds",
     ]
-    assert not isinstance(caught.value, NotThereYet)  # keys of a later version are only part of what is wrong
+    assert not isinstance(caught.value, NotThereYet)  # keys of a later version are only one of the errors

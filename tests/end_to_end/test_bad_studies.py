@@ -93,7 +93,7 @@ def test_bad_options_end_with_status_2(
 
 
 def test_damaged_files_never_crash(tmp_path: Path) -> None:
-    """Random damage to good files ends in a study or in an InputError, and in nothing else."""
+    """Good files with random damage give a study or an InputError, nothing else."""
     rng = random.Random(5)
     pieces = [
         "",

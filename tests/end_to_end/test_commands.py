@@ -1,4 +1,4 @@
-"""The commands as a user types them: what they print, what they leave behind, how they end."""
+"""The commands as a user types them: output, files, exit status."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ CONTRACT = {
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a scene, a study and its target, to stand in; pictures by matplotlib, which needs no OpenGL."""
+    """The working folder, with a scene, a study and its target; pictures by matplotlib, which needs no OpenGL."""
     (tmp_path / "scene.yaml").write_text(SCENE)
     (tmp_path / "study.yaml").write_text(STUDY)
     rows = ["s_mm,x_mm,y_mm,z_mm", *(f"{s},{s},0,{0.01 * s * s}" for s in range(0, 21, 4))]
@@ -73,7 +73,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_run_prints_one_json_object_as_the_contract_says(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`run --json`: every key of the contract, SI, and nothing else on standard output."""
+    """`run --json`: every key of the contract, SI, and no other standard output."""
     assert main(["run", "scene.yaml", "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     assert set(out) >= CONTRACT
@@ -85,7 +85,7 @@ def test_run_prints_one_json_object_as_the_contract_says(
     assert np.linalg.norm(rod - [0.02, 0, 0]) > 8e-4  # it bends,
     assert (
         np.linalg.norm(rod - out["tip"]) < 0.01 * 0.02
-    )  # and in meters: the rod is good to 1 % of the length
+    )  # and in meters: the rod is accurate to 1 % of the length
     saved = Result.load("runs/small")
     assert saved.tip.tolist() == out["tip"]
 
@@ -93,7 +93,7 @@ def test_run_prints_one_json_object_as_the_contract_says(
 def test_run_for_people_names_the_folder_and_the_section_error(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The printed report says where the result is and how exact the particles are."""
+    """The printed report gives the folder of the result and the errors of the section."""
     assert main(["run", "scene.yaml", "--out", "here", "--render"]) == 0
     text = capsys.readouterr().out
     assert "saved in        here" in text
@@ -102,7 +102,7 @@ def test_run_for_people_names_the_folder_and_the_section_error(
 
 
 def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The first command does the trials; the second finds them done; more trials go on from there."""
+    """The first command runs the trials; the second finds them finished; further trials continue from there."""
     assert main(["design", "study.yaml", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
     assert set(first) >= {"trials", "best", "first_trial_below_stop", "seconds_per_trial", "storage"}
@@ -124,7 +124,7 @@ def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The text and the JSON hold the field; `best/scene.yaml` gives the trial's result; at `stop` it says so, and how to go on."""
+    """Text and JSON contain the field; `best/scene.yaml` reproduces the result; at `stop` the message says so, and how to continue."""
     study = STUDY.replace("{magnetization: {}}", "{magnetization: {}, field: {max: 10 mT}}").replace("0.001 mm", "1 m")
     (folder / "study.yaml").write_text(study)
     assert main(["design", "study.yaml", "--no-pictures"]) == 0
@@ -141,7 +141,7 @@ def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, ca
     assert main(["run", "runs/study/best/scene.yaml", "--json"]) == 0
     tip = json.loads(capsys.readouterr().out)["tip"]
     kept = Result.load("runs/study/best").tip
-    assert tip == pytest.approx(kept.tolist(), abs=1e-9)  # 1e-11 of the energy is what a solve ends at
+    assert tip == pytest.approx(kept.tolist(), abs=1e-9)  # a solve ends at 1e-11 of the energy
 
 
 def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -159,7 +159,7 @@ def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, capsys: pytest
 
 
 def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The ladder: table, CSV, JSON, picture; errors fall with the cell size."""
+    """Table, CSV, JSON, picture; errors fall with the cell size."""
     assert main(["accuracy", "scene.yaml", "--cells", "2,3,4", "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     errors = [rung["error_finest"] for rung in out["rungs"]]
@@ -170,7 +170,7 @@ def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureF
 
 
 def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Through the command as well: message on standard error, nothing on standard output, no traceback, nothing run."""
+    """For the command too: message on standard error, no standard output, no traceback, no run."""
     for number, case in enumerate(bad_scenes.CASES):
         here = tmp_path / str(number)
         here.mkdir()
@@ -202,7 +202,7 @@ def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.Ca
 def test_wrong_arguments_end_with_status_2(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
 ) -> None:
-    """What is wrong with a command line is said in words of that command line."""
+    """Errors of a command line are reported in terms of that command line."""
     assert main(arguments) == 2
     message = capsys.readouterr().err
     for word in words:
@@ -213,7 +213,7 @@ def test_wrong_arguments_end_with_status_2(
 def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A ramp whose first step is solved and whose others are not: the state at that load is saved, and called unconverged."""
+    """A ramp of which only the first step is solved: the state at that load is saved, marked as not converged."""
     solved = equilibrium.minimise
     calls = []
 
@@ -225,7 +225,7 @@ def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
 
     assert (
         main(["run", "scene.yaml", "--json"]) == 0
-    )  # kernels are compiled now, so the ramp below is the next solve
+    )  # the kernels are compiled now, so the ramp below is the next solve
     capsys.readouterr()
     monkeypatch.setattr(equilibrium, "minimise", fails_after_the_first)
     (folder / "scene.yaml").write_text(SCENE + "solver: {static: {field_steps: 4}}\n")
@@ -235,13 +235,13 @@ def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
     assert "of the load: no step lowers the energy; the last good state is in half" in captured.err
     kept = Result.load("half")
     assert not kept.converged
-    assert 0 < np.linalg.norm(kept.tip - [0.02, 0, 0]) < 5e-4  # bent, by about a quarter of the load
+    assert 0 < np.linalg.norm(kept.tip - [0.02, 0, 0]) < 5e-4  # bent by about a quarter of the load
 
 
 def test_an_unconverged_run_without_a_state_says_so(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A ramp whose first step fails: nothing carries any load, and nothing is saved."""
+    """A ramp whose first step fails: there is no state under load, and nothing is saved."""
 
     def fails(*_: Any, **__: Any) -> Any:
         raise SolveError("no step lowers the energy")
@@ -253,7 +253,7 @@ def test_an_unconverged_run_without_a_state_says_so(
 
 
 def test_a_process_of_its_own(folder: Path) -> None:
-    """The installed command and `python -m magmpm.cli` both answer; a closed pipe is no traceback."""
+    """The installed command and `python -m magmpm.cli` both work; a closed pipe gives no traceback."""
     done = subprocess.run(
         [sys.executable, "-m", "magmpm.cli", "--help"],
         capture_output=True,
@@ -266,7 +266,7 @@ def test_a_process_of_its_own(folder: Path) -> None:
 
 
 def test_style_chooses_how_a_body_at_rest_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A surface unless particles are asked for; a motion has no choice, and says so before it runs."""
+    """A surface by default, or particles; for a motion the option is refused before the run."""
     from PIL import Image
 
     assert main(["run", "scene.yaml", "--render"]) == 0

@@ -1,4 +1,4 @@
-"""Compiled kernels on disk that are damaged, or can't be kept: a run goes on, says so, and gives the same answer."""
+"""Damaged compiled kernels on disk, or a cache that cannot be written: a run continues, with a message, and gives the same result."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def garbage(content: bytes) -> bytes:
 
 
 def one_bit(content: bytes) -> bytes:
-    """Within the machine code of a data file: it still unpickles."""
+    """One bit in the machine code of a data file: it still unpickles."""
     changed = bytearray(content)
     changed[_DIGEST + len(content) // 2] ^= 1
     return bytes(changed)
 
 
-DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of statics that compile in a second or two
+DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of statics that compile in one or two seconds
     ("kernels.frames_of", ".nbi", truncated),
     ("block_cholesky._solve", ".nbi", garbage),
     ("block_cholesky._factor", ".nbc", one_bit),
@@ -52,7 +52,7 @@ DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of stati
 
 
 def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Index (.nbi) and data (.nbc) of several kernels, damaged in several ways, in a copy of the cache."""
+    """Index (.nbi) and data (.nbc) of several kernels, with several kinds of damage, in a copy of the cache."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
     assert main(["run", str(scene), "--json", "--out", str(tmp_path / "good")]) == 0
@@ -61,7 +61,7 @@ def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.Capture
     shutil.copytree(os.environ["NUMBA_CACHE_DIR"], cache)
     damaged = []
     for part, ending, damage in DAMAGED:
-        path = max(cache.rglob(f"{part}-*.sealed*{ending}"), key=lambda path: path.stat().st_mtime)  # the last, after a change of sources
+        path = max(cache.rglob(f"{part}-*.sealed*{ending}"), key=lambda path: path.stat().st_mtime)  # after a change of sources
         path.write_bytes(damage(path.read_bytes()))
         damaged.append(path)
     done = command("run", str(scene), "--json", "--out", str(tmp_path / "bad"), NUMBA_CACHE_DIR=str(cache))
@@ -93,7 +93,7 @@ def test_without_the_compiler_it_is_said_at_once(tmp_path: Path) -> None:
     ],
 )
 def test_unusable_threads_are_refused(variable: str, value: str, rule: str, tmp_path: Path) -> None:
-    """Before Numba reads them: it would end with a traceback."""
+    """They are refused before Numba reads them, which would end with a traceback."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
     done = command("run", str(scene), "--out", str(tmp_path / "out"), **{variable: value})

@@ -1,4 +1,4 @@
-"""What a run says of files that are damaged, and of disks that are full or can't be written."""
+"""Messages about damaged files, and about disks that are full or not writable."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _null_inside(path: Path) -> None:
 def test_a_damaged_result_is_refused_by_its_file(
     name: str, damage: Callable[[Path], None], result: Path, tmp_path: Path, capsys: Said
 ) -> None:
-    """By `render`; a run takes its place."""
+    """`render` refuses it; a new run replaces it."""
     folder = tmp_path / "out"
     shutil.copytree(result, folder)
     damage(folder / name)
@@ -67,7 +67,7 @@ def test_a_damaged_result_is_refused_by_its_file(
 def test_a_full_disk_names_file_and_remedy(
     number: int, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
 ) -> None:
-    """Status 1, as it is not the input that is wrong; what was there is kept, and no half file is left."""
+    """Status 1, because the input is not wrong; earlier files are kept, and no partial file remains."""
     folder = tmp_path / "out"
     shutil.copytree(result, folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"}
@@ -88,7 +88,7 @@ def test_a_full_disk_names_file_and_remedy(
 def test_a_read_only_folder_is_refused(
     command: list[str], result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
 ) -> None:
-    """Before the work, with status 2; also where the lock's file can be opened, but no other can be made."""
+    """Before the computation, with status 2; also if the lock file can be opened, but no other file can be created."""
     shutil.copytree(result, tmp_path / "out")
     shutil.copy(result.parent / "scene.yaml", tmp_path)
     monkeypatch.chdir(tmp_path)

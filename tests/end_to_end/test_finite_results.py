@@ -1,4 +1,4 @@
-"""No file of results holds a NaN or an infinity: a run that ends with one has failed, and says where."""
+"""No result file contains a NaN or an infinity: a run that ends with one has failed, and says where."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_what_is_not_finite_is_named_and_not_saved(broken: str, good: Result, tm
 def test_a_run_that_ends_in_nan_ends_with_status_3(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As means over a segment without particles did: no result is written, and the reason names what is not finite."""
+    """As for means over a segment without particles: no result is written, and the reason names the value that is not finite."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(HOLLOW.read_text(encoding="utf-8").replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
     monkeypatch.setattr(measures, "region_means", lambda model, values: np.full((1, 3), np.nan))

@@ -1,4 +1,4 @@
-"""One process at a time writes a folder of results; the second is told who does, and changes nothing."""
+"""One process at a time writes to a results folder; a second one names the first and changes nothing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_two_motions_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The second ends at once with status 2 and the first's number; the first goes on, and all it wrote is its own."""
+    """The second ends at once with status 2 and the number of the first process; the first continues, and all files are its own."""
     path, out = scene(tmp_path, "duration: 100 s, output_every: 1 ms"), tmp_path / "out"
     command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--out", str(out)]
     with subprocess.Popen(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
@@ -49,7 +49,7 @@ def test_two_motions_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixtu
         finally:
             first.send_signal(signal.SIGKILL)
     rows = (out / ENERGIES).read_text().splitlines()
-    times = [float(row.split(",")[0]) for row in rows[1:-1]]  # the last may be cut off
+    times = [float(row.split(",")[0]) for row in rows[1:-1]]  # the last may be truncated
     assert times == sorted(set(times)), "rows of one motion"
     assert times[0] == 0.0
 
@@ -83,13 +83,13 @@ def test_every_command_that_writes_a_folder_waits_its_turn(
 def test_the_lock_goes_with_its_process(tmp_path: Path) -> None:
     with holding(tmp_path) as pid:
         os.kill(pid, signal.SIGKILL)
-        lock.PATIENCE = 5.0  # it may take the system a moment
+        lock.PATIENCE = 5.0  # the system may need a moment
         with folder_lock(tmp_path):
             pass
 
 
 def test_a_thread_may_take_it_again_and_another_may_not(tmp_path: Path) -> None:
-    """A command holds its folder, and so does the solver that it calls."""
+    """A command locks its folder, and so does the solver that it calls."""
     found: list[BaseException] = []
 
     def other() -> None:
@@ -111,7 +111,7 @@ def test_a_thread_may_take_it_again_and_another_may_not(tmp_path: Path) -> None:
 
 
 def test_a_lock_of_someone_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file may hold anything: what matters is the lock on it."""
+    """The content of the file does not matter, only the lock on it."""
     for text in ("", "null", "{", "4711"):
         (tmp_path / LOCK).write_text(text)
         monkeypatch.setattr(lock, "_try_lock", lambda stream: False)
@@ -120,7 +120,7 @@ def test_a_lock_of_someone_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_the_lock_leaves_no_file_and_one_that_waits_for_it_locks_the_next(tmp_path: Path) -> None:
-    """Five threads, one at a time, though each takes the file away."""
+    """Five threads, one at a time, although each deletes the file."""
     inside, most = [0], [0]
 
     def work() -> None:

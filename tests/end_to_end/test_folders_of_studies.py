@@ -1,4 +1,4 @@
-"""A study's folder is told from a run's by every command, and none writes into a folder that is another's."""
+"""Every command distinguishes the folder of a study from that of a run, and none writes into a folder of another kind."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def folder_with(name: str, content: str = "{}", *, folder: str = "runs/small") -> Path:
-    """A folder that holds one file."""
+    """A folder with one file."""
     path = Path(folder)
     path.mkdir(parents=True, exist_ok=True)
     (path / name).write_text(content, encoding="utf-8")
@@ -35,7 +35,7 @@ def names(folder: Path) -> list[str]:
 @pytest.mark.parametrize("kept", [REPORT, OWNER])
 @pytest.mark.parametrize("out", [[], ["--out", "runs/small"]])
 def test_accuracy_refuses_a_studys_folder(kept: str, out: list[str], capsys: Said) -> None:
-    """Before it computes: its signature would make the folder a run's, and the study could not go on."""
+    """Before it computes: its mark would make it the folder of a run, and the study could not continue."""
     Path("scene.yaml").write_text(SCENE)
     folder = folder_with(kept)
     assert main(["accuracy", "scene.yaml", "--cells", "2,3", *out]) == 2

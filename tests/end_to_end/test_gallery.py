@@ -1,4 +1,4 @@
-"""The gallery's builder on one tiny scene: what it makes, what it keeps, what it does not do twice."""
+"""The builder of the gallery on one tiny scene: its files, what it keeps, and what it does not repeat."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     assert "rod.mp4" in page
     assert "## [Rod let go](rod.md)" in (root / "docs/gallery/README.md").read_text()
 
-    # Again: nothing is run, the words written by hand stay, and the numbers come back.
+    # Second build: nothing is run, text written by hand stays, and the numbers are restored.
     written = root / "docs/gallery/rod.md"
     before, after = page.split("| particles |")[0], "\n<!-- /measured -->\n\nBy hand, below.\n"
     written.write_text(before.replace("A short rod", "By hand: a short rod") + "| particles | 3 |" + after)
@@ -68,7 +68,7 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     again = written.read_text()
     assert again == page.replace("A short rod", "By hand: a short rod") + "\nBy hand, below.\n"
 
-    # Another scene under the same name is run.
+    # A changed scene with the same name is run.
     (root / "data/scenes/gallery/rod.yaml").write_text(SCENE.replace("5 mT", "6 mT"))
     assert build.main([], root) == 0
     assert result.stat().st_mtime_ns > stamp
@@ -77,7 +77,7 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
 def test_a_scene_shown_beside_another_is_on_its_page(
     build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One poster, one movie, a column of numbers each; no page of its own."""
+    """One poster, one movie, a column of numbers for each scene; no separate page."""
     short = SCENE.replace("body: {", "body: {strip: {width: 4 mm, thickness: 2 mm, clamp: base, ").replace(
         "catheter: {", "", 1
     )

@@ -1,4 +1,4 @@
-"""What the gallery's scenes show, held to bounds: coarse variants in `make test`, the scenes themselves in `make test-long`."""
+"""The results of the gallery's scenes are within bounds: coarse variants in `make test`, the scenes themselves in `make test-long`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def measure() -> ModuleType:
 
 
 def scene(name: str, **changes: Any) -> Scene:
-    """A scene of the gallery, with values at keys such as solver__dynamic__duration changed (SI)."""
+    """A scene of the gallery with changed values (SI) at keys such as solver__dynamic__duration."""
     data = load_scene(SCENES / f"{name}.yaml").to_si()
     for path, value in changes.items():
         *above, last = path.split("__")
@@ -49,14 +49,14 @@ def moved(what: Scene, folder: Path) -> Motion:
     return Motion.load(folder)
 
 
-# (a) Zhao's beam, swept. The bound of the task, against finite elements: 1 % of the length. 0.24 % measured in plane strain, 0.33 %
-# with the width; how far the sweep lags behind equilibrium is in it.
+# (a) Zhao's beam, swept. Required, against finite elements: 1 % of the length. Measured: 0.24 % in plane strain, 0.33 % with the width,
+# including the lag of the sweep behind equilibrium.
 ZHAO = 0.01
 
 
 @pytest.fixture
 def one_thread() -> Iterator[None]:
-    """Bodies of a few hundred particles: a second thread only makes them wait, up to 16 times as long on a busy machine."""
+    """Bodies of a few hundred particles: a second thread only causes waiting, up to 16 times as long on a busy machine."""
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     yield
@@ -66,7 +66,7 @@ def one_thread() -> Iterator[None]:
 def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(
     measure: ModuleType, tmp_path: Path, one_thread: None
 ) -> None:
-    """Plane strain, coarse, and swept in 0.1 s; 0.14 % measured from statics on the same grid, 0.5 % from finite elements."""
+    """Plane strain, coarse, and swept in 0.1 s; measured: 0.14 % from statics on the same grid, 0.5 % from finite elements."""
     frames = [
         {"time": 0.0, "uniform": [0.0, 0.0, 2e-3]},
         {"time": 0.04, "uniform": [-10e-3, 0.0, 1e-3]},
@@ -103,8 +103,8 @@ def test_the_two_swept_beams_differ_in_their_width_alone() -> None:
         assert plane[key] == wide[key]
 
 
-# (b) The tentacle: the task's bound is 0.2 % of the length from statics. Both solve the same discrete problem, so what is left is the
-# motion that damping has not taken out yet, and how the axis is read off particles (at most 0.03 %).
+# (b) The tentacle. Required: 0.2 % of the length from statics. Both solve the same discrete problem; the difference is the remaining
+# motion, and the error of the axis computed from particles (at most 0.03 %).
 SETTLED = 0.002
 
 
@@ -113,7 +113,7 @@ def settles(measure: ModuleType, what: Scene, folder: Path) -> None:
     axis, tip = measure.distance_from(result, measure.equilibrium_of(what))
     assert axis < SETTLED
     assert tip < SETTLED
-    assert np.linalg.norm(result.tip - [what.length, 0, 0]) > 0.2 * what.length  # it did bend
+    assert np.linalg.norm(result.tip - [what.length, 0, 0]) > 0.2 * what.length  # it bends
 
 
 def test_a_tentacle_settles_where_statics_has_it(measure: ModuleType, tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_the_tentacles_of_the_gallery_settle_where_statics_has_them(
 
 
 def walks(measure: ModuleType, tmp_path: Path, cycles: int, steady: float, **changes: Any) -> None:
-    """Steps are alike, to `steady`, from the second cycle on; there are none without friction; the mirrored field walks back."""
+    """Steps are equal, to `steady`, from the second cycle on; zero without friction; in the mirrored field the strip walks back."""
     changes = {**changes, "solver__dynamic__duration": cycles * measure.PERIOD}
     what = scene("walking_strip", **changes)
     steps = measure.steps_along_x(moved(what, tmp_path / "walks"), measure.PERIOD)[1:]
@@ -144,8 +144,8 @@ def walks(measure: ModuleType, tmp_path: Path, cycles: int, steady: float, **cha
     assert np.abs(nowhere).max() < 0.01 * steps.mean()  # no force along x: the center stays
     mirrored = mirror_of(scene("walking_strip", **changes))
     back = measure.steps_along_x(moved(mirrored, tmp_path / "back"), measure.PERIOD)[1:]
-    # The mirrored strip is the strip with its magnetization turned by 90 degrees; that turning the field does the same is true of
-    # a thin strip, which turns without stretching. This one bends by half its thickness over its radius, some percent.
+    # The mirrored strip is the strip with its magnetization rotated by 90 degrees. Rotating the field instead is equivalent only for a
+    # thin strip, which rotates without stretching. This strip has a bending strain of half its thickness over the radius, some percent.
     assert back == pytest.approx(-steps[:1], rel=0.08)
 
 
@@ -205,24 +205,24 @@ def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(
     motion = moved(scene("gripper"), tmp_path)
     closed = motion.nearest(0.1)
     angles = [measure.turned(motion, closed, arm) for arm in measure.ARMS]
-    assert min(angles) > 90  # past straight down: under the ball
-    assert np.ptp(angles) < 5  # six arms alike, but for how each lies on the grid
+    assert min(angles) > 90  # beyond straight down: under the ball
+    assert np.ptp(angles) < 5  # six equal arms, except for their orientation on the grid
     height = [measure.mass_center(motion, k, measure.BALL)[2] for k in (0, closed, -1)]
     cell = 0.5e-3
-    assert height[1] - height[0] > 0.5 * cell  # 1 measured
+    assert height[1] - height[0] > 0.5 * cell  # measured: 1
     assert motion.contacts["ground"]["count"][closed] == 0  # held by the arms alone
-    assert height[2] - height[0] < 0.2 * cell  # it lies again
-    # Symmetric: the ball stays on the axis. A tenth of a cell for how six arms lie on a square grid.
+    assert height[2] - height[0] < 0.2 * cell  # it rests on the ground again
+    # Symmetric: the ball stays on the axis, to a tenth of a cell because of six arms on a square grid.
     assert np.abs(measure.mass_center(motion, closed, measure.BALL)[:2]).max() < 0.1 * cell
 
 
 # (e) The pulled catheter. Statics with the magnet's own field, against an elastica and a point dipole: two models, which differ by the
-# magnet's size ((R / r)^2 with a small factor for a cylinder as long as wide), the clamp and stretch: 1.3 % of the deflection at
-# 140 mm and 0.9 % at 70 mm, measured.
+# size of the magnet ((R / r)^2 with a small factor for a cylinder as long as wide), the clamp and stretch. Measured: 1.3 % of the
+# deflection at 140 mm and 0.9 % at 70 mm.
 
 
 def pulled(move: float, cells: int) -> Scene:
-    """In equilibrium, with the magnet brought near by `move` m."""
+    """The equilibrium scene with the magnet moved nearer by `move` (m)."""
     frames = [{"time": 0.0, "move": (0, 0, 0)}, {"time": 1.0, "move": (0, 0, -move)}]
     changes = {"field__over_time": {"keyframes": frames}, "solver__dynamic": None, "effects__damping": None}
     return scene("pulled_catheter", **changes, resolution__cells_across=cells)
@@ -249,7 +249,7 @@ def folds(measure: ModuleType, what: Scene, folder: Path, left: float) -> None:
     gap, when = measure.smallest_gap(motion, what)
     assert (
         -0.1 < gap < 1.5
-    )  # cells: the halves met, as near as they feel each other, and did not pass through each other
+    )  # cells: the halves came within their interaction distance and did not pass through each other
     assert 0.03 < when < 0.12
     assert max(measure.farthest(motion, k) for k in range(len(motion))) > 0.35 * what.length
     assert measure.farthest(motion, -1) < left * what.length
@@ -257,5 +257,5 @@ def folds(measure: ModuleType, what: Scene, folder: Path, left: float) -> None:
 
 @pytest.mark.slow
 def test_the_folding_strip_of_the_gallery_meets_itself_and_opens(measure: ModuleType, tmp_path: Path) -> None:
-    # 0.0015 measured, most of it swinging that is not yet damped
+    # measured: 0.0015, mostly undamped oscillation
     folds(measure, scene("folding_strip"), tmp_path, 0.005)

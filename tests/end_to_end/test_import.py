@@ -1,4 +1,4 @@
-"""Robots of the magneticMPM format: tiny ones made here, right and odd; and the real ones where they lie beside the project."""
+"""Robots in the magneticMPM format: small valid and invalid ones made here, and the real ones if they lie beside the project."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def segment(mesh: str, vector: list[float], **more: Any) -> dict[str, Any]:
 
 
 def robot_file(folder: Path, meshes: dict[str, Mesh] | None = None, **changes: Any) -> Path:
-    """A robot of three boxes hanging from the uppermost; changes: keys of the file that are other, None leaves one out."""
+    """A robot of three boxes that hang from the uppermost; changes: other values of keys, None omits a key."""
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     for name, mesh in {**MESHES, **(meshes or {})}.items():
         write_stl(mesh, folder / "meshes" / name)
@@ -59,7 +59,7 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.Captur
     told = json.loads(capsys.readouterr().out)
     assert (told["name"], told["parts"], told["held"], told["warnings"]) == ("Tiny", 3, 1, [])
     text = scene_file.read_text()
-    assert "../robot/meshes/robot - arm.STL" in text  # meshes are found from the scene's folder
+    assert "../robot/meshes/robot - arm.STL" in text  # meshes are found from the folder of the scene
     scene = load_scene(scene_file)
     assert [region.held for region in scene.regions()] == [True, False, False]
     np.testing.assert_allclose(scene.region_remanence(), [[0, 0, 0], [0, 0, 0.138], [0.1104, 0, 0.0828]], atol=1e-12)
@@ -70,12 +70,12 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.Captur
     assert main(["run", str(scene_file), "--json", "--out", str(tmp_path / "out")]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["converged"]
-    # It hangs: the tip's centroid sinks by weight, rho g L^2/(2 E) = 7 um within the clamp's and the ends' effects.
+    # It hangs: its weight lowers the centroid of the tip by rho g L^2/(2 E) = 7 um, within the effects of clamp and ends.
     assert 2e-6 < 2.5e-3 - result["tip"][2] < 12e-6
 
 
 def test_an_edited_scene_is_not_imported_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A second import that makes the same file is fine; one that would change it needs --overwrite."""
+    """A second import with the same file is accepted; one that would change it needs --overwrite."""
     scene_file = tmp_path / "tiny.yaml"
     command = ["import", str(robot_file(tmp_path / "robot")), "-o", str(scene_file)]
     assert main(command) == 0
@@ -98,7 +98,7 @@ def test_an_edited_scene_is_not_imported_over(tmp_path: Path, capsys: pytest.Cap
 def test_import_into_what_cant_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A read-only disk, where even taking away what is not there fails; a folder in the file's place."""
+    """A read-only disk, where even deleting a missing file fails; a folder instead of the file."""
     robot = robot_file(tmp_path / "robot")
 
     def read_only(self: Path, *_: Any, **__: Any) -> Any:
@@ -127,7 +127,7 @@ def test_odd_input_is_warned_of(tmp_path: Path) -> None:
     odd = [
         segment("base.STL", [0, 0, 0], fixed=True),
         segment("robot - arm.STL", [0, 0, 2.0]),
-        segment("tip.STL", [0, 0.707, 0.707]),  # three decimals: nobody's mistake
+        segment("tip.STL", [0, 0.707, 0.707]),  # three decimals: not an error
     ]
     far = {"left over.STL": box((0, 0, 0), (1, 1, 1)), "tip.STL": box((0, 0, -5), (2, 2, 0))}
     scene, warnings = import_robot(robot_file(tmp_path, far, segments=odd), tmp_path / "s.yaml")
@@ -207,7 +207,7 @@ def test_a_folder_without_meshes_is_said(tmp_path: Path) -> None:
     [("Tentacle/tentacleA", 1182.75, 1, 4), ("Tentacle/tentacleF", 1182.75, 1, 4), ("SmallScaleBot/SmallScaleBot", 1.02675, 0, 0)],
 )
 def test_real_robots(robot: str, volume: float, held: int, odd: int, tmp_path: Path) -> None:
-    """Volume (mm^3, sum of the meshes' as another program, trimesh, has it), the held part, and vectors that are not unit."""
+    """Volume (mm^3, sum over the meshes, computed by trimesh), the held part, and vectors that are not of unit length."""
     scene, warnings = import_robot(REAL / f"{robot}.yaml", tmp_path / "s.yaml")
     assert len(scene.regions()) == 9
     assert sum(region.held for region in scene.regions()) == held

@@ -1,4 +1,4 @@
-"""What shows only once a scene's body is built is refused as what its loading finds is: file, line, key, value, rule, remedy."""
+"""Errors found only when the body is built are refused like those found during loading: file, line, key, value, rule, remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`magmpm run` of motions that are killed, refused, or go wrong: what is said, how it ends, and what is left on disk."""
+"""`magmpm run` of motions that are killed, refused, or fail: message, exit status, and files on disk."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def environment() -> dict[str, str]:
 
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 def test_killed_and_resumed_is_the_same_motion(formulation: str, tmp_path: Path) -> None:
-    """SIGKILL at some frame, then --resume: result and checkpoint equal an unbroken run's bit for bit, and no frame is missing."""
+    """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit, and no frame is missing.
+    """
     path = scene(tmp_path, f"duration: 40 ms, output_every: 1 ms, formulation: {formulation}")
     command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--json", "--out"]
     whole, broken = tmp_path / "whole", tmp_path / "broken"
@@ -88,11 +89,11 @@ def test_killed_and_resumed_is_the_same_motion(formulation: str, tmp_path: Path)
 
 
 class Interrupted(Exception):
-    """Stands for what ends a run between two frames."""
+    """Represents an interruption between two frames."""
 
 
 def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
-    """A step near the bound, shortened where the body is deformed: a run resumed after that equals an unbroken one bit for bit."""
+    """A step near the bound, shortened where the body is deformed: a run resumed after that equals an uninterrupted one bit for bit."""
     path = tmp_path / "scene.yaml"
     heavy = SCENE.replace("effects: {{", "effects: {{gravity: {{acceleration: [1000 m/s^2, 0 m/s^2, 0 m/s^2]}}, ")
     path.write_text(heavy.format(dynamic="duration: 5.97 ms, output_every: 1.99 ms, safety: 0.97"), encoding="utf-8")
@@ -115,7 +116,7 @@ def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
 
 
 def test_a_motion_resumed_at_its_first_frames_goes_on(tmp_path: Path) -> None:
-    """Where a swing begins, half a step changes the kinetic energy by a fifth: no reason to call it energy from nothing."""
+    """At the start of an oscillation, half a step changes the kinetic energy by a fifth: this is not energy from nothing."""
     loaded = load_scene(scene(tmp_path, "duration: 2 ms, output_every: 0.2 ms"))
 
     def interrupt(at: float, steps: int) -> None:
@@ -129,7 +130,7 @@ def test_a_motion_resumed_at_its_first_frames_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The motion itself is whole."""
+    """The motion itself is complete."""
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -156,7 +157,7 @@ def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.parametrize(("short", "long"), [("2 ms, output_every: 1 ms", "4 ms, output_every: 1 ms"), ("0.5 ms", "0.6 ms")])
 def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path) -> None:
-    """It goes on from its end, with frames as often as before, and equals one that was as long from the start."""
+    """It continues from its end, with the same frame interval, and equals a motion of that length."""
     out, whole = tmp_path / "out", tmp_path / "whole"
     frames = long if "every" in long else f"{long}, output_every: 5 us"  # a hundredth of the short one
     assert main(["run", str(scene(tmp_path, f"duration: {short}")), "--out", str(out), "--json"]) == 0
@@ -221,7 +222,8 @@ def _garbage(out: Path, earlier: Path) -> None:
 def test_a_motion_with_holes_is_not_resumed(
     damage: Callable[[Path, Path], None], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Frames or rows that the checkpoint had: what follows them would not belong to them. Nor are tables drawn that lack rows."""
+    """Frames or rows before the checkpoint are missing, so the continuation would not fit. Tables with missing rows are not drawn either.
+    """
     out, earlier = tmp_path / "out", tmp_path / "earlier"
     assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out)]) == 0
     shutil.copytree(out, earlier)
@@ -273,7 +275,7 @@ def _without_state(path: Path) -> None:
 def test_a_damaged_checkpoint_is_refused(
     damage: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With the file and what to do; never a traceback."""
+    """With file and remedy; never a traceback."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     assert main(["run", str(path), "--out", str(out)]) == 0
     damage(out / CHECKPOINT)
@@ -286,7 +288,7 @@ def test_a_damaged_checkpoint_is_refused(
 
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 def test_a_step_above_the_bound_is_refused(formulation: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With both numbers; a step just below it is taken."""
+    """With both numbers; a step just below the bound is accepted."""
     path = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}")
     largest = begin(build(load_scene(path))).stable.largest
     too_long = scene(tmp_path, f"duration: 0.4 ms, formulation: {formulation}, time_step: {1.01e6 * largest:.6g} us")
@@ -302,7 +304,7 @@ def test_a_step_above_the_bound_is_refused(formulation: str, tmp_path: Path, cap
 def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A step of 1.2 of the bound, which a scene may not ask for: exit 3, with step, time, cause, remedy; frames and result on disk."""
+    """A step of 1.2 of the bound, which scenes cannot request: exit 3, with step, time, cause, remedy; frames and result on disk."""
 
     def too_fast(model: object) -> object:
         moved = begin(model)  # type: ignore[arg-type]
@@ -336,7 +338,7 @@ def test_too_little_memory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_far_too_little_memory_is_refused_before_anything_is_built(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By an estimate that is below what it would take: nothing is compiled or allocated."""
+    """By an estimate from below: nothing is compiled or allocated."""
     path = scene(tmp_path, "duration: 1 ms, max_memory: 1 MB")
     path.write_text(path.read_text().replace("length: 16 mm", "length: 0.4 m").replace("cells_across: 2", "cells_across: 16"))
     monkeypatch.setattr("magmpm.simulate.build", lambda _: pytest.fail("built"))
@@ -344,14 +346,14 @@ def test_far_too_little_memory_is_refused_before_anything_is_built(
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert f'{path}:12: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least' in said
-    assert "at least 2.29 GB for 2.87e+06 particles" in said  # 224 cells of 16^2, 1600 along, 2^3 particles in each
+    assert "at least 2.29 GB for 2.87e+06 particles" in said  # 224 cells of 16^2, 1600 along the length, 2^3 particles in each
 
 
 @pytest.mark.parametrize("has", [math.inf, 5e4])
 def test_a_body_that_memory_can_t_hold_is_refused(
     has: float, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the machine says what it has, and where an allocation fails: key, value, rule and remedy in place of a traceback."""
+    """By the memory of the machine, or when an allocation fails: key, value, rule and remedy instead of a traceback."""
 
     def fails(_: object) -> None:
         np.empty(2**55)  # numpy's own MemoryError
@@ -370,7 +372,7 @@ def test_a_body_that_memory_can_t_hold_is_refused(
 
 
 def test_a_full_disk_stops_the_run_with_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """max_disk for some frames only: exit 3, the frames before it whole, and the state to resume from with more."""
+    """max_disk for a few frames: exit 3, whole frames before the limit, and a state to resume from with a larger limit."""
     out = tmp_path / "out"
     path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms, max_disk: 400 kB")
     assert main(["run", str(path), "--out", str(out)]) == 3
@@ -385,7 +387,7 @@ def test_a_full_disk_stops_the_run_with_its_state(tmp_path: Path, capsys: pytest
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 @pytest.mark.parametrize("over", ["oscillation: {frequency: 26 kHz}", "rotation: {axis: [0, 1, 0], frequency: -26 kHz}"])
 def test_the_step_resolves_a_field_that_changes_fast(over: str, formulation: str, tmp_path: Path) -> None:
-    """26 kHz looks like no change at all to steps of 1/26 ms: 1/20 of the period is the largest step then, and is named."""
+    """With steps of 1/26 ms a field of 26 kHz would look constant: the largest step is 1/20 of the period, and is named."""
     path = scene(tmp_path, f"duration: 1 ms, formulation: {formulation}")
     slow = path.read_text(encoding="utf-8").replace("20 mT]", "20 mT], over_time: {" + over + "}")
     path.write_text(slow, encoding="utf-8")
@@ -401,7 +403,7 @@ def test_the_step_resolves_a_field_that_changes_fast(over: str, formulation: str
 
 
 def test_an_equilibrium_takes_the_place_of_a_motion(tmp_path: Path) -> None:
-    """Nothing of an older motion in the folder stays beside it."""
+    """No file of an older motion remains in the folder."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     assert main(["run", str(path), "--out", str(out)]) == 0
     (out / CONTACTS).touch()
@@ -412,7 +414,7 @@ def test_an_equilibrium_takes_the_place_of_a_motion(tmp_path: Path) -> None:
 
 
 def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path) -> None:
-    """Killed before its first frame, it must not be resumed from another run's last."""
+    """If it is killed before its first frame, it must not be resumed from the last checkpoint of another run."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
     assert main(["run", str(path), "--out", str(out)]) == 0
 
@@ -425,7 +427,7 @@ def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path) -> Non
 
 
 def test_resuming_from_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The motion begins at the start; a second --resume, from its checkpoint, says nothing."""
+    """The motion starts from the beginning; a second --resume, from its checkpoint, gives no message."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
     assert f"{out} holds no checkpoint.npz; the motion begins at the start" in capsys.readouterr().err
@@ -438,7 +440,7 @@ def test_resuming_from_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFix
 
 @pytest.mark.parametrize("content", ["null", "{", "", '{"name": null, "scene": 3}'])
 def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """motion.json is refused by its name, and written anew by --resume; a damaged result leaves the motion as it is."""
+    """motion.json is refused by name, and written again by --resume; a damaged result does not affect the motion."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
     assert main(["run", str(path), "--out", str(out)]) == 0
     (out / NUMBERS).write_text(content)

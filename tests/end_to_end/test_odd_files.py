@@ -1,4 +1,4 @@
-"""Names that stand for a pipe, a device, a folder or something huge in place of a scene, mesh, table or study: refused at once."""
+"""A pipe, a device, a folder or a huge file instead of a scene, mesh, table or study is refused at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from test_import import robot_file
 
 from magmpm.cli.main import main
 
-PATIENCE = 30  # s for a command that takes one; without the check it waits for ever, or fills the memory
+PATIENCE = 30  # s for a command that takes one; without the check it waits forever, or fills the memory
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def _impatient() -> Iterator[None]:
 
 
 def odd(kind: str, path: Path) -> str:
-    """Put something odd where a file is due; what the message calls it."""
+    """Put something odd in place of a file; returns its name in the message."""
     path.unlink(missing_ok=True)
     if kind == "pipe":
         os.mkfifo(path)
@@ -45,7 +45,7 @@ def odd(kind: str, path: Path) -> str:
         path.mkdir()
         return "a folder"
     with path.open("wb") as stream:
-        stream.truncate(10**9)  # a hole on the disk, which would fill the memory
+        stream.truncate(10**9)  # a sparse file, which would fill the memory
     return f"received {10**9} bytes"
 
 

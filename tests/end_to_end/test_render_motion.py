@@ -1,4 +1,4 @@
-"""`magmpm render` on a motion: what it leaves behind, what it says, how it ends."""
+"""`magmpm render` of a motion: files, messages, exit status."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(
         assert Path(file).stat().st_size > 5000
     with Image.open(files[1]) as first, Image.open(files[3]) as last:
         assert first.size == last.size == (1280, 720)
-    # Committed posters must stay small, and a movie that short as well.
+    # Committed posters must stay small, and such a short movie too.
     assert Path("runs/bending/moments.png").stat().st_size < 300_000
     assert Path("runs/bending/movie.mp4").stat().st_size < 1_048_576
 

@@ -1,4 +1,4 @@
-"""What a run replaces, what it leaves alone, and what it says of it: a folder belongs to one scene and holds one result of it."""
+"""What a run replaces, keeps and reports: a folder belongs to one scene and contains one result of it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def run(text: str, *options: str, file: str = "scene.yaml") -> int:
 
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Statics that fails after the first step of its ramp: at a quarter of the load."""
+    """A static solve that fails after the first step of its ramp, at a quarter of the load."""
     solved, calls = equilibrium.minimise, []
 
     def fails(*arguments: Any, **options: Any) -> Any:
@@ -61,7 +61,7 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    """Everything in a folder but hidden files, by name."""
+    """All files of a folder except hidden ones, by name."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in sorted(folder.rglob("*"))
@@ -73,7 +73,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_run_without_pictures_leaves_no_older_ones(capsys: Said) -> None:
-    """And says that it replaced them; with --render they are its own."""
+    """It says that it replaced them; with --render there are new ones."""
     assert run(RESTING, "--render") == 0
     drawn = (OUT / PICTURE).stat().st_mtime_ns
     capsys.readouterr()
@@ -113,11 +113,11 @@ def test_what_the_accuracy_was_goes_when_the_scene_has_changed() -> None:
     assert not Path("runs/small/accuracy.png").exists()
 
 
-# whose folder it is
+# ownership of a folder
 
 
 def test_another_scene_of_the_same_name_is_refused(capsys: Said) -> None:
-    """Unless told to replace it; the same file edited, or the same definition elsewhere, is the same scene."""
+    """Unless --overwrite is given; the same file edited, or the same definition elsewhere, is the same scene."""
     assert run(RESTING, file="one/a.yaml") == 0
     assert run(RESTING.replace("20 mT", "5 mT"), file="one/a.yaml") == 0, "edited"
     assert run(RESTING.replace("20 mT", "5 mT"), file="two/b.yaml") == 0, "copied"
@@ -172,7 +172,7 @@ def test_studies_and_runs_do_not_share_a_folder(capsys: Said) -> None:
 
 
 def test_a_failed_equilibrium_is_marked(failing: None, capsys: Said) -> None:
-    """In the result and in its picture: how far it came, and that it is no answer; the field is what acts there."""
+    """In the result and in its picture: the share of the load, and that it is no equilibrium; the field is the one at that load."""
     assert run(RESTING, "--render", "--json") == 3
     told = json.loads(capsys.readouterr().out)
     assert Path(told["folder"]) == OUT
@@ -187,7 +187,7 @@ def test_a_failed_equilibrium_is_marked(failing: None, capsys: Said) -> None:
 
 
 def test_a_failed_equilibrium_keeps_what_was_there(failing: None, capsys: Said) -> None:
-    """A good motion with its pictures, byte for byte; the failed state is beside it, and goes with the next success."""
+    """A good motion with its pictures, byte for byte; the failed state is beside it, and is removed by the next success."""
     assert run(MOVING) == 0
     (OUT / "movie.mp4").write_text("its movie")
     before = files(OUT)
@@ -260,7 +260,7 @@ def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_w
 
 
 def test_pictures_are_not_put_beside_other_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Neither a run's nor a study's: they would be taken for its own. A pipe in place of a result does not hang."""
+    """Neither those of a run nor of a study, because they would be mistaken for its own. A pipe instead of a result does not hang."""
     one, other, study = tmp_path / "one", tmp_path / "other", tmp_path / "study"
     for folder in (one, other, study):
         folder.mkdir()
