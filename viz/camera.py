@@ -1,34 +1,34 @@
-"""Where a picture is seen from: parallel projections fitted to what must be in the frame.
+"""Where a picture is seen from: parallel projections fitted to what must be in view.
 
-The projection is parallel, not perspective, so that one scale bar holds for the whole view and both
-backends can place text exactly. Depth is read from the shading, from the floor's grid and the shadows on
-it, and from two orthographic views beside the main one.
+The projection is parallel, not perspective, so that one scale bar holds for the whole view and both renderers place text exactly.
+Depth is read from the shading, from the floor's grid and the shadows on it, and from orthographic insets where there are any.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from viz.picture import Picture
+from viz.snapshot import Obstacle, Plane, Snapshot
 
-# Directions the main view may be seen from: the base on the left, the axis pointing to the right, from a
-# little above and never face on, so that depth is read; rather from the tip's side, where the clamp is
-# behind the body, than from the clamp's.
+# Directions the main view may be seen from: the base on the left, the axis to the right, from a little above and never face on, so
+# that depth is read; and rather from the tip's side, where the clamp is behind the body, than from the clamp's.
 _AZIMUTHS = np.radians([-70.0, -55.0, -40.0, -110.0, -125.0, -140.0])
 _BEHIND_CLAMP = 0.6
 _ELEVATIONS = np.radians([20.0, 28.0, 40.0])
 _PREFERRED_ELEVATION, _ELEVATION_WIDTH = np.radians(24.0), np.radians(30.0)
+
+_LIGHT = np.array([-0.45, 0.65, 0.62]) / np.linalg.norm([-0.45, 0.65, 0.62])  # toward it: right, up and toward the viewer
 
 
 @dataclass(frozen=True)
 class View:
     """A parallel projection.
 
-    right, up, toward: (3,) orthonormal, the picture's axes and the direction to the camera.
-    center: (3,) m, the point in the middle of the picture. half_height: m from there to its upper edge.
+    right, up, toward: (3,) orthonormal, the picture's axes and the direction to the camera. center: (3,) m, the point in the middle
+    of the picture. half_height: m from there to its upper edge.
     """
 
     right: np.ndarray
@@ -38,91 +38,151 @@ class View:
     half_height: float
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """(n, 3) m -> (n, 3): right and up from the centre in half heights, depth to the camera in m."""
+        """(n, 3) m -> (n, 3): right and up from the center in half heights, depth toward the camera in m."""
         offset = np.asarray(points, dtype=float) - self.center
         flat = np.stack([offset @ self.right, offset @ self.up, offset @ self.toward], axis=1)
         flat[:, :2] /= self.half_height
         return flat
 
     def lift(self, points: np.ndarray, distance: float) -> np.ndarray:
-        """Points moved by a distance (m) towards the camera: seen at the same place, but in front."""
+        """Points moved by a distance (m) toward the camera: seen at the same place, but in front."""
         return np.asarray(points, dtype=float) + distance * self.toward
+
+    def compass(self) -> View:
+        """The same directions around the origin, one unit to half the panel's height."""
+        return View(self.right, self.up, self.toward, np.zeros(3), 1.0)
+
+    def brightness(self, directions: np.ndarray, contrast: float) -> np.ndarray:
+        """Factor (n,) for the color of faces with these unit normals (n, 3): 1 facing the light, 1 - 1.6 contrast turned away."""
+        light = _LIGHT @ np.stack([self.right, self.up, self.toward])
+        return np.asarray(1.0 - contrast * (1.0 - np.clip(directions @ light, -0.6, 1.0)))
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What must be seen, and from where: share one between pictures and they show things at the same place.
+class Framing:
+    """What must be in view, and from where: share one between pictures, and they show things at the same place.
 
-    points: (m, 3) m, all of which lie in every view. radius: m, half the body's thickness around them.
-    toward: (3,) direction to the camera of the main view.
+    points (m, 3) m; toward (3,) direction to the camera; margin m; ground: the plane, or None for a floor below all points; up (3,)
+    unit vector: what is upward in the picture.
     """
 
     points: np.ndarray
-    radius: float
     toward: np.ndarray
+    margin: float
+    ground: Plane | None = None
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     @classmethod
-    def of(cls, pictures: Picture | Sequence[Picture]) -> Frame:
-        """The frame that holds all bodies and targets of these pictures, and the magnets and coils near them.
+    def of(cls, snapshots: Snapshot | Sequence[Snapshot]) -> Framing:
+        """Holds all bodies and targets of these snapshots, and the obstacles near them.
 
-        The direction comes from the first picture's target where there is one, so that it is the same for
-        every trial of a study; else from the first body's own shape.
+        The direction comes from the first snapshot's target where there is one, so that it is the same for every trial of a study;
+        else from the first body's own shape.
         """
-        many = [pictures] if isinstance(pictures, Picture) else list(pictures)
-        points = [
-            shape[_thinned(len(shape), 40)] for p in many for shape in (p.axis, p.target) if shape is not None
-        ]
-        points += [
-            prop.points[[*prop.points.argmin(axis=0), *prop.points.argmax(axis=0)]]
-            for p in many
-            for prop in p.props
-            if prop.framed
-        ]
-        first = many[0]
-        shape = first.axis if first.target is None else np.vstack([np.zeros((1, 3)), first.target])
-        radius = 0.5 * max(p.diameter for p in many)
-        return cls(points=np.vstack(points), radius=radius, toward=best_direction(shape))
+        many = [snapshots] if isinstance(snapshots, Snapshot) else list(snapshots)
+        points = [extremes(shape, 300) for s in many for shape in (s.body.points, s.dots) if len(shape)]
+        points += [extremes(o.points, 0) for s in many for o in s.obstacles if o.framed]
+        shape = many[0].axis if len(many[0].axis) else many[0].body.points
+        if many[0].target is not None:
+            shape = np.vstack([np.zeros((1, 3)), many[0].target])
+        direction = best_direction(np.asarray(shape, dtype=float))
+        return cls(np.vstack(points), direction, max(0.5 * s.thickness for s in many))
+
+    @classmethod
+    def of_all(cls, framings: Sequence[Framing]) -> Framing:
+        """What is in view in any of them, seen from where the first is seen from."""
+        points, margin = np.vstack([f.points for f in framings]), max(f.margin for f in framings)
+        return replace(framings[0], points=points, margin=margin)
 
     @property
-    def floor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Opposite corners (3,), (3,) m of the floor under the body; both have the same z."""
-        low = self.points.min(axis=0) - 1.6 * self.radius
-        high = self.points.max(axis=0) + 1.6 * self.radius
-        return low, np.array([high[0], high[1], low[2]])
+    def plane(self) -> Plane:
+        """The ground, or a floor a little below everything."""
+        if self.ground is not None:
+            return self.ground
+        low = float((self.points @ self.up).min()) - self.margin
+        return Plane(low * self.up, self.up)
 
-    def main(self, aspect: float) -> View:
-        """The tilted view, with the floor in it. aspect: width over height of its panel."""
-        (x0, y0, z), (x1, y1, _) = self.floor
-        corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1)])
-        # The body is as thick as twice the radius, and the clamp's plate a little more.
-        edges = [self.points + side * 0.95 * self.radius * axis for axis in _basis(self.toward) for side in (-1, 1)]
-        return fitted(self.toward, np.vstack([*edges, corners]), 0.5 * self.radius, aspect, 1.02)
+    def floor(self) -> np.ndarray:
+        """Corners (4, 3) m of the rectangle of ground, or of a floor, under everything, counter-clockwise from its free side."""
+        plane = self.plane
+        low, high = self._on_floor(self.points)
+        corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+        u, v = _across(plane.normal)
+        return np.array([plane.point + a * u + b * v for a, b in corners])
 
-    def top_and_side(self, aspect: float) -> tuple[View, View]:
-        """Views along -z and along +y, at one and the same scale."""
-        top = fitted(np.array([0.0, 0.0, 1.0]), self.points, self.radius, aspect, 1.3)
-        side = fitted(np.array([0.0, -1.0, 0.0]), self.points, self.radius, aspect, 1.3)
-        half = max(top.half_height, side.half_height)
-        return (
-            View(top.right, top.up, top.toward, top.center, half),
-            View(side.right, side.up, side.toward, side.center, half),
-        )
+    def _on_floor(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest coordinates (2,), (2,) m in the floor's plane, with a margin."""
+        flat = (points - self.plane.point) @ np.stack(_across(self.plane.normal), axis=1)
+        return flat.min(axis=0) - 1.5 * self.margin, flat.max(axis=0) + 1.5 * self.margin
+
+    def floor_lines(self, spacing: float) -> np.ndarray:
+        """Lines (n, 2, 3) m on the floor at multiples of the spacing (m)."""
+        plane, (low, high) = self.plane, self._on_floor(self.points)
+        axes = _across(plane.normal)
+        lines = []
+        for i, (along, across) in enumerate((axes, axes[::-1])):
+            shift = float(plane.point @ along)
+            first, last = np.ceil((low[i] + shift) / spacing), np.floor((high[i] + shift) / spacing)
+            for mark in np.arange(first, last + 1) * spacing - shift:
+                lines.append([plane.point + mark * along + end * across for end in (low[1 - i], high[1 - i])])
+        return np.array(lines).reshape(-1, 2, 3)
+
+    def view(self, aspect: float) -> View:
+        """The main view, with the floor in it, in a panel of that aspect (width over height)."""
+        seen = np.vstack([self.points, self.floor()])
+        return fitted(self.toward, seen, 0.5 * self.margin, aspect, 1.01, self.up)
+
+    def orthographic(self, directions: Sequence[Sequence[float]], aspect: float) -> list[View]:
+        """Views from these directions in panels of that aspect, at one and the same scale."""
+        views = [fitted(np.array(toward, dtype=float), self.points, 0.5 * self.margin, aspect, 1.3) for toward in directions]
+        half = max((view.half_height for view in views), default=1.0)
+        return [replace(view, half_height=half) for view in views]
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of what must be in view, as it is seen."""
+        flat = self.view(1.0).project(np.vstack([self.points, self.floor()]))[:, :2]
+        across, up = np.ptp(flat, axis=0)
+        return float(across / max(up, 1e-300))
+
+    def turned(self) -> Framing:
+        """The same, seen from a quarter of a turn further about what is upward."""
+        along = float(self.toward @ self.up)
+        return replace(self, toward=np.cross(self.up, self.toward) + along * self.up)
+
+    @property
+    def reach(self) -> float:
+        """m from the middle to the camera."""
+        return 10 * float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+def extremes(points: np.ndarray, some: int) -> np.ndarray:
+    """The outermost of points (n, 3) along x, y and z, and about so many others, evenly spread."""
+    spread = np.linspace(0, len(points) - 1, min(len(points), some)).astype(int)
+    return np.asarray(points[np.concatenate([points.argmin(axis=0), points.argmax(axis=0), spread])], dtype=float)
+
+
+def in_view(obstacle: Obstacle, view: View, aspect: float) -> bool:
+    """Whether any triangle of an obstacle reaches into a view, judged by the rectangle around it."""
+    flat = view.project(obstacle.points)[:, :2] / np.array([aspect, 1.0])
+    corners = flat[obstacle.triangles]
+    return bool(((corners.min(axis=1) < 1.0) & (corners.max(axis=1) > -1.0)).all(axis=1).any())
 
 
 def best_direction(points: np.ndarray) -> np.ndarray:
     """Direction (3,) to the camera from which a curve spreads widest, slightly tilted.
 
-    points: (m, 3) m along the curve. Each candidate is judged by the area of the curve's projection (the
-    root of the determinant of its covariance), times a mild preference for looking from a little above.
+    points: (m, 3) m along the curve. Each candidate is judged by the area of the curve's projection (the root of the determinant of
+    its covariance), times a mild preference for looking from a little above.
     """
-    centred = points - points.mean(axis=0)
+    centered = points - points.mean(axis=0)
     best, best_score = np.array([0.0, -1.0, 0.0]), -1.0
     for elevation in _ELEVATIONS:
         for azimuth in _AZIMUTHS:
             flat = np.cos(elevation)
             toward = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-            right, up = _basis(toward)
-            spread = np.stack([centred @ right, centred @ up])
+            right, up = _basis(toward, np.eye(3)[2])
+            spread = np.stack([centered @ right, centered @ up])
             # A straight curve has no area from anywhere: the small term then picks its longest view.
             area = np.sqrt(max(np.linalg.det(spread @ spread.T), 0.0)) + 1e-3 * np.sum(spread**2)
             score = area * np.exp(-(((elevation - _PREFERRED_ELEVATION) / _ELEVATION_WIDTH) ** 2))
@@ -133,24 +193,30 @@ def best_direction(points: np.ndarray) -> np.ndarray:
     return best
 
 
-def fitted(toward: np.ndarray, points: np.ndarray, radius: float, aspect: float, margin: float) -> View:
-    """The view along -toward that holds balls of that radius (m) at all points, in a panel of that aspect."""
-    right, up = _basis(toward)
-    flat = np.stack([points @ right, points @ up, points @ toward], axis=1)
+def fitted(
+    toward: np.ndarray, points: np.ndarray, radius: float, aspect: float, margin: float, up: np.ndarray | None = None
+) -> View:
+    """The view along -toward that holds balls of that radius (m) at all points, in a panel of that aspect; up (3,): z unless given."""
+    right, upward = _basis(toward, np.eye(3)[2] if up is None else up)
+    flat = np.stack([points @ right, points @ upward, points @ toward], axis=1)
     low, high = flat.min(axis=0) - radius, flat.max(axis=0) + radius
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    center = middle[0] * right + middle[1] * up + middle[2] * toward
-    return View(right, up, toward, center, margin * max(half[1], half[0] / aspect))
+    center = middle[0] * right + middle[1] * upward + middle[2] * toward
+    return View(right, upward, toward, center, margin * max(half[1], half[0] / aspect))
 
 
-def _basis(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Right and up of a picture seen from there: z is up, except straight from above, where y is."""
-    hint = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.999 else np.array([0.0, 0.0, 1.0])
+def _basis(toward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Right and up of a picture seen from there, for what is upward in space; seen straight from above, y is up."""
+    hint = np.array([0.0, 1.0, 0.0]) if abs(toward @ up) > 0.999 else up
     right = np.cross(hint, toward)
     right /= np.linalg.norm(right)
     return right, np.cross(toward, right)
 
 
-def _thinned(count: int, most: int) -> np.ndarray:
-    """Indices of at most `most` of `count` entries, evenly spread, first and last among them."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+def _across(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors in a plane: along x where that is in it, and across."""
+    u = np.eye(3)[0] - normal * normal[0]
+    if np.linalg.norm(u) < 0.1:
+        u = np.eye(3)[1] - normal * normal[1]
+    u /= np.linalg.norm(u)
+    return u, np.cross(normal, u)

@@ -1,29 +1,28 @@
-"""Where things stand on the page: one layout for both backends, in fractions of the page from its lower left.
+"""Where things are on a page, in fractions of its width and height from the lower left.
 
-    +--------------------------------------------+
-    | title                             caption  |
-    |                              +-----------+ |
-    |   main view                  | top       | |
-    |                              +-----------+ |
-    |                              | side      | |
-    |                              +-----------+ |
-    | compass  |B|    scale bar       legend     |
-    +--------------------------------------------+
+A moment of a motion:                              A trial, from above and from the side too:
 
-Nothing in one panel can reach another, so text never lies on the body whatever its shape.
++--------------------------------------------+    +--------------------------------------------+
+| title                             t, pace  |    | title                             caption  |
+|                                            |    |                              +-----------+ |
+|   main view                                |    |   main view                  | top       | |
+|                                            |    |                              +-----------+ |
+|                                            |    |                              | side      | |
+|                                            |    |                              +-----------+ |
+| compass |B|  scale bar  field in t  legend |    | compass  |B|    scale bar       legend     |
++--------------------------------------------+    +--------------------------------------------+
+
+Nothing in one panel can reach another, so text never lies on the body, whatever its shape.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from magmpm.results.readable import quantity
 from viz import style
-from viz.camera import Frame, View
-from viz.picture import Picture
-from viz.scenery import POLES
+from viz.camera import Framing, View
 
 
 @dataclass(frozen=True)
@@ -40,177 +39,113 @@ class Panel:
         return page_aspect * (self.right - self.left) / (self.top - self.bottom)
 
     def place(self, flat: np.ndarray, aspect: float) -> np.ndarray:
-        """Half heights from the panel's centre (n, 2) -> fractions of the page (n, 2)."""
+        """Half heights from the panel's center (n, 2) -> fractions of the page (n, 2)."""
         half = 0.5 * np.array([self.right - self.left, self.top - self.bottom])
         center = np.array([self.left, self.bottom]) + half
         return center + np.asarray(flat)[:, :2] * half / np.array([aspect, 1.0])
 
 
-TITLE_Y = 0.955
-MAIN = Panel(0.0, 0.165, 0.685, 0.925)
-TOP = Panel(0.70, 0.55, 0.985, 0.905)
-SIDE = Panel(0.70, 0.175, 0.985, 0.53)
-COMPASS = Panel(0.005, 0.005, 0.125, 0.16)
-FIELD = Panel(0.135, 0.03, 0.225, 0.15)
-FIELD_TEXT_X, FIELD_TEXT_Y = 0.235, 0.085
-BAR_CENTER, BAR_Y = 0.535, 0.100
-LEGEND_X, LEGEND_TOP, LEGEND_ROW, LEGEND_COLUMN, LEGEND_GAP = 0.715, 0.128, 0.044, 0.168, 0.018
-TOP_NAME, SIDE_NAME = "top: x right, y up", "side: x right, z up"
+@dataclass(frozen=True)
+class Inset:
+    """A second, orthographic view: its panel, its name, and the direction to its camera."""
 
-# In units of half their panel's height.
-AXIS_LENGTH, LABEL_GAP, FIELD_LENGTH = 0.62, 0.17, 1.7
+    panel: Panel
+    name: str
+    toward: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class ScaleBar:
-    """unit: m, its length; left, right, y: fractions of the page;"""
+class LegendPlace:
+    """Where the legend is: the first mark, the steps to the next row and column, the gap before the text, rows; short: of its words."""
 
-    unit: float
     left: float
-    right: float
-    y: float
-
-
-def unit(picture: Picture) -> float:
-    """Length (m) of the scale bar and of the floor's squares: a round number, about a quarter of the body."""
-    return style.nice_length(0.3 * picture.length)
-
-
-def floor_lines(frame: Frame, spacing: float) -> np.ndarray:
-    """Grid lines on the floor at multiples of the spacing (m), (n, 2, 3) m."""
-    low, high = frame.floor
-    z = low[2]
-    xs = np.arange(np.ceil(low[0] / spacing), np.floor(high[0] / spacing) + 1) * spacing
-    ys = np.arange(np.ceil(low[1] / spacing), np.floor(high[1] / spacing) + 1) * spacing
-    lines = [[(x, low[1], z), (x, high[1], z)] for x in xs] + [[(low[0], y, z), (high[0], y, z)] for y in ys]
-    return np.array(lines, dtype=float).reshape(-1, 2, 3)
-
-
-def shadows(picture: Picture, frame: Frame) -> tuple[np.ndarray, np.ndarray | None]:
-    """Particles, or the surface's points, and target dots dropped onto the floor, (n, 3) and (q, 3) m."""
-    dropped: list[np.ndarray] = []
-    for points in (picture.particles if picture.surface is None else picture.surface.points, picture.target):
-        if points is not None:
-            flat = np.array(points, dtype=float)
-            flat[:, 2] = frame.floor[0][2]
-            dropped.append(flat)
-    return dropped[0], style.thinned(dropped[1], style.TARGET_DOTS) if len(dropped) == 2 else None
-
-
-def scale_bar(view: View, panel: Panel, aspect: float, unit: float) -> ScaleBar:
-    """The bar of that length (m) for a panel."""
-    # The view's half height is half the panel's height; widths are fractions of the page's width.
-    width = unit / view.half_height / aspect * 0.5 * (panel.right - panel.left)
-    return ScaleBar(unit, BAR_CENTER - width / 2, BAR_CENTER + width / 2, BAR_Y)
+    top: float
+    row: float
+    column: float
+    gap: float
+    short: bool = False
 
 
 @dataclass(frozen=True)
-class CompassLabel:
-    """Text beside an arrow of the compass, at (x, y) fractions of the page."""
+class Layout:
+    """A page: one or two main views, each with its compass or without, insets, and the places of what is written around them.
 
-    text: str
-    x: float
-    y: float
+    size: its usual width and height in pixels. field: the panel of its arrow; field_text, bar: (x, y) of the text and of the middle of
+    the scale bar; curve: the panel of the field in time. Without a legend nothing is written.
+    """
 
-
-def compass_view(main: View) -> View:
-    """The main view's directions around the origin, one unit to half the panel's height."""
-    return View(main.right, main.up, main.toward, np.zeros(3), 1.0)
-
-
-def compass_arrows(picture: Picture) -> list[tuple[str, np.ndarray]]:
-    """Label and vector (3,) from the compass's origin: the axes, and which way things fall."""
-    arrows = [(name, AXIS_LENGTH * np.eye(3)[i]) for i, name in enumerate("xyz")]
-    if picture.gravity is not None and np.linalg.norm(picture.gravity) > 0:
-        arrows.append(("g", AXIS_LENGTH * picture.gravity / np.linalg.norm(picture.gravity)))
-    return arrows
+    mains: tuple[Panel, ...]
+    field: Panel
+    size: tuple[int, int]
+    compasses: tuple[Panel, ...] = ()
+    insets: tuple[Inset, ...] = ()
+    title_y: float = 0.955
+    field_text: tuple[float, float] = (0.0, 0.0)
+    bar: tuple[float, float] = (0.0, 0.0)
+    curve: Panel | None = None
+    legend: LegendPlace | None = None
 
 
-def field_arrow(picture: Picture) -> np.ndarray | None:
-    """The field's direction (3,), as long as its panel holds, or None without a field."""
-    strength = float(np.linalg.norm(picture.field))
-    return FIELD_LENGTH * picture.field / strength if strength > 0 else None
+PAGE = Layout(
+    mains=(Panel(0.0, 0.185, 1.0, 0.915),),
+    compasses=(Panel(0.008, 0.01, 0.098, 0.17),),
+    field=Panel(0.105, 0.045, 0.155, 0.135),
+    size=style.MOVIE_SIZE,
+    title_y=0.952,
+    field_text=(0.163, 0.090),
+    bar=(0.365, 0.105),
+    curve=Panel(0.525, 0.05, 0.70, 0.15),
+    legend=LegendPlace(0.735, 0.135, 0.045, 0.138, 0.016),
+)
+# What is tall leaves room for a second view, a quarter of a turn about the vertical from the first.
+TALL = 0.8  # width over height
+TWO_VIEWS = replace(
+    PAGE,
+    mains=(Panel(0.0, 0.185, 0.5, 0.915), Panel(0.5, 0.185, 1.0, 0.915)),
+    compasses=(*PAGE.compasses, Panel(0.515, 0.2, 0.605, 0.36)),
+)
+TRIAL = Layout(
+    mains=(Panel(0.0, 0.165, 0.685, 0.925),),
+    compasses=(Panel(0.005, 0.005, 0.125, 0.16),),
+    field=Panel(0.135, 0.03, 0.225, 0.15),
+    size=style.TRIAL_SIZE,
+    insets=(
+        Inset(Panel(0.70, 0.55, 0.985, 0.905), "top: x right, y up", (0.0, 0.0, 1.0)),
+        Inset(Panel(0.70, 0.175, 0.985, 0.53), "side: x right, z up", (0.0, -1.0, 0.0)),
+    ),
+    field_text=(0.235, 0.085),
+    bar=(0.535, 0.100),
+    legend=LegendPlace(0.705, 0.128, 0.044, 0.178, 0.018, short=True),
+)
 
 
-def compass_labels(picture: Picture, main: View, page_aspect: float) -> list[CompassLabel]:
-    """Where the compass's labels stand: a little beyond each arrow's point, as seen."""
-    view, aspect = compass_view(main), COMPASS.aspect(page_aspect)
-    labels = []
-    for text, vector in compass_arrows(picture):
-        flat = view.project(vector[None])[0, :2]
-        seen = float(np.linalg.norm(flat))
-        # An arrow pointing at the viewer has no direction on the page: its label goes below it.
-        away = flat / seen if seen > 0.1 else np.array([0.0, -1.0])
-        ((x, y),) = COMPASS.place((flat + LABEL_GAP * away)[None], aspect)
-        labels.append(CompassLabel(text, float(x), float(y)))
-    return labels
+def page_of(framing: Framing, *, insets: bool = False) -> Layout:
+    """One view, or two of what is tall; or a trial's, with its insets."""
+    return TRIAL if insets else PAGE if framing.aspect > TALL else TWO_VIEWS
 
 
-@dataclass(frozen=True)
-class LegendItem:
-    """mark: "dot", "arrow", "line" or "swatch" (colours side by side), centred at (x, y), before the text."""
-
-    mark: str
-    colours: tuple[str, ...]
-    text: str
-    x: float
-    y: float
-
-
-def legend(picture: Picture) -> list[LegendItem]:
-    """What the picture's signs mean; only those that are in it."""
-    entries: list[tuple[str, tuple[str, ...], str]] = []
-    magnetised = picture.magnetised
-    if magnetised.any():
-        used = min(int(magnetised.sum()), len(style.SEGMENTS))
-        entries.append(("swatch", style.SEGMENTS[:used], "magnetic"))
-    if not magnetised.all():
-        entries.append(("swatch", (style.UNMAGNETISED,), "unmagnetised"))
-    if magnetised.any():
-        entries.append(("arrow", (style.MAGNETISATION,), "magnetisation"))
-    entries.append(("line", (style.INK,), "axis"))
-    if picture.target is not None:
-        entries.append(("dot", (style.TARGET,), picture.target_name))
-    for name, colour in {prop.name: prop.colour for prop in picture.props if prop.name}.items():
-        poles = (style.NORTH, style.SOUTH)
-        short = name.removesuffix(POLES).split()[-1]  # there is little room, and the swatch shows the poles
-        entries.append(("swatch", poles if name.endswith(POLES) else (colour,), short))
-    rows = 3 if len(entries) <= 6 else 4
-    step, top = (LEGEND_ROW, LEGEND_TOP) if rows == 3 else (0.75 * LEGEND_ROW, LEGEND_TOP + 0.01)
-    return [
-        LegendItem(mark, colours, text, LEGEND_X + (i // rows) * LEGEND_COLUMN, top - (i % rows) * step)
-        for i, (mark, colours, text) in enumerate(entries)
-    ]
-
-
-def field_text(picture: Picture) -> str:
-    """The field's magnitude, "|B| = 10.0 mT"; nothing without a field."""
-    return magnitude(picture.field) if np.any(picture.field) else ""
-
-
-def magnitude(field: np.ndarray) -> str:
-    """A field's (3,) T magnitude in words; tenths of mT where that says enough."""
-    strength = float(np.linalg.norm(field))
-    if 1e-3 <= strength < 1.0:
-        return f"|B| = {strength * 1e3:.1f} mT"
-    return f"|B| = {quantity(strength, 'T')}"
-
-
-def title_text(picture: Picture) -> str:
-    """The title, cut to what fits beside the caption."""
-    most = 28 if picture.mark else 46
-    return picture.title if len(picture.title) <= most else picture.title[: most - 1] + "…"
+def bare(size: tuple[int, int]) -> Layout:
+    """A panel of a figure, of that width and height: nothing is written, and the field's arrow is in its upper left corner."""
+    edge = min(0.17, 0.22 * size[0] / size[1])
+    return Layout((Panel(0.0, 0.0, 1.0, 1.0),), Panel(0.01, 0.98 - edge, 0.01 + edge * size[1] / size[0], 0.98), size)
 
 
 @dataclass(frozen=True)
 class Views:
-    """The three projections of one picture on a page of one aspect."""
+    """The projections of one page: of each main panel, all at one scale, and of each inset, all at one scale."""
 
-    main: View
-    top: View
-    side: View
+    mains: tuple[View, ...]
+    insets: tuple[View, ...]
 
     @classmethod
-    def of(cls, frame: Frame, page_aspect: float) -> Views:
-        top, side = frame.top_and_side(TOP.aspect(page_aspect))
-        return cls(frame.main(MAIN.aspect(page_aspect)), top, side)
+    def of(cls, framing: Framing, layout: Layout, page_aspect: float) -> Views:
+        """The views of what must be in view on a page of that aspect (width over height)."""
+        framings = [framing, framing.turned()][: len(layout.mains)]
+        mains = [f.view(panel.aspect(page_aspect)) for f, panel in zip(framings, layout.mains)]
+        half = max(view.half_height for view in mains)
+        insets = [
+            view
+            for inset in layout.insets[:1]  # all are of one size
+            for view in framing.orthographic([i.toward for i in layout.insets], inset.panel.aspect(page_aspect))
+        ]
+        return cls(tuple(replace(view, half_height=half) for view in mains), tuple(insets))

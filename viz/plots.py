@@ -1,13 +1,13 @@
-"""Plots of numbers: how a study converges, and what accuracy costs.
+"""Plots of numbers: how a study converges, what accuracy costs, a motion's energies and contact forces, and one quantity over another.
 
-Inputs are plain lists or arrays. Each plot is written to the path given, whose ending says how (PNG, PDF,
-SVG): PDF and SVG are drawn with text as text, for papers. Functions are of the module's top level, so that
-viz.worker.Renderer.run can draw them in its process.
+Inputs are plain lists or arrays. Each plot is written to the path given, whose ending says how (PNG, PDF, SVG): PDF and SVG keep text as
+text, for papers. Functions are of the module's top level, so that viz.worker.Renderer.run can draw them in its process.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,14 @@ LOOK: Any = {
 }
 _FINEST, _REFERENCE = "#0077BB", "#CC3311"
 
+# Tol's "bright" scheme; line styles tell the curves apart without color.
+_COLORS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377")
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+_ENERGY_UNITS = ((1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ"))
+_FORCE_UNITS = ((1.0, "N"), (1e-3, "mN"), (1e-6, "µN"))
+
+Table = Mapping[str, np.ndarray]
+
 
 def convergence(
     rms: Sequence[float | None],
@@ -51,15 +59,14 @@ def convergence(
 ) -> Path:
     """The rms of each trial of a study and the best so far, against the trial's number.
 
-    rms: m, one for each trial in order, None or not finite where a trial has none. failed: further trials
-    (numbers from 0) whose solve failed, whatever rms they were given as a penalty. stop: m, the rms at which
-    the study stops. The axis is logarithmic where the values span more than a factor of ten.
+    rms: m, one for each trial in order, None or not finite where a trial has none. failed: further trials (numbers from 0) whose solve
+    failed, whatever rms they were given as a penalty. stop: m, the rms at which the study stops. The axis is logarithmic where the
+    values span more than a factor of ten.
     """
     values = np.array([np.nan if value is None else float(value) for value in rms], dtype=float) * 1e3
     values[[k for k in failed if k < len(values)]] = np.nan
     values[~np.isfinite(values)] = np.nan
-    number = np.arange(len(values))
-    good = np.isfinite(values)
+    number, good = np.arange(len(values)), np.isfinite(values)
     best = np.fmin.accumulate(values) if len(values) else values
     with rc_context(LOOK):
         figure = Figure(figsize=(5.4, 3.4), layout="constrained")
@@ -73,36 +80,10 @@ def convergence(
             _scale_of_rms(axes, np.append(values[good], [] if stop is None else stop * 1e3))
         else:
             axes.set_yticks([])
-            axes.text(
-                0.5, 0.5, "no trial has an rms", transform=axes.transAxes, ha="center", color=style.FAINT_INK
-            )
+            axes.text(0.5, 0.5, "no trial has an rms", transform=axes.transAxes, ha="center", color=style.FAINT_INK)
         # The step starts with the first trial that has an rms and goes on to the last.
         axes.step(number, best, where="post", color=style.TARGET, linewidth=1.6, label=label, zorder=3)
-        if stop is not None:
-            axes.axhline(stop * 1e3, color="#009988", linewidth=1.0, linestyle=(0, (5, 3)), zorder=1)
-            axes.annotate(
-                f"stop\n{stop * 1e3:.3g} mm",
-                (1.0, stop * 1e3),
-                xycoords=axes.get_yaxis_transform(),
-                xytext=(4, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-                color="#007766",
-            )
-        if not good.all():
-            # Along the upper edge: a failed trial has no rms, and no place on that axis.
-            axes.scatter(
-                number[~good],
-                np.full(int((~good).sum()), 0.97),
-                marker="x",
-                s=22,
-                color=_REFERENCE,
-                linewidths=1.2,
-                transform=axes.get_xaxis_transform(),
-                label="failed",
-                zorder=4,
-            )
+        _stop_and_failures(axes, None if stop is None else stop * 1e3, number[~good])
         axes.set_xlabel("trial")
         axes.set_ylabel("rms distance to the target (mm)")
         axes.set_xlim(-0.5, max(len(values) - 0.5, 0.5))
@@ -112,6 +93,27 @@ def convergence(
             # Inside: an outside legend stands where a figure's title would.
             axes.set_title(title, fontsize=10, weight="bold", loc="right")
         return saved(figure, path)
+
+
+def _stop_and_failures(axes: Axes, stop: float | None, failed: np.ndarray) -> None:
+    """A line at the rms (mm) at which the study stops, and crosses for the failed trials' numbers."""
+    if stop is not None:
+        axes.axhline(stop, color="#009988", linewidth=1.0, linestyle=(0, (5, 3)), zorder=1)
+        axes.annotate(
+            f"stop\n{stop:.3g} mm",
+            (1.0, stop),
+            xycoords=axes.get_yaxis_transform(),
+            xytext=(4, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            color="#007766",
+        )
+    if len(failed):
+        # Along the upper edge: a failed trial has no rms, and no place on that axis.
+        top = axes.get_xaxis_transform()
+        look: Any = {"marker": "x", "s": 22, "color": _REFERENCE, "linewidths": 1.2}
+        axes.scatter(failed, np.full(len(failed), 0.97), transform=top, label="failed", zorder=4, **look)
 
 
 def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
@@ -127,43 +129,28 @@ def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
         axes.set_ylim(0.0, 1.12 * high)
 
 
-def accuracy(
-    table: Sequence[Mapping[str, Any]], path: str | Path, title: str = "", reference_name: str = "reference"
-) -> Path:
+def accuracy(table: Sequence[Mapping[str, Any]], path: str | Path, title: str = "", reference_name: str = "reference") -> Path:
     """What accuracy costs: error against seconds, and error against cell size with its order.
 
-    table: one mapping for each cell size, with cells_across; cell_size (m); seconds; error_finest, the
-    largest distance to the finest solution as a fraction of the length, None for the finest itself; and
-    error_reference, the same to an independent answer, None or left out where there is none.
+    table: one mapping for each cell size, with cells_across; cell_size (m); seconds; error_finest, the largest distance to the finest
+    solution as a fraction of the length, None for the finest itself; and error_reference, the same to an independent answer, None or
+    left out where there is none.
     """
     rows = sorted(table, key=lambda row: float(row["cell_size"]), reverse=True)
-    series = [
-        ("error_reference", f"against {reference_name}", _REFERENCE, "s"),
-        ("error_finest", "against the finest", _FINEST, "o"),
-    ]
+    series = [("error_reference", f"against {reference_name}", _REFERENCE, "s"), ("error_finest", "against the finest", _FINEST, "o")]
     with rc_context(LOOK):
         figure = Figure(figsize=(7.2, 3.3), layout="constrained")
         cost, order = figure.subplots(1, 2)
-        for key, name, colour, marker in series:
-            known = [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
+        for key, name, color, marker in series:
+            known = _known(rows, key)
             if not known:
                 continue
             error = np.array([100.0 * float(row[key]) for row in known])
-            seconds = np.array([float(row["seconds"]) for row in known])
-            size = np.array([1e3 * float(row["cell_size"]) for row in known])
-            look: dict[str, Any] = {
-                "color": colour,
-                "marker": marker,
-                "markersize": 5,
-                "linewidth": 1.3,
-                "label": name,
-            }
-            cost.plot(seconds, error, **look)
-            order.plot(size, error, **look)
+            look: Any = {"color": color, "marker": marker, "markersize": 5, "linewidth": 1.3, "label": name}
+            cost.plot([float(row["seconds"]) for row in known], error, **look)
+            order.plot([1e3 * float(row["cell_size"]) for row in known], error, **look)
         _label_cells(cost, rows, [key for key, *_ in series])
-        _slope_triangle(
-            order, rows, "error_finest" if _counted(rows, "error_finest") >= 2 else "error_reference"
-        )
+        _slope_triangle(order, rows, "error_finest" if len(_known(rows, "error_finest")) >= 2 else "error_reference")
         for axes in (cost, order):
             axes.set_xscale("log")
             axes.set_yscale("log")
@@ -185,35 +172,24 @@ def accuracy(
         return saved(figure, path)
 
 
-def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> int:
-    return sum(row.get(key) is not None and float(row[key]) > 0 for row in rows)
+def _known(rows: Sequence[Mapping[str, Any]], key: str) -> list[Mapping[str, Any]]:
+    """The rows that have a value of their own."""
+    return [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
 
 
 def _label_cells(axes: Axes, rows: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> None:
     """How many cells lie across the body, above the upper point of each row."""
+    near: Any = {"xytext": (5, 5), "textcoords": "offset points", "fontsize": 8, "color": style.INK}
     for row in rows:
-        errors = [100.0 * float(row[key]) for key in keys if row.get(key) is not None and float(row[key]) > 0]
+        errors = [100.0 * float(row[key]) for key in keys if _known([row], key)]
         if errors:
-            axes.annotate(
-                f"{row['cells_across']:g}",
-                (float(row["seconds"]), max(errors)),
-                xytext=(5, 5),
-                textcoords="offset points",
-                fontsize=8,
-                color=style.INK,
-            )
-    axes.annotate(
-        "numbers: cells across",
-        (0.02, 0.02),
-        xycoords="axes fraction",
-        fontsize=7.5,
-        color=style.FAINT_INK,
-    )
+            axes.annotate(f"{row['cells_across']:g}", (float(row["seconds"]), max(errors)), **near)
+    axes.annotate("numbers: cells across", (0.02, 0.02), xycoords="axes fraction", fontsize=7.5, color=style.FAINT_INK)
 
 
 def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> None:
     """A triangle below a series with the slope of its best fit, which is the order of convergence."""
-    known = [row for row in rows if row.get(key) is not None and float(row[key]) > 0]
+    known = _known(rows, key)
     if len(known) < 2:
         return
     size = np.array([1e3 * float(row["cell_size"]) for row in known])
@@ -224,14 +200,106 @@ def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> 
     drop = 0.45 * float(np.min(error / np.exp(height) / size**slope))
     bottom, top = (drop * np.exp(height) * x**slope for x in (low, high))
     axes.plot([low, high, high, low], [bottom, bottom, top, bottom], color=style.FAINT_INK, linewidth=1.0)
-    near: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": style.FAINT_INK}
+    near: Any = {"textcoords": "offset points", "fontsize": 8, "color": style.FAINT_INK}
     axes.annotate("1", (np.sqrt(low * high), bottom), xytext=(0, -3), ha="center", va="top", **near)
-    axes.annotate(
-        f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near
-    )
+    axes.annotate(f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near)
+
+
+def motion(energies: Table, contacts: Mapping[str, Table], path: str | Path, title: str = "") -> Path:
+    """A motion's energies, and below them contact forces where there are any, against time.
+
+    energies: columns of energies.csv, s and J; contacts: effect -> columns of contacts.csv, s and N.
+    """
+    touching = {name: c for name, c in contacts.items() if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")}
+    rows = 2 if touching else 1
+    with rc_context(LOOK):
+        figure = Figure(figsize=(6.4, 2.7 * rows), layout="constrained")
+        axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+        _energies(axes[0], energies)
+        if touching:
+            _forces(axes[1], touching)
+        axes[-1].set_xlabel("time (s)")
+        axes[-1].locator_params(axis="x", nbins=7)
+        figure.align_ylabels(axes)
+        for letter, panel in zip("ab", axes if rows == 2 else []):
+            panel.set_title(letter)
+        if title:
+            axes[0].set_title(title, loc="right", fontsize=10, weight="bold")
+        return saved(figure, path)
+
+
+def _energies(axes: Axes, energies: Table) -> None:
+    # Potentials count from an arbitrary zero: from their first value they can be compared.
+    from_zero = {name: 0.0 if name in ("kinetic", "elastic", "dissipated") else values[0] for name, values in energies.items()}
+    curves = {name: energies[name] - from_zero[name] for name in (*(n for n in energies if n not in ("t", "total")), "total")}
+    unit, word = _unit(list(curves.values()), _ENERGY_UNITS)
+    for i, (name, values) in enumerate(curves.items()):
+        look: Any = {"color": _COLORS[i % len(_COLORS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.3}
+        if name == "total":
+            look = {"color": style.INK, "linestyle": "-", "linewidth": 1.8}
+        axes.plot(energies["t"], values / unit, label=name.replace("_", " "), **look)
+    _dress(axes, f"energy since the start ({word})")
+
+
+def _forces(axes: Axes, contacts: Mapping[str, Table]) -> None:
+    curves = {(name, axis): contact[f"F{axis}"] for name, contact in contacts.items() for axis in "xyz"}
+    unit, word = _unit(list(curves.values()), _FORCE_UNITS)
+    least = 1e-3 * max(float(np.nanmax(np.abs(force))) for force in curves.values())
+    shown = [(name, axis, force) for (name, axis), force in curves.items() if np.any(np.abs(force) > least)]
+    for i, (name, axis, force) in enumerate(shown):
+        look: Any = {"color": _COLORS[i % len(_COLORS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.3}
+        axes.plot(contacts[name]["t"], force / unit, label=f"{name.replace('_', ' ')}, $F_{axis}$", **look)
+    _dress(axes, f"contact force on the body ({word})")
+
+
+def _dress(axes: Axes, label: str) -> None:
+    """What energies and forces share: label, zero line and legend."""
+    axes.set_ylabel(label)
+    axes.axhline(0.0, color=style.GRID, linewidth=0.8, zorder=0)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _unit(curves: list[np.ndarray], units: tuple[tuple[float, str], ...]) -> tuple[float, str]:
+    """The largest unit in which the largest value is at least 1; the smallest if none is."""
+    largest = max((float(np.abs(c[np.isfinite(c)]).max(initial=0.0)) for c in curves), default=0.0)
+    return next((unit for unit in units if largest >= unit[0]), units[-1])
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve: y (m,) over x (m,), None where it has no value. look: line, dashes, or the marker of separate points."""
+
+    name: str
+    x: Sequence[float]
+    y: Sequence[float | None]
+    look: str = "line"  # line | dashes | any of matplotlib's markers
+    color: str = "#0077BB"
+
+
+def compare(series: Sequence[Series], path: str | Path, *, x_label: str, y_label: str, title: str = "") -> Path:
+    """One quantity over another, computed and known: all series in one plot. Returns the path, whose ending says PNG, PDF or SVG."""
+    with rc_context(LOOK):
+        figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+        axes = figure.subplots()
+        for s in series:
+            y = np.array([np.nan if value is None else float(value) for value in s.y])
+            look: Any = {"linewidth": 1.5, "linestyle": "-" if s.look == "line" else "--"}
+            if s.look not in {"line", "dashes"}:
+                face = s.color if s.look in "x+" else "white"
+                look = {"linestyle": "none", "marker": s.look, "markersize": 6, "markerfacecolor": face}
+            axes.plot(s.x, y, color=s.color, label=s.name, **look)
+        axes.grid(True, color="#EEEEEE", linewidth=0.8, zorder=0)
+        axes.set_axisbelow(True)
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
+        axes.legend(loc="best")
+        if title:
+            axes.set_title(title)
+        return saved(figure, path)
 
 
 def saved(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as its path's ending says; its folder is made."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     kind = path.suffix[1:].lower() or "png"

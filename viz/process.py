@@ -1,7 +1,7 @@
 """One drawing process: a fresh interpreter at the other end of a pipe.
 
-Not a fork, since a fork after OpenMP has started is lost, and not multiprocessing's spawn either, which
-would import the caller's script once more.
+It is not a fork, since a fork hangs once OpenMP has started; nor multiprocessing's spawn, which would import the caller's script once
+more; nor loky's, which outlives a caller that is killed.
 """
 
 from __future__ import annotations
@@ -82,13 +82,11 @@ class Worker:
             kind, answer = self._pipe.recv()
         except (EOFError, OSError):
             self.process.wait()
-            raise WorkerDied(
-                f"no answer in {timeout:.0f} s" if late.is_set() else self._last_words()
-            ) from None
+            raise WorkerDied(f"no answer in {timeout:.0f} s" if late.is_set() else self._last_words()) from None
         except (AttributeError, TypeError, pickle.PicklingError) as error:
             raise RenderError(f"this request cannot be sent to the drawing process: {error}") from None
         except BaseException:
-            # Ctrl-C, or what cannot be sent: the answer to this request must not become the next one's.
+            # Ctrl-C: the answer to this request must not become the next one's.
             self.process.kill()
             raise
         finally:

@@ -19,13 +19,11 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import InputError, report
-from viz import style
-from viz.camera import Frame
-from viz.picture import Picture
+from viz.camera import Framing
+from viz.layout import Layout, page_of
 from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
-from viz.stage import Shot, Stage
-from viz.stage_layout import Layout, page_of
-from viz.worker_main import draw, draw_stage
+from viz.snapshot import Snapshot
+from viz.worker_main import draw
 
 BACKENDS = ("pyvista", "matplotlib")
 
@@ -73,9 +71,7 @@ class Renderer:
     pictures are not drawn by PyVista and what to install.
     """
 
-    def __init__(
-        self, backend: str | None = None, *, start_timeout: float = 60.0, frame_timeout: float = 30.0
-    ) -> None:
+    def __init__(self, backend: str | None = None, *, start_timeout: float = 60.0, frame_timeout: float = 30.0) -> None:
         """backend: forces one; else the variable MAGMPM_RENDER does. Timeouts in s."""
         forced = backend or forced_backend()
         if forced is not None and forced not in BACKENDS:
@@ -94,9 +90,7 @@ class Renderer:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
     def start(self) -> None:
@@ -114,60 +108,43 @@ class Renderer:
 
     def render(
         self,
-        picture: Picture,
+        snapshot: Snapshot,
         path: str | Path,
         *,
-        size: tuple[int, int] = style.TRIAL_SIZE,
-        frame: Frame | None = None,
+        size: tuple[int, int] | None = None,
+        framing: Framing | None = None,
+        layout: Layout | None = None,
     ) -> Path:
-        """Draw a picture into a PNG file; its folder is made.
+        """Draw a snapshot into a PNG file; its folder is made. Returns the path.
 
-        size: width and height in pixels; frame: what is in view, by default the body and its target (share
-        one frame to compare pictures). Returns the path. Raises RenderError.
+        size: width and height in pixels, the layout's own unless given. framing: what is in view, by default the body and its target
+        (share one to compare pictures). layout: as the snapshot and the framing's shape call for, unless given. Raises RenderError.
         """
-        path = _in_a_folder(path)
-        self._draw(draw, picture, frame, size, str(path.resolve()))
+        path = Path(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RenderError(f"the folder of {path} cannot be made: {error}") from None
+        self._draw(snapshot, size, framing, layout, str(path.resolve()))
         return path
 
     def image(
-        self, picture: Picture, *, size: tuple[int, int] = style.TRIAL_SIZE, frame: Frame | None = None
-    ) -> np.ndarray:
-        """The picture as an array (height, width, 3) uint8. Raises RenderError."""
-        image: np.ndarray = self._draw(draw, picture, frame, size, None)
-        return image
-
-    def render_stage(
         self,
-        stage: Stage,
-        shot: Shot,
-        path: str | Path,
+        snapshot: Snapshot,
         *,
-        size: tuple[int, int] = style.MOVIE_SIZE,
-        layout: Layout | None = None,
-    ) -> Path:
-        """Draw a moment of a motion into a PNG file; its folder is made. layout: as the shot's shape calls for, unless given.
-        Raises RenderError."""
-        path = _in_a_folder(path)
-        self._draw(draw_stage, stage, shot, size, layout or page_of(shot), str(path.resolve()))
-        return path
-
-    def stage_image(
-        self,
-        stage: Stage,
-        shot: Shot,
-        *,
-        size: tuple[int, int] = style.MOVIE_SIZE,
+        size: tuple[int, int] | None = None,
+        framing: Framing | None = None,
         layout: Layout | None = None,
     ) -> np.ndarray:
-        """A moment of a motion as an array (height, width, 3) uint8. Raises RenderError."""
-        image: np.ndarray = self._draw(draw_stage, stage, shot, size, layout or page_of(shot), None)
+        """The snapshot as an array (height, width, 3) uint8; options as of `render`. Raises RenderError."""
+        image: np.ndarray = self._draw(snapshot, size, framing, layout, None)
         return image
 
-    def submit(self, picture: Picture, path: str | Path, **kind: Any) -> Future[Path]:
+    def submit(self, snapshot: Snapshot, path: str | Path, **kind: Any) -> Future[Path]:
         """`render` in the background and in order, so that the next solve need not wait for it."""
         if self._queue is None:
             self._queue = ThreadPoolExecutor(max_workers=1, thread_name_prefix="magmpm-render")
-        return self._queue.submit(self.render, picture, path, **kind)
+        return self._queue.submit(self.render, snapshot, path, **kind)
 
     def run(self, function: Callable[..., Any], *args: Any) -> Any:
         """function(*args) in the drawing process, for plots: so matplotlib stays out of this one.
@@ -193,15 +170,20 @@ class Renderer:
         with self._lock:
             self._drop_worker()
 
-    def _draw(self, function: Callable[..., Any], *args: Any) -> Any:
+    def _draw(
+        self, snapshot: Snapshot, size: tuple[int, int] | None, framing: Framing | None, layout: Layout | None, path: str | None
+    ) -> Any:
         """One picture, with whatever it takes: a restart, then matplotlib."""
+        framing = framing or Framing.of(snapshot)
+        layout = layout or page_of(framing, insets=snapshot.insets)
+        args = (snapshot, framing, size or layout.size, layout, path)
         with self._lock:
             try:
-                answer = self.run(function, *args)
+                answer = self.run(draw, *args)
             except RenderError as error:
                 if self.backend == "matplotlib":
                     raise
-                return self._drawn_by_matplotlib(error, function, *args)
+                return self._drawn_by_matplotlib(error, draw, *args)
             self._failures = 0
             return answer
 
@@ -242,9 +224,7 @@ class Renderer:
                     raise RenderError(f"the drawing process does not start: {problem}") from None
                 self._windows.pop(0)
                 if not self._windows:
-                    crashed = isinstance(problem, WorkerDied) and any(
-                        name in str(problem) for name in ("SIGSEGV", "SIGABRT")
-                    )
+                    crashed = isinstance(problem, WorkerDied) and any(name in str(problem) for name in ("SIGSEGV", "SIGABRT"))
                     reason = " ".join(str(problem).split())
                     self._fall_back(NO_OPENGL if crashed else DOES_NOT_START.format(reason=reason))
 
@@ -264,13 +244,3 @@ class Renderer:
         if self._worker is not None:
             self._worker.close()
             self._worker = None
-
-
-def _in_a_folder(path: str | Path) -> Path:
-    """The path, its folder made. Raises RenderError."""
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RenderError(f"the folder of {path} cannot be made: {error}") from None
-    return path

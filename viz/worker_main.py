@@ -1,24 +1,29 @@
-"""What runs inside the drawing process: open a backend, draw a first picture, then answer requests.
+"""What runs inside the drawing process: open a renderer, draw a first picture, then answer requests.
 
-The first picture is the probe: where OpenGL is missing the process dies on it and the parent knows.
+The first picture is the probe: where OpenGL is missing the process dies of it, and the parent knows.
 """
 
 from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.results.whole_file import FULL, REFUSED, explained, whole_file
+from viz import style
+from viz.camera import Framing
+from viz.layout import PAGE, Layout
+from viz.meshes import tube
+from viz.snapshot import Snapshot
 
-Draw = Callable[..., np.ndarray]
-_backend: Draw | None = None
-_stage_backend: Draw | None = None
+if TYPE_CHECKING:
+    from viz.drawing import Canvas
+
+_canvas: Canvas | None = None
 
 
 def main(argv: list[str]) -> None:
@@ -28,9 +33,9 @@ def main(argv: list[str]) -> None:
     _no_core_dump()
     pipe = Connection(int(argv[1]))
     try:
-        global _backend, _stage_backend
-        _backend, _stage_backend = _opened(argv[2])
-        _probe(_backend)
+        global _canvas
+        _canvas = _opened(argv[2])
+        _probe()
     except Exception as error:
         pipe.send(("error", _told(error)))
         return
@@ -57,58 +62,41 @@ def _told(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def draw(picture: Any, frame: Any, size: tuple[int, int], path: str | None) -> np.ndarray | None:
-    """Draw in this process: into the PNG file `path`, or return the image (h, w, 3) uint8 if that is None."""
-    if _backend is None:
-        raise RuntimeError("no backend is open in this process; use viz.worker.Renderer")
-    return _saved(_backend(picture, frame, size), path)
+def draw(snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout, path: str | None) -> np.ndarray | None:
+    """Draw in this process: into the PNG file `path`, which is then whole or not there, or return the image (h, w, 3) uint8."""
+    if _canvas is None:
+        raise RuntimeError("no renderer is open in this process; use viz.worker.Renderer")
+    from viz import drawing  # Pillow stays out of the caller, which imports this file as well
 
-
-def draw_stage(
-    stage: Any, shot: Any, size: tuple[int, int], layout: Any, path: str | None
-) -> np.ndarray | None:
-    """As `draw`, a moment of a motion."""
-    if _stage_backend is None:
-        raise RuntimeError("no backend is open in this process; use viz.worker.Renderer")
-    return _saved(_stage_backend(stage, shot, size, layout), path)
-
-
-def _saved(image: np.ndarray, path: str | None) -> np.ndarray | None:
+    image = drawing.draw(_canvas, snapshot, framing, size, layout)
     if path is None:
         return image
-    save_png(image, path)
-    return None
-
-
-def save_png(image: np.ndarray, path: str) -> None:
-    """Write an image (h, w, 3) uint8; the file is whole or not there."""
     from PIL import Image
 
     with whole_file(Path(path)) as unfinished:
         Image.fromarray(image).save(unfinished, format="PNG", compress_level=4)
+    return None
 
 
-def _opened(backend: str) -> tuple[Draw, Draw]:
-    """The functions of a backend that draw pictures and stages; imports it."""
+def _opened(backend: str) -> Canvas:
+    """A canvas of a backend; imports it."""
     if backend == "matplotlib":
-        from viz import matplotlib_scene, stage_flat
+        from viz.matplotlib_renderer import MatplotlibCanvas
 
-        return matplotlib_scene.draw, stage_flat.draw
+        return MatplotlibCanvas()
     # PyVista imports mypy where it finds it, for a plugin nobody uses here: 20 MB.
     sys.modules["mypy"] = None  # type: ignore[assignment]
-    from viz.scene3d import Scene3D
+    from viz.vtk_renderer import VtkCanvas
 
-    window = Scene3D()
-    return window.draw, window.stage
+    return VtkCanvas()
 
 
-def _probe(backend: Draw) -> None:
-    """Draw a small body and look for it. Raises RuntimeError if the picture is blank."""
-    from viz import samples, style
-
-    body = samples.catheter(spacing=1e-3)
-    image = backend(body, None, style.TRIAL_SIZE)
-    # The palette's mint is in no text and no arrow: it must be the body's second segment.
+def _probe() -> None:
+    """Draw a small rod and look for it. Raises RuntimeError if the picture is blank."""
+    rod = Snapshot(body=tube([0.02, 0.04], 2e-3, 0.0, 1e-3), magnetized=np.ones(2, dtype=bool), length=0.04, thickness=4e-3)
+    image = draw(rod, Framing.of(rod), style.TRIAL_SIZE, PAGE, None)
+    assert image is not None  # since no path was given
+    # The palette's mint is in no text and no arrow: it must be the rod's second part.
     red, green, blue = (image[..., k].astype(int) for k in range(3))
     if np.count_nonzero((green > red + 60) & (green > blue)) < 100:
         raise RuntimeError("the first picture came out blank")

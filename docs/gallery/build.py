@@ -30,9 +30,8 @@ from magmpm.cli.main import main as magmpm
 from magmpm.errors import InputError
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
-from viz.motion_movie import beside
-from viz.play import Play
-from viz.sheet import composed, save, sheet
+from viz.figure_panels import beside, composed, figure, save
+from viz.from_motion import MotionRenderer
 from viz.worker import Renderer
 
 HERE = Path(__file__).resolve().parent
@@ -100,19 +99,19 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
     """Draw the moments of MOMENTS instead of those that `magmpm render` chose; scenes of BESIDE one below another, with a common movie."""
     if name not in MOMENTS and len(folders) == 1:
         return
-    plays = [Play(Motion.load(folder)) for folder in folders]
+    motions = [MotionRenderer(Motion.load(folder)) for folder in folders]
     numbers = [
-        [play.motion.nearest(t) for t in MOMENTS.get(name, play.motion.times[[0, -1]])] for play in plays
+        [shown.motion.nearest(t) for t in MOMENTS.get(name, shown.motion.times[[0, -1]])] for shown in motions
     ]
     with Renderer() as renderer:
-        if len(plays) == 1:
-            sheet(plays[0], folders[0] / "moments.png", renderer, numbers[0])
+        if len(motions) == 1:
+            figure(motions[0], folders[0] / "moments.png", renderer, numbers[0])
             return
         words = measures().words
-        shown = [(play, k) for play, some in zip(plays, numbers) for k in some]
-        image = composed(shown, renderer, len(numbers[0]), 1800, [words(play.motion, k) for play, k in shown])
+        moments = [(shown, k) for shown, some in zip(motions, numbers) for k in some]
+        image = composed(moments, renderer, len(numbers[0]), 1800, [words(shown.motion, k) for shown, k in moments])
         save(image, folders[0] / "moments.png")
-        beside(plays, folders[0] / "movie.mp4", renderer, lambda play, k: words(play.motion, k))
+        beside(motions, folders[0] / "movie.mp4", renderer, lambda shown, k: words(shown.motion, k))
 
 
 def is_result_of(scene: Path, results: Path) -> bool:

@@ -69,11 +69,11 @@ def _tell(trial: Trial, progress: Progress) -> None:
 
 
 def _trial_picture(renderer: Renderer, smooth: bool) -> DrawTrial:
-    from viz.picture import Picture
+    from viz.from_result import trial_snapshot
 
     def draw(result: Result, path: Path, trial: Trial) -> Path:
-        picture = Picture.from_result(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=smooth)
-        return renderer.render(picture, path)
+        snapshot = trial_snapshot(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=smooth)
+        return renderer.render(snapshot, path)
 
     return draw
 
@@ -185,24 +185,25 @@ def _draw_study(
     from magmpm.results.result import Result
     from studies.records import BEST, DESIGN, IMPROVEMENTS, read_design
     from viz import plots
-    from viz.movie import best_shapes_movie
-    from viz.picture import Picture
+    from viz.from_result import trial_snapshot
+    from viz.movies import best_shapes_movie
+    from viz.snapshot import Snapshot
     from viz.style import FINAL_SIZE
 
     out = out or folder
     if target is not None:
         write_centreline(folder / "target.csv", target)
 
-    def picture(of: Path) -> Picture:
+    def snapshot(of: Path) -> Snapshot:
         known = read_design(of)
         if "number" not in known or "rms_m" not in known:
             rule, remedy = "must be as `magmpm design` wrote it", "run `magmpm design` again: it makes the design anew"
             raise InputError(worded(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy))
-        return Picture.from_result(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
+        return trial_snapshot(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
 
     files = []
     if (folder / BEST).exists():
-        files.append(renderer.render(picture(folder / BEST), out / "best.png", size=FINAL_SIZE))
+        files.append(renderer.render(snapshot(folder / BEST), out / "best.png", size=FINAL_SIZE))
     if report["rms_m"]:
         penalised = report["failed_trials"]
         files.append(
@@ -219,7 +220,7 @@ def _draw_study(
     if shapes:
         files.append(
             best_shapes_movie(
-                [picture(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer
+                [snapshot(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer
             ).path
         )
     return [Path(path) for path in files]

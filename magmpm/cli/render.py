@@ -102,16 +102,13 @@ def render_run(
 
 def draw_result(result: Result, path: Path, renderer: Renderer, style: str | None = None) -> Path:
     """The picture of an equilibrium: the body's surface with what stands around it, or its particles, also from the top and the side."""
-    from viz.style import FINAL_SIZE, MOVIE_SIZE
+    from viz.from_result import Still, trial_snapshot
+    from viz.style import FINAL_SIZE
 
     if style == PARTICLES:
-        from viz.picture import Picture
-
-        return renderer.render(Picture.from_result(result), path, size=FINAL_SIZE)
-    from viz.play import Still
-
+        return renderer.render(trial_snapshot(result), path, size=FINAL_SIZE)
     still = Still(result)
-    return renderer.render_stage(still.picture(), still.shot, path, size=MOVIE_SIZE)
+    return renderer.render(still.snapshot(), path, framing=still.framing)
 
 
 def motion_of(folder: Path) -> Motion | None:
@@ -131,26 +128,25 @@ def motion_of(folder: Path) -> Motion | None:
 def _render_motion(
     motion: Motion, out: Path, renderer: Renderer, frames: str | None, fps: float | None
 ) -> tuple[list[Path], str]:
-    from viz import motion_movie
-    from viz.motion_plots import motion as plot
-    from viz.play import Play
-    from viz.sheet import sheet
+    from viz import movies, plots
+    from viz.figure_panels import figure
+    from viz.from_motion import MotionRenderer
 
     if len(motion) == 0:
         raise InputError(
             f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again"
         )
     wanted = _numbers(frames, len(motion))
-    play = Play(motion)
+    shown = MotionRenderer(motion)
     if read_mapping(motion.folder / NUMBERS).get("failure"):
-        play.title += " (stopped before its end)"
-    files = motion_movie.pictures(play, out / FRAMES, renderer, wanted)
+        shown.title += " (stopped before its end)"
+    files = movies.pictures(shown, out / FRAMES, renderer, wanted)
     last = len(motion) - 1
-    files.append(renderer.render_stage(play.stage(last), play.shot, out / PICTURE))
-    files.append(sheet(play, out / MOMENTS, renderer))
+    files.append(renderer.render(shown.snapshot(last), out / PICTURE, framing=shown.framing))
+    files.append(figure(shown, out / MOMENTS, renderer))
     if motion.energies:
-        files.append(renderer.run(plot, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name))
-    made = motion_movie.movie(play, out / MOVIE, renderer, fps=fps)
+        files.append(renderer.run(plots.motion, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name))
+    made = movies.movie(shown, out / MOVIE, renderer, fps=fps)
     return [made.path, *files], made.note
 
 

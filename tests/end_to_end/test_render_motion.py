@@ -10,16 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
-from reference import motions
+from reference import drawn, motions
 
 from magmpm.cli.main import main
 from magmpm.results.folder_lock import LOCK
 from magmpm.results.trajectory import MotionWriter
 
-SCENE = {
-    "name": "bending",
-    "body": {"catheter": {"length": 0.04, "diameter": 0.004, "clamp": "base", "segments": [{}] * 3}},
-}
+SCENE = drawn.scene()
 
 
 @pytest.fixture

@@ -25,8 +25,7 @@ from magmpm.results.result import NUMBERS, Result
 from magmpm.results.run_folder import EARLIER, FAILED, MOMENTS, PICTURE
 from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
-from viz.picture import Picture
-from viz.play import Still
+from viz.from_result import Still, trial_snapshot
 
 MOVING = SWING.format(dynamic="duration: 0.4 ms, output_every: 0.2 ms")
 RESTING = MOVING[: MOVING.index("solver:")] + "solver: {static: {field_steps: 4}}\nresolution: {cells_across: 2}\n"
@@ -181,9 +180,9 @@ def test_a_failed_equilibrium_is_marked(failing: None, capsys: Said) -> None:
     assert (OUT / PICTURE).stat().st_size > 5_000
     assert json.loads((OUT / NUMBERS).read_text())["load_share"] == 0.25
     found = Result.load(OUT)
-    assert Picture.from_result(found).caption() == "NOT THE ANSWER: at 25 % of the load"
-    assert Picture.from_result(found).field == pytest.approx([0.0, 0.5e-3, 5e-3])
-    assert Still(found).picture().caption() == "NOT THE ANSWER: at 25 % of the load"
+    assert trial_snapshot(found).caption() == "NOT THE ANSWER: at 25 % of the load"
+    assert trial_snapshot(found).field == pytest.approx([0.0, 0.5e-3, 5e-3])
+    assert Still(found).snapshot().caption() == "NOT THE ANSWER: at 25 % of the load"
 
 
 def test_a_failed_equilibrium_keeps_what_was_there(failing: None, capsys: Said) -> None:

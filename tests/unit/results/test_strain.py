@@ -17,8 +17,7 @@ from magmpm.results.result import Result
 from magmpm.results.strain import STRETCH, VOLUME, Strain, strain_of, tightest_radius
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from viz.picture import Picture
-from viz.play import Still
+from viz.from_result import Still, trial_snapshot
 
 ROOT = Path(__file__).parents[3]
 L, D = 40e-3, 4e-3
@@ -104,8 +103,8 @@ def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.Capt
         assert about in text
         assert f"magmpm: warning: {text}\n" in printed.err
     mark = f"BEYOND THE MATERIAL LAW: stretch {saved.largest_stretch:.2g}"
-    assert Picture.from_result(saved).caption() == Still(saved).picture().caption() == mark
-    assert Picture.from_result(saved, trial=3).caption() == "trial 3"
+    assert trial_snapshot(saved).caption() == Still(saved).snapshot().caption() == mark
+    assert trial_snapshot(saved, trial=3).caption() == "trial 3"
 
 
 @pytest.mark.parametrize("name", ["five_segments", "hollow", "zhao_plane_strain", "three_segments_3d"])
@@ -115,7 +114,7 @@ def test_usual_scenes_are_not(name: str) -> None:
     assert [text for text in result.warnings if text.startswith("strain")] == []
     assert 1.02 < result.largest_stretch < 1.2
     assert result.tightest_radius is not None
-    assert Picture.from_result(result).caption() == ""
+    assert trial_snapshot(result).caption() == ""
 
 
 def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:

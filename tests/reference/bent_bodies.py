@@ -1,12 +1,17 @@
-"""Bodies bent by hand, to draw without solving anything: for tests, and to try a renderer."""
+"""Bodies bent by hand, to draw without solving anything."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from viz.picture import Picture
+from viz import style
+from viz.from_result import segment_arrows
+from viz.meshes import tube
+from viz.snapshot import Obstacle, Particles, Snapshot
 
 Curvature = Callable[[float], tuple[float, float]]
 
@@ -21,9 +26,7 @@ def s_shape(s: float) -> tuple[float, float]:
     return -95.0 * np.cos(np.pi * s / 0.036), 70.0 * np.sin(np.pi * s / 0.03)
 
 
-def bent_axis(
-    curvature: Curvature, length: float, count: int = 81
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def bent_axis(curvature: Curvature, length: float, count: int = 81) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Axis of a rod with given curvature, clamped at the origin along +x, without twist.
 
     Returns s (count,) m, positions (count, 3) m, frames (count, 3, 3) whose columns are the section's axes.
@@ -34,7 +37,7 @@ def bent_axis(
     step = s[1]
     for i in range(1, count):
         bend_y, bend_z = curvature(s[i] - step / 2)
-        half = _rotation(np.array([0.0, bend_y, bend_z]) * step / 2)
+        half = Rotation.from_rotvec(np.array([0.0, bend_y, bend_z]) * step / 2).as_matrix()
         position[i] = position[i - 1] + step * (frame[i - 1] @ half)[:, 0]
         frame[i] = frame[i - 1] @ half @ half
     return s, position, frame
@@ -45,13 +48,13 @@ def catheter(
     target: Curvature | None = None,
     *,
     segments: int = 5,
-    unmagnetised: tuple[int, ...] = (),
+    unmagnetized: tuple[int, ...] = (),
     spacing: float = 0.5e-3,
     trial: int | None = None,
     rms: float | None = None,
     title: str = "five-segment catheter",
-) -> Picture:
-    """Picture of a 40 x 4 mm catheter bent to that curvature; spacing: m between particles."""
+) -> Snapshot:
+    """Snapshot of a 40 x 4 mm catheter bent to that curvature; spacing: m between particles."""
     length, diameter = 0.04, 0.004
     across = (np.arange(round(diameter / spacing)) + 0.5) * spacing - diameter / 2
     y, z = (grid.ravel() for grid in np.meshgrid(across, across))
@@ -67,28 +70,29 @@ def catheter(
     middle = np.searchsorted(s, (np.arange(segments) + 0.5) * length / segments)
     angles = np.linspace(0.0, 1.5 * np.pi, segments)
     remanence = 0.138 * np.stack([np.cos(angles), 0.5 * np.sin(angles), np.sin(angles)], axis=1)
-    remanence[list(unmagnetised)] = 0.0
-    return Picture(
-        particles=particles.astype(np.float32),
-        particle_segment=np.repeat((along * segments / length).astype(np.int32), len(y)),
-        particle_size=spacing,
-        segment_center=position[middle],
-        segment_remanence=np.einsum("kij,kj->ki", frame[middle], remanence),
+    remanence[list(unmagnetized)] = 0.0
+    deformed = np.einsum("kij,kj->ki", frame[middle], remanence)
+    depth = style.CLAMP_THICKNESS * diameter
+    plate = tube([depth], style.CLAMP_RADIUS * diameter, 0.0, depth, 48)
+    return Snapshot(
+        body=Particles(particles.astype(np.float32), np.repeat((along * segments / length).astype(np.int32), len(y)), spacing),
+        magnetized=np.linalg.norm(remanence, axis=1) > 0,
         length=length,
-        diameter=diameter,
-        centreline=position,
+        thickness=diameter,
+        axis=position,
         target=None if target is None else bent_axis(target, length)[1][4::4],
+        arrows=segment_arrows(position, position[middle], deformed, length, diameter),
+        arrow_width=style.ARROW_WIDTH * diameter,
+        obstacles=(Obstacle("clamp", plate.points - [depth, 0.0, 0.0], plate.triangles, style.CLAMP),),
         field=np.array([0.0, 6e-3, 8e-3]),
         gravity=np.array([0.0, 0.0, -9.81]),
         title=title,
         trial=trial,
         rms=rms,
+        insets=True,
     )
 
 
-def _rotation(vector: np.ndarray) -> np.ndarray:
-    """Rotation matrix of a rotation vector (3,) rad (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector / angle if angle > 0 else vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+def plain(snapshot: Snapshot) -> Snapshot:
+    """The same body without magnetization."""
+    return replace(snapshot, magnetized=np.zeros_like(snapshot.magnetized), arrows=np.zeros((0, 2, 3)))

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from viz import plots
+from viz.from_motion import MotionRenderer
 
 RMS = [8e-3, None, 5e-3, 6e-3, float("nan"), 3e-3, 4e-3]
 
@@ -113,3 +115,31 @@ def test_the_same_numbers_give_the_same_file(tmp_path: Path, kind: str) -> None:
     one, two = (plots.convergence(RMS, tmp_path / f"{k}.{kind}", stop=2e-3, title="S") for k in range(2))
     assert one.read_bytes() == two.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{kind}", f"1.{kind}"]
+
+
+def test_energies_and_forces_are_plotted(motion: MotionRenderer, tmp_path: Path) -> None:
+    path = plots.motion(
+        motion.motion.energies, motion.motion.contacts, tmp_path / "energies.svg", "bending"
+    )
+    text = path.read_text()
+    for word in ("kinetic", "elastic", "magnetic torque", "total", "ground", "time (s)"):
+        assert word in text
+    alone = plots.motion(motion.motion.energies, {}, tmp_path / "alone.svg")
+    assert "contact force" not in alone.read_text()
+
+
+def test_labels_of_the_plots_stand_whole(tmp_path: Path) -> None:
+    """One spike among zeros: its axis gets wide ticks once the layout is made, and they pushed the label over the edge."""
+    time = np.linspace(0.0, 0.02, 21)
+    spike = np.where(time == time[19], 3.46e-3, 0.0)
+    energies = {
+        "t": time,
+        "kinetic": 3e-6 * np.sin(300 * time) ** 2,
+        "elastic": 6e-6 * np.sin(300 * time),
+        "total": -6.9e-6 * np.sin(400 * time),
+    }
+    walls = {"t": time, "Fx": -0.03 * spike, "Fy": -0.1 * spike, "Fz": spike}
+    with Image.open(plots.motion(energies, {"walls": walls}, tmp_path / "energies.png")) as image:
+        pixels = np.asarray(image.convert("L"))
+    for edge in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
+        assert edge.min() > 250

@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference import bent_bodies, drawn
 
-from viz import layout, samples, scenery, style
-from viz.camera import Frame, View
-from viz.layout import Panel
-from viz.picture import Picture
-from viz.shapes import tube
+from magmpm.scene import Scene
+from viz import annotations, obstacles, style
+from viz.camera import Framing, View
+from viz.layout import TRIAL, Panel, Views
+from viz.meshes import tube
+from viz.snapshot import Particles, Snapshot
 from viz.worker import Renderer
 
 WIDTH, HEIGHT = style.TRIAL_SIZE
 ASPECT = WIDTH / HEIGHT
+(MAIN,), (TOP, SIDE), (COMPASS,), FIELD = TRIAL.mains, (inset.panel for inset in TRIAL.insets), TRIAL.compasses, TRIAL.field
 
 
 @pytest.fixture(scope="module", params=["pyvista", "matplotlib"])
@@ -28,20 +31,20 @@ def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
         yield opened
 
 
-def body(**kind: object) -> Picture:
+def body(**kind: object) -> Snapshot:
     """The spatial S beside a target it misses, so that no dot covers the body's axis."""
     settings: dict[str, object] = {"trial": 3, "rms": 2e-3, "spacing": 0.8e-3, **kind}
-    return samples.catheter(samples.s_shape, samples.c_shape, **settings)  # type: ignore[arg-type]
+    return bent_bodies.catheter(bent_bodies.s_shape, bent_bodies.c_shape, **settings)  # type: ignore[arg-type]
 
 
-def near(image: np.ndarray, colour: str, tolerance: int = 30) -> np.ndarray:
-    """(h, w) bool: where the image has about that colour."""
-    wanted = 255 * np.array(style.rgb(colour))
+def near(image: np.ndarray, color: str, tolerance: int = 30) -> np.ndarray:
+    """(h, w) bool: where the image has about that color."""
+    wanted = 255 * np.array(style.rgb(color))
     return np.abs(image.astype(float) - wanted).max(axis=2) < tolerance
 
 
-def hue_share(image: np.ndarray, colour: str) -> float:
-    """Share of pixels with a colour's hue, however light or dark it is shaded."""
+def hue_share(image: np.ndarray, color: str) -> float:
+    """Share of pixels with a color's hue, however light or dark it is shaded."""
     pixels = image.reshape(-1, 3).astype(float)
     pixels = pixels[np.ptp(pixels, axis=1) > 25]
     if len(pixels) == 0:
@@ -51,8 +54,8 @@ def hue_share(image: np.ndarray, colour: str) -> float:
         away = rgb - rgb.mean(axis=-1, keepdims=True)
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
-    # 0.985 is the cosine of 10 degrees of hue; the palette's colours are 20 and more apart.
-    return float((hue(pixels) @ hue(np.array(style.rgb(colour))) > 0.985).sum()) / (WIDTH * HEIGHT)
+    # 0.985 is the cosine of 10 degrees of hue; the palette's colors are 20 and more apart.
+    return float((hue(pixels) @ hue(np.array(style.rgb(color))) > 0.985).sum()) / (WIDTH * HEIGHT)
 
 
 def part(image: np.ndarray, panel: Panel) -> np.ndarray:
@@ -76,32 +79,32 @@ def test_the_picture_has_its_size_and_is_not_blank(renderer: Renderer) -> None:
 
 def test_drawn_twice_a_picture_is_the_same(renderer: Renderer) -> None:
     first = renderer.image(body())
-    renderer.image(samples.catheter(samples.c_shape, segments=2))
+    renderer.image(bent_bodies.catheter(bent_bodies.c_shape, segments=2))
     assert np.array_equal(renderer.image(body()), first)
 
 
 def test_the_target_is_drawn_in_blue_where_it_is(renderer: Renderer) -> None:
     picture = body()
     assert picture.target is not None
-    frame = Frame.of(picture)
-    image = renderer.image(picture, frame=frame)
-    without = renderer.image(replace(picture, target=None), frame=frame)
+    framing = Framing.of(picture)
+    image = renderer.image(picture, framing=framing)
+    without = renderer.image(replace(picture, target=None), framing=framing)
     assert not near(without, style.TARGET).any()
-    views = layout.Views.of(frame, ASPECT)
+    views = Views.of(framing, TRIAL, ASPECT)
     seen = near(image, style.TARGET, tolerance=70)
-    for view, panel in ((views.main, layout.MAIN), (views.top, layout.TOP), (views.side, layout.SIDE)):
+    for view, panel in zip((*views.mains, *views.insets), (MAIN, TOP, SIDE)):
         row, column = pixel(view, panel, picture.target[-1])
         assert seen[row - 1 : row + 2, column - 1 : column + 2].any()
 
 
-def test_every_segment_has_its_colour(renderer: Renderer) -> None:
-    main = part(renderer.image(body(unmagnetised=(1,))), layout.MAIN)
-    for colour in style.SEGMENTS[:4]:
-        assert hue_share(main, colour) > 2e-3, colour
-    assert hue_share(main, style.SEGMENTS[5]) < 5e-4, "a colour no segment has"
-    # Grey is the clamp's colour too: its share must grow.
+def test_every_segment_has_its_color(renderer: Renderer) -> None:
+    main = part(renderer.image(body(unmagnetized=(1,))), MAIN)
+    for color in style.SEGMENTS[:4]:
+        assert hue_share(main, color) > 2e-3, color
+    assert hue_share(main, style.SEGMENTS[5]) < 5e-4, "a color no segment has"
+    # Grey is the clamp's color too: its share must grow.
     grey = (np.ptp(main.astype(int), axis=2) < 12) & (main.mean(axis=2) > 90) & (main.mean(axis=2) < 215)
-    all_magnets = part(renderer.image(body()), layout.MAIN)
+    all_magnets = part(renderer.image(body()), MAIN)
     grey_before = (
         (np.ptp(all_magnets.astype(int), axis=2) < 12)
         & (all_magnets.mean(axis=2) > 90)
@@ -111,55 +114,51 @@ def test_every_segment_has_its_colour(renderer: Renderer) -> None:
 
 
 def test_the_body_is_seen_where_the_view_says(renderer: Renderer) -> None:
-    picture = replace(body(), target=None, segment_remanence=np.zeros((5, 3)))
-    frame = Frame.of(picture)
-    image = renderer.image(picture, frame=frame)
-    views = layout.Views.of(frame, ASPECT)
-    for view, panel in ((views.main, layout.MAIN), (views.top, layout.TOP), (views.side, layout.SIDE)):
-        for point in picture.centreline[10::10]:
+    picture = bent_bodies.plain(replace(body(), target=None))
+    framing = Framing.of(picture)
+    image = renderer.image(picture, framing=framing)
+    views = Views.of(framing, TRIAL, ASPECT)
+    for view, panel in zip((*views.mains, *views.insets), (MAIN, TOP, SIDE)):
+        for point in picture.axis[10::10]:
             row, column = pixel(view, panel, point)
             assert image[row, column].max() < 230, "the body covers its axis"
             # A diameter aside of every part of the body there is nothing but paper, floor or shadow.
-        above = picture.particles[np.argmax(picture.particles @ view.up)] + 1.5e-3 * view.up
+        above = picture.body.points[np.argmax(picture.body.points @ view.up)] + 1.5e-3 * view.up
         row, column = pixel(view, panel, above)
         assert image[row, column].min() > 215
 
 
-def test_magnetisation_is_drawn_in_front_of_the_body(renderer: Renderer) -> None:
+def test_magnetization_is_drawn_in_front_of_the_body(renderer: Renderer) -> None:
     picture = replace(body(), target=None)
-    frame = Frame.of(picture)
-    plain = replace(picture, segment_remanence=np.zeros((5, 3)))
-    with_arrows, without = (part(renderer.image(p, frame=frame), layout.MAIN) for p in (picture, plain))
+    framing = Framing.of(picture)
+    plain = bent_bodies.plain(picture)
+    with_arrows, without = (part(renderer.image(p, framing=framing), MAIN) for p in (picture, plain))
     dark = [(image.max(axis=2) < 75).sum() for image in (with_arrows, without)]
     assert dark[0] > dark[1] + 800
-    view = layout.Views.of(frame, ASPECT).main
-    image = renderer.image(picture, frame=frame)
-    for start, vector in style.magnetisation_arrows(picture):
-        row, column = pixel(view, layout.MAIN, start + 0.3 * vector)
+    view = Views.of(framing, TRIAL, ASPECT).mains[0]
+    image = renderer.image(picture, framing=framing)
+    for start, vector in picture.arrows:
+        row, column = pixel(view, MAIN, start + 0.3 * vector)
         assert image[row, column].max() < 110
 
 
 def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     picture = body()
     image = renderer.image(picture)
-    assert near(part(image, layout.FIELD), style.FIELD, tolerance=60).sum() > 60
+    assert near(part(image, FIELD), style.FIELD, tolerance=60).sum() > 60
     assert near(image[int(0.84 * HEIGHT) :], style.FIELD, tolerance=60).sum() > 150, "arrow and |B| = 10.0 mT"
     none = renderer.image(replace(picture, field=np.zeros(3)))
-    assert not near(part(none, layout.FIELD), style.FIELD, tolerance=60).any()
-    assert layout.field_text(picture) == "|B| = 10.0 mT"
-    assert layout.field_text(replace(picture, field=np.zeros(3))) == ""
-    assert layout.field_text(replace(picture, field=np.array([0, 0, 5e-6]))) == "|B| = 5.00 µT"
+    assert not near(part(none, FIELD), style.FIELD, tolerance=60).any()
+    assert annotations.field_text(picture) == "|B| = 10.0 mT"
+    assert annotations.field_text(replace(picture, field=np.zeros(3))) == ""
+    assert annotations.field_text(replace(picture, field=np.array([0, 0, 5e-6]))) == "|B| = 5.00 µT"
     afloat = renderer.image(replace(picture, gravity=None))
-    assert not np.array_equal(part(afloat, layout.COMPASS), part(image, layout.COMPASS))
-    bar = layout.scale_bar(
-        layout.Views.of(Frame.of(picture), ASPECT).main,
-        layout.MAIN,
-        layout.MAIN.aspect(ASPECT),
-        layout.unit(picture),
-    )
-    row = round((1 - bar.y) * HEIGHT)
+    assert not np.array_equal(part(afloat, COMPASS), part(image, COMPASS))
+    view = Views.of(Framing.of(picture), TRIAL, ASPECT).mains[0]
+    middle, half = TRIAL.bar[0], 0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit)
+    row = round((1 - TRIAL.bar[1]) * HEIGHT)
     line = (
-        image[row - 1 : row + 2, round(bar.left * WIDTH) + 3 : round(bar.right * WIDTH) - 3]
+        image[row - 1 : row + 2, round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3]
         .max(axis=2)
         .min(axis=0)
     )
@@ -167,11 +166,11 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
 
 
 def test_the_legend_names_what_is_there() -> None:
-    picture = body(unmagnetised=(1,))
-    names = ["magnetic", "unmagnetised", "magnetisation", "axis", "target"]
-    assert [item.text for item in layout.legend(picture)] == names
-    reference = replace(picture, target_name="reference", segment_remanence=np.zeros((5, 3)))
-    assert [item.text for item in layout.legend(reference)] == ["unmagnetised", "axis", "reference"]
+    picture = body(unmagnetized=(1,))
+    names = ["magnetic", "unmagnetized", "magnetization", "axis", "target", "clamp"]
+    assert [sign.text for sign in annotations.legend(picture)] == names
+    reference = bent_bodies.plain(replace(picture, target_name="reference"))
+    assert [sign.text for sign in annotations.legend(reference)] == ["unmagnetized", "axis", "reference", "clamp"]
 
 
 def test_trial_and_rms_are_written(renderer: Renderer) -> None:
@@ -204,9 +203,9 @@ def test_a_final_picture_shows_the_same_as_a_trials(renderer: Renderer) -> None:
     assert np.abs(blocks - halves).mean() < 6.0
 
 
-def test_hollow_body_without_centreline_target_or_gravity_is_drawn(renderer: Renderer) -> None:
+def test_hollow_body_without_centerline_target_or_gravity_is_drawn(renderer: Renderer) -> None:
     picture = replace(
-        body(), centreline=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title=""
+        body(), axis=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title=""
     )
     assert (renderer.image(picture).min(axis=2) < 200).mean() > 0.03
 
@@ -218,20 +217,19 @@ def test_what_is_nearer_hides_what_is_behind(renderer: Renderer, near_first: boo
     near_bar = np.stack([along, 0 * along - 5e-3, 0 * along + 0.015], axis=1)
     far_bar = np.stack([0 * along + 0.015, 0 * along + 5e-3, along], axis=1)
     bars = np.concatenate([near_bar, far_bar]) if near_first else np.concatenate([far_bar, near_bar])
-    picture = Picture(
-        particles=bars.astype(np.float32),
-        particle_segment=np.repeat([0, 1] if near_first else [1, 0], 61),
-        particle_size=2e-3,
-        segment_center=np.array([[0.005, -5e-3, 0.015], [0.015, 5e-3, 0.005]]),
-        segment_remanence=0.1 * np.eye(3)[:2],
+    picture = Snapshot(
+        body=Particles(bars.astype(np.float32), np.repeat([0, 1] if near_first else [1, 0], 61), 2e-3),
+        magnetized=np.ones(2, dtype=bool),
         length=0.04,
-        diameter=0.004,
+        thickness=0.004,
+        axis=np.array([[0.005, -5e-3, 0.015], [0.015, 5e-3, 0.005]]),
+        insets=True,
     )
-    frame = Frame.of(picture)
-    view = layout.Views.of(frame, ASPECT).side
-    row, column = pixel(view, layout.SIDE, np.array([0.015, -5e-3, 0.015]))
-    at = renderer.image(picture, frame=frame)[row, column].astype(float)
-    palette = 255 * np.array([style.rgb(colour) for colour in style.SEGMENTS[:2]])
+    framing = Framing.of(picture)
+    view = Views.of(framing, TRIAL, ASPECT).insets[1]
+    row, column = pixel(view, SIDE, np.array([0.015, -5e-3, 0.015]))
+    at = renderer.image(picture, framing=framing)[row, column].astype(float)
+    palette = 255 * np.array([style.rgb(color) for color in style.SEGMENTS[:2]])
     assert np.argmin(np.linalg.norm(palette - at, axis=1)) == 0
 
 
@@ -239,29 +237,28 @@ def test_magnet_near_the_body_is_drawn_in_every_view(renderer: Renderer) -> None
     """With a word in the legend; one that is far is in no view, or the body would be a speck."""
     magnet = {"cylinder": {"length": 0.02, "diameter": 0.02}, "position": [0.07, 0.0, 0.01], "axis": [1.0, 0.0, 0.0], "remanence": 1.3}
     picture = replace(body(), target=None)
-    for place, drawn in (([0.07, 0.0, 0.01], True), ([3.0, 0.0, 0.0], False)):
-        props = scenery.sources_at_rest({"field": {"magnet": [{**magnet, "position": place}]}}, picture.particles, picture.length)
-        image = renderer.image(replace(picture, props=tuple(props)))
-        for panel in (layout.MAIN, layout.TOP, layout.SIDE):
-            assert (hue_share(part(image, panel), style.SOUTH) > 2e-4) == drawn, panel  # no segment is blue
-    assert layout.legend(replace(picture, props=tuple(props)))[-1].text == "magnet"
+    for place, shown in (([0.07, 0.0, 0.01], True), ([3.0, 0.0, 0.0], False)):
+        said = Scene.from_si(drawn.scene(field={"magnet": [{**magnet, "position": place}]}))
+        sources = obstacles.in_reach(obstacles.sources(said), picture.body.points, obstacles.REACH * picture.length)
+        image = renderer.image(replace(picture, obstacles=tuple(sources)))
+        for panel in (MAIN, TOP, SIDE):
+            assert (hue_share(part(image, panel), style.SOUTH) > 2e-4) == shown, panel  # no segment is blue
+    assert annotations.legend(replace(picture, obstacles=tuple(sources)))[-1].text == "magnet (N, S)"
 
 
 def test_surface_in_place_of_particles_lies_where_they_lie(renderer: Renderer) -> None:
-    """Of one colour a segment and without the gaps of balls, it covers what they cover; target, axis and arrows stay."""
-    picture = replace(body(), segment_remanence=np.zeros((5, 3)), target=None)
+    """Of one color a segment and without the gaps of balls, it covers what they cover; target, axis and arrows stay."""
+    picture = bent_bodies.plain(replace(body(), target=None))
     rod = tube([0.008 * k for k in range(1, 6)], 2e-3, 0.0, 5e-4)
     x, r, a = (g.ravel() for g in np.meshgrid(np.arange(2e-4, 0.04, 4e-4), (1e-3, 1.8e-3), np.arange(0, 6.28, 0.2), indexing="ij"))
     straight = replace(
         picture,
-        particles=np.column_stack([x, r * np.cos(a), r * np.sin(a)]),
-        particle_segment=(x / 0.008).astype(int),
-        particle_size=4e-4,
-        centreline=np.column_stack([np.linspace(0, 0.04, 21), np.zeros(21), np.zeros(21)]),
+        body=Particles(np.column_stack([x, r * np.cos(a), r * np.sin(a)]), (x / 0.008).astype(int), 4e-4),
+        axis=np.column_stack([np.linspace(0, 0.04, 21), np.zeros(21), np.zeros(21)]),
     )
     cloud = renderer.image(straight)
-    smooth = renderer.image(replace(straight, surface=rod))
-    side = [part(image, layout.SIDE).astype(int) for image in (cloud, smooth)]
+    smooth = renderer.image(replace(straight, body=rod))
+    side = [part(image, SIDE).astype(int) for image in (cloud, smooth)]
     grey = [(np.ptp(image, axis=2) < 12) & (image.max(axis=2) < 215) for image in side]
     assert (grey[0] & grey[1]).sum() > 0.9 * grey[0].sum() > 300  # a ball's width at the edges
     assert np.abs(cloud.astype(int) - smooth).max() > 20
@@ -269,11 +266,11 @@ def test_surface_in_place_of_particles_lies_where_they_lie(renderer: Renderer) -
 
 def test_nothing_of_the_body_leaves_the_main_view() -> None:
     """Its clamp's plate, the widest part, is in the panel wherever the base lies."""
-    for curvature in (samples.s_shape, samples.c_shape):
-        picture = samples.catheter(curvature, spacing=1e-3)
-        frame = Frame.of(picture)
-        view = frame.main(1.3)
+    for curvature in (bent_bodies.s_shape, bent_bodies.c_shape):
+        picture = bent_bodies.catheter(curvature, spacing=1e-3)
+        framing = Framing.of(picture)
+        view = framing.view(1.3)
         angle = np.linspace(0, 2 * np.pi, 40)
-        rim = style.CLAMP_RADIUS * picture.diameter * np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
-        flat = view.project(np.vstack([rim, picture.particles]))[:, :2] / [1.3, 1.0]
+        rim = style.CLAMP_RADIUS * picture.thickness * np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+        flat = view.project(np.vstack([rim, picture.body.points]))[:, :2] / [1.3, 1.0]
         assert np.abs(flat).max() <= 1.0

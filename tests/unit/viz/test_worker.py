@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from reference import bent_bodies
 
-from viz import samples, worker
-from viz.picture import Picture
+from viz import worker
+from viz.snapshot import Snapshot
 from viz.worker import Renderer, RenderError
 
-BODY = samples.catheter(samples.c_shape, samples.c_shape, spacing=1e-3)
+BODY = bent_bodies.catheter(bent_bodies.c_shape, bent_bodies.c_shape, spacing=1e-3)
 
 
 def process_of(renderer: Renderer) -> int:
@@ -56,7 +57,7 @@ class Poison:
         return self.call
 
 
-def poisoned(function: Callable[..., Any], *args: Any) -> Picture:
+def poisoned(function: Callable[..., Any], *args: Any) -> Snapshot:
     return replace(BODY, title=Poison(function, *args))  # type: ignore[arg-type]
 
 
@@ -90,7 +91,7 @@ def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(
     pyvista: Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only_there = (
-        "__import__('os')._exit(3) if 'viz.scene3d' in __import__('sys').modules else 'drawn after all'"
+        "__import__('os')._exit(3) if 'viz.vtk_renderer' in __import__('sys').modules else 'drawn after all'"
     )
     deadly = poisoned(eval, only_there)
     monkeypatch.setattr(worker, "MOST_FAILURES", 2)
@@ -261,7 +262,7 @@ def modules_there(renderer: Renderer) -> set[str]:
 
 def test_each_process_imports_only_what_it_needs() -> None:
     script = (
-        "import sys\nfrom viz.worker import Renderer\nfrom viz.movie import Movie\n"
+        "import sys\nfrom viz.worker import Renderer\nfrom viz.movies import Movie\n"
         "print(' '.join({name.partition('.')[0] for name in sys.modules}))"
     )
     here = printed_by(script).split()

@@ -4,66 +4,67 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference.bent_bodies import c_shape, catheter, s_shape
 
-from viz import layout, samples
-from viz.camera import Frame, best_direction
-from viz.picture import Picture
+from viz import annotations
+from viz.camera import Framing, best_direction
+from viz.layout import TRIAL, Views
+from viz.snapshot import Snapshot
 
 ASPECT = 4 / 3
 
 
-def bodies() -> list[Picture]:
+def bodies() -> list[Snapshot]:
     return [
-        samples.catheter(samples.c_shape, samples.c_shape, spacing=1e-3),
-        samples.catheter(samples.s_shape, samples.s_shape, spacing=1e-3),
-        samples.catheter(lambda s: (0.0, 80.0), spacing=1e-3),
-        samples.catheter(lambda s: (0.0, 0.0), spacing=1e-3),
+        catheter(c_shape, c_shape, spacing=1e-3),
+        catheter(s_shape, s_shape, spacing=1e-3),
+        catheter(lambda s: (0.0, 80.0), spacing=1e-3),
+        catheter(lambda s: (0.0, 0.0), spacing=1e-3),
     ]
 
 
 @pytest.mark.parametrize("body", bodies())
-def test_views_are_orthonormal_and_hold_body_and_target(body: Picture) -> None:
-    views = layout.Views.of(Frame.of(body), ASPECT)
-    panels = (layout.MAIN, layout.TOP, layout.SIDE)
-    for view, panel in zip((views.main, views.top, views.side), panels):
+def test_views_are_orthonormal_and_hold_body_and_target(body: Snapshot) -> None:
+    views = Views.of(Framing.of(body), TRIAL, ASPECT)
+    panels = (*TRIAL.mains, *(inset.panel for inset in TRIAL.insets))
+    for view, panel in zip((*views.mains, *views.insets), panels):
         axes = np.stack([view.right, view.up, view.toward])
         assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
         assert np.cross(view.right, view.up) == pytest.approx(view.toward, abs=1e-12)
-        flat = view.project(body.particles)
-        # The frame's points are the axis; half a particle beyond its end is within the margin.
+        flat = view.project(body.body.points)
         assert np.abs(flat[:, 0]).max() < panel.aspect(ASPECT)
         assert np.abs(flat[:, 1]).max() < 1.0
     # The body fills the frame: it is not lost in the middle of the panel.
-    flat = views.main.project(body.particles) / [layout.MAIN.aspect(ASPECT), 1.0, 1.0]
+    flat = views.mains[0].project(body.body.points) / [TRIAL.mains[0].aspect(ASPECT), 1.0, 1.0]
     assert np.ptp(flat[:, :2], axis=0).max() > 1.0
 
 
 def test_top_and_side_share_one_scale() -> None:
     for body in bodies():
-        views = layout.Views.of(Frame.of(body), ASPECT)
-        assert views.top.half_height == views.side.half_height
+        views = Views.of(Framing.of(body), TRIAL, ASPECT)
+        assert views.insets[0].half_height == views.insets[1].half_height
 
 
 def test_moving_towards_the_camera_does_not_move_a_point_in_the_picture() -> None:
     body = bodies()[1]
-    view = layout.Views.of(Frame.of(body), ASPECT).main
-    there, here = view.project(body.centreline), view.project(view.lift(body.centreline, 0.3))
+    view = Views.of(Framing.of(body), TRIAL, ASPECT).mains[0]
+    there, here = view.project(body.axis), view.project(view.lift(body.axis, 0.3))
     assert here[:, :2] == pytest.approx(there[:, :2], abs=1e-9)
     assert here[:, 2] - there[:, 2] == pytest.approx(0.3)
 
 
 def test_the_view_of_a_study_does_not_turn_with_the_trial() -> None:
-    target = samples.s_shape
-    trials = [samples.catheter(lambda s, k=k: (k * 20.0, -k * 10.0), target, spacing=1e-3) for k in range(5)]
-    directions = [Frame.of(trial).toward for trial in trials]
+    target = s_shape
+    trials = [catheter(lambda s, k=k: (k * 20.0, -k * 10.0), target, spacing=1e-3) for k in range(5)]
+    directions = [Framing.of(trial).toward for trial in trials]
     assert all(np.array_equal(direction, directions[0]) for direction in directions)
 
 
 def test_a_shared_frame_holds_every_body() -> None:
     many = bodies()
-    view = Frame.of(many).main(layout.MAIN.aspect(ASPECT))
+    view = Framing.of(many).view(TRIAL.mains[0].aspect(ASPECT))
     for body in many:
-        assert np.abs(view.project(body.particles)[:, 1]).max() < 1.0
+        assert np.abs(view.project(body.body.points)[:, 1]).max() < 1.0
 
 
 def test_the_view_shows_the_plane_a_body_bends_in() -> None:
@@ -78,8 +79,8 @@ def test_the_view_shows_the_plane_a_body_bends_in() -> None:
 
 def test_scale_bar_is_as_long_as_it_says() -> None:
     body = bodies()[0]
-    view = layout.Views.of(Frame.of(body), ASPECT).main
-    bar = layout.scale_bar(view, layout.MAIN, layout.MAIN.aspect(ASPECT), 0.01)
+    view = Views.of(Framing.of(body), TRIAL, ASPECT).mains[0]
+    width = annotations.bar_width(view, TRIAL.mains[0], TRIAL.mains[0].aspect(ASPECT), 0.01)
     ends = np.stack([view.center, view.center + 0.01 * view.right])
-    placed = layout.MAIN.place(view.project(ends), layout.MAIN.aspect(ASPECT))
-    assert bar.right - bar.left == pytest.approx(placed[1, 0] - placed[0, 0])
+    placed = TRIAL.mains[0].place(view.project(ends), TRIAL.mains[0].aspect(ASPECT))
+    assert width == pytest.approx(placed[1, 0] - placed[0, 0])

@@ -1,0 +1,165 @@
+"""A result's snapshot is small and holds what is seen."""
+
+from __future__ import annotations
+
+import pickle
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from reference import bent_bodies, drawn, motions
+
+from viz import annotations, style
+from viz.from_result import Still, segment_arrows, trial_snapshot
+from viz.snapshot import Particles
+from viz.worker import Renderer
+
+
+def fake_result(per_diameter: int = 16, gravity: dict[str, Any] | None = None) -> SimpleNamespace:
+    """A straight 40 x 4 mm catheter as magmpm.results.result.Result would hold it; plain second segment."""
+    spacing = 0.004 / per_diameter
+    across = (np.arange(per_diameter) + 0.5) * spacing - 0.002
+    along = (np.arange(10 * per_diameter) + 0.5) * spacing
+    x, y, z = (grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij"))
+    inside = np.hypot(y, z) < 0.002
+    reference = np.stack([x, y, z], axis=1)[inside]
+    effects = {"magnetic_torque": {}, "gravity": gravity}
+    s = np.linspace(0.0, 0.04, 21)
+    return SimpleNamespace(
+        scene=drawn.scene(body={"catheter": {**drawn.CATHETER, "segments": [{}] * 5}}, effects=effects),
+        name="straight",
+        particle_reference=reference,
+        particle_position=reference + np.array([0.0, 0.0, 1e-3]),
+        particle_segment=(reference[:, 0] / 0.008).astype(np.int32),
+        particle_volume=np.full(len(reference), spacing**3),
+        segment_center=np.stack([(np.arange(5) + 0.5) * 0.008, np.zeros(5), np.zeros(5)], axis=1),
+        segment_remanence=np.array([[0.1, 0, 0], [0, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0.1, 0, 0]]),
+        centreline=np.stack([s, s, 0 * s, 0 * s], axis=1),
+        field=np.array([0.0, 6e-3, 8e-3]),
+    )
+
+
+def test_from_result_takes_what_the_result_says() -> None:
+    result = fake_result(gravity={"acceleration": [0.0, 0.0, -9.81]})
+    target = np.stack([np.linspace(0, 0.04, 9)] * 4, axis=1)
+    snapshot = trial_snapshot(result, target=target, trial=7, rms=1.234e-3)
+    assert snapshot.title == "straight"
+    assert snapshot.caption() == "trial 7   rms 1.23 mm"
+    assert snapshot.length == 0.04
+    assert snapshot.thickness == 0.004
+    assert snapshot.target is not None
+    assert snapshot.target.shape == (9, 3)
+    assert snapshot.gravity is not None
+    assert snapshot.gravity[2] == -9.81
+    assert snapshot.magnetized.tolist() == [True, False, True, True, True]
+    assert isinstance(snapshot.body, Particles)
+    assert snapshot.body.size == pytest.approx(0.00025)
+    assert trial_snapshot(fake_result()).gravity is None
+
+
+def test_only_particles_that_cannot_be_seen_are_left_out() -> None:
+    result = fake_result()
+    particles = trial_snapshot(result).body.points
+    assert 0.3 < len(particles) / len(result.particle_position) < 0.8
+    kept = {tuple(p) for p in particles.round(7).tolist()}
+    radius = np.hypot(result.particle_reference[:, 1], result.particle_reference[:, 2])
+    outer = result.particle_position[radius > 0.002 - 0.0004].astype(np.float32)
+    assert {tuple(p) for p in outer.round(7).tolist()} <= kept
+    # Both end faces are whole: as many particles as one layer has.
+    layer = int((result.particle_reference[:, 0] < 0.00025).sum())
+    assert int((particles[:, 0] < 0.00025).sum()) == layer
+    assert int((particles[:, 0] > 0.04 - 0.00025).sum()) == layer
+
+
+def test_a_picture_stays_small_and_keeps_its_shape() -> None:
+    result = fake_result(per_diameter=24)
+    snapshot = trial_snapshot(result, max_particles=4000)
+    assert len(snapshot.body.points) == 4000
+    assert np.ptp(snapshot.body.points, axis=0) == pytest.approx(
+        np.ptp(result.particle_position, axis=0), rel=0.03
+    )
+    # 20 bytes a particle, and the rest.
+    assert len(pickle.dumps(snapshot)) < 20 * 4000 + 5000
+
+
+def test_slivers_do_not_make_the_balls_small_or_the_picture_large() -> None:
+    result = fake_result()
+    result.particle_volume[::2] *= 1e-6
+    body = trial_snapshot(result).body
+    assert isinstance(body, Particles)
+    assert body.size == pytest.approx(0.00025)
+    assert len(body.points) <= len(result.particle_position) / 2
+
+
+def test_arrows_go_through_the_axis_of_a_segment_bent_far() -> None:
+    bent = bent_bodies.catheter(bent_bodies.c_shape, segments=1, spacing=1e-3)
+    beside = bent.body.points.astype(float).mean(axis=0)[None]
+    ((start, vector),) = segment_arrows(bent.axis, beside, np.array([[0.138, 0.0, 0.0]]), bent.length, bent.thickness)
+    away = np.linalg.norm(bent.axis - (start + 0.5 * vector), axis=1)
+    assert away.min() < 1e-9
+    assert np.argmin(away) == pytest.approx(40, abs=1), "and through the middle of its arc"
+
+
+def test_particles_that_are_not_finite_are_left_out() -> None:
+    result = fake_result()
+    result.particle_position[5:50] = np.nan
+    assert np.isfinite(trial_snapshot(result).body.points).all()
+    result.particle_position[:] = np.inf
+    with pytest.raises(ValueError, match="nothing to draw"):
+        trial_snapshot(result)
+
+
+def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
+    """Without a catheter's centerline: sharp edges from the scene, colors by segment, magnetization arrows."""
+    X = np.stack(np.meshgrid(np.arange(40), np.arange(10), np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = (X + np.array([0.5, -4.5, -1.5])) * 0.5e-3
+    shape = {"length": 0.02, "width": 0.005, "thickness": 0.002, "clamp": "base", "material": "silicone", "segments": [{}, {}]}
+    result = SimpleNamespace(
+        name="strip",
+        scene=drawn.scene(body={"strip": shape}, solver={"static": {}}),
+        particle_reference=X,
+        particle_position=motions.bent(X, 40.0)[0],
+        particle_volume=np.full(len(X), 0.125e-9),
+        particle_segment=(X[:, 0] > 0.01).astype(np.int32),
+        segment_remanence=0.1 * np.array([[np.sin(0.4) / 0.4, 0, (1 - np.cos(0.4)) / 0.4], [0, 0, 0]]),
+        field=np.array([0, 0, 8e-3]),
+    )
+    still = Still(result)
+    snapshot = still.snapshot()
+    assert snapshot.caption() == ""
+    assert len(snapshot.arrows) == 1
+    # Bent by 40/m: the magnetization at 5 mm has turned by 0.2 rad with the strip.
+    vector = snapshot.arrows[0, 1] / np.linalg.norm(snapshot.arrows[0, 1])
+    np.testing.assert_allclose(vector, [np.cos(0.2), 0.0, np.sin(0.2)], atol=0.02)
+    low, high = snapshot.body.points.min(axis=0), snapshot.body.points.max(axis=0)
+    assert high[1] - low[1] == pytest.approx(0.005, rel=1e-2)
+    image = flat.image(snapshot, framing=still.framing, size=(800, 450))
+    assert drawn.count(image, style.SEGMENTS[0]) > 300
+    assert drawn.count(image, style.UNMAGNETIZED) > 300
+
+
+def test_a_magnet_stands_where_the_equilibrium_met_it() -> None:
+    """At the end of its schedule. Where there is no field at all, none is spoken of."""
+    X = np.stack(np.meshgrid(np.arange(40), np.arange(4), np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = (X + np.array([0.5, -1.5, -1.5])) * 0.5e-3
+    dipole = {"moment": [0.0, 0.0, 1.0], "position": [0.03, 0.0, 0.0]}
+    moves = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 2.0, "move": [0.0, 0.01, 0.0]}]
+    shape = {"length": 0.02, "width": 0.002, "thickness": 0.002, "material": "silicone", "segments": [{}]}
+    result = SimpleNamespace(
+        name="strip",
+        scene=drawn.scene(body={"strip": shape}, solver={"static": {}}, field={"dipole": [dipole], "over_time": {"keyframes": moves}}),
+        particle_reference=X,
+        particle_position=X,
+        particle_volume=np.full(len(X), 0.125e-9),
+        particle_segment=np.zeros(len(X), dtype=np.int32),
+        segment_remanence=np.array([[0.1, 0, 0]]),
+        field=np.array([0, 0, 8e-3]),
+    )
+    snapshot = Still(result).snapshot()
+    poles = np.vstack([o.points for o in snapshot.obstacles if o.name.startswith("point dipole")])
+    np.testing.assert_allclose(poles.mean(axis=0), [0.03, 0.01, 0.0], atol=1e-6)
+    assert annotations.field_text(snapshot) == "|B| = 8.0 mT"
+    fieldless = drawn.scene(body={"strip": shape}, solver={"static": {}})
+    none = SimpleNamespace(**{**vars(result), "field": np.zeros(3), "scene": fieldless})
+    assert annotations.field_text(Still(none).snapshot()) == ""

@@ -1,0 +1,100 @@
+"""Movies play, show every frame or shape, and fall back to GIF."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from reference import bent_bodies
+from reference.drawn import SIZE
+
+from viz import movies
+from viz.camera import Framing
+from viz.from_motion import MotionRenderer
+from viz.movies import chosen
+from viz.process import RenderError
+from viz.snapshot import Snapshot
+from viz.worker import Renderer
+
+SMALL = (160, 120)
+
+
+def shapes() -> list[Snapshot]:
+    target = bent_bodies.c_shape
+    return [
+        bent_bodies.catheter(lambda s, k=k: (-20.0 * k, 0.0), target, spacing=1e-3, trial=k)  # type: ignore[misc]
+        for k in range(3)
+    ]
+
+
+def test_mp4_lasts_as_long_as_its_shapes_are_shown_and_ends_with_the_last(
+    flat: Renderer, tmp_path: Path
+) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    made = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, fps=10, size=SMALL)
+    assert made.note == ""
+    frames, seconds = ffmpeg.count_frames_and_secs(str(made.path))
+    # Two shapes for 0.7 s, two fadings of one frame between their ends, the last shape for 2 s.
+    assert frames == 2 * 7 + 2 * 1 + 20
+    assert seconds == pytest.approx(frames / 10, abs=0.11)
+    assert [path.name for path in tmp_path.iterdir()] == ["best.mp4"]
+
+    reader = ffmpeg.read_frames(str(made.path))
+    next(reader)
+    last = np.frombuffer(list(reader)[-1], dtype=np.uint8).reshape(SMALL[1], SMALL[0], 3).astype(float)
+    framing = Framing.of(shapes())
+    away = [np.abs(last - flat.image(shape, size=SMALL, framing=framing)).mean() for shape in shapes()]
+    # H.264 with halved color changes thin lines a little; another shape changes much more.
+    assert away[2] < 4.0
+    assert away[2] < 0.6 * min(away[:2])
+
+
+def test_without_ffmpeg_a_gif_is_written_and_said(
+    flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find, missing = importlib.util.find_spec, "imageio_ffmpeg"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
+    made = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=SMALL)
+    assert made.path.name == "best.gif"
+    assert "pip install -e '.[render]'" in made.note
+    with Image.open(made.path) as gif:
+        assert gif.n_frames == 3  # type: ignore[attr-defined]
+        assert gif.size == (SMALL[0] // 2, SMALL[1] // 2)
+
+
+def test_what_cannot_be_a_movie_is_refused(flat: Renderer, tmp_path: Path) -> None:
+    with pytest.raises(RenderError, match="at least one"):
+        movies.best_shapes_movie([], tmp_path / "best.mp4", flat)
+    with pytest.raises(RenderError, match="even"):
+        movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=(161, 120))
+
+
+def test_the_movie_shows_every_frame_and_holds_the_last(motion: MotionRenderer, flat: Renderer, tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    made = movies.movie(motion, tmp_path / "movie.mp4", flat, fps=10, size=SIZE)
+    assert made.note == ""
+    frames, seconds = ffmpeg.count_frames_and_secs(str(made.path))
+    assert frames == len(motion) + 10
+    assert seconds == pytest.approx(frames / 10, abs=0.11)
+
+
+def test_without_ffmpeg_the_movie_is_a_gif(
+    motion: MotionRenderer, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find, missing = importlib.util.find_spec, "imageio_ffmpeg"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
+    made = movies.movie(motion, tmp_path / "movie.mp4", flat, size=SIZE)
+    assert made.path.name == "movie.gif"
+    assert "'.[render]'" in made.note
+    with Image.open(made.path) as gif:
+        assert gif.n_frames == len(motion)  # type: ignore[attr-defined]
+
+
+def test_long_motions_are_thinned_and_keep_their_ends() -> None:
+    numbers = chosen(10_001, 500)
+    assert len(numbers) == 500
+    assert (numbers[0], numbers[-1]) == (0, 10_000)
+    np.testing.assert_array_equal(chosen(7, 500), np.arange(7))

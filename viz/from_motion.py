@@ -1,0 +1,179 @@
+"""Snapshots of a motion: its body's surface, what stands around it, and a framing that holds all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from magmpm.errors import MagmpmError
+from magmpm.fields.magnets import frame_of
+from magmpm.scene import Scene
+from viz.body import Body
+from viz.camera import Framing, best_direction, extremes
+from viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
+from viz.process import RenderError
+from viz.snapshot import History, Obstacle, Snapshot
+
+LOOKS = 60  # frames looked at to place the camera
+FAR = 3.5  # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
+
+
+def scene_of(data: Mapping[str, Any] | None) -> Scene | None:
+    """The scene saved with a result (Scene.to_si), or None where none was. Raises RenderError."""
+    if not data:
+        return None
+    try:
+        return Scene.from_si(data)
+    except (MagmpmError, ValueError) as error:
+        raise RenderError(f"the scene that is saved with this result can't be read: {error}") from None
+
+
+def gravity_of(scene: Scene | None) -> np.ndarray | None:
+    """Acceleration (3,) m/s^2, or None where gravity is not simulated."""
+    gravity = None if scene is None else scene.effects.gravity
+    return None if gravity is None else np.array(gravity.acceleration, dtype=float)
+
+
+class MotionRenderer:
+    """A motion (magmpm.results.trajectory.Motion) ready to be drawn: `snapshot(k)` of each frame, all in view in one `framing`."""
+
+    def __init__(self, motion: Any) -> None:
+        """Raises RenderError for a motion without frames."""
+        if len(motion) == 0:
+            raise RenderError("this motion has no frames yet: there is nothing to show")
+        self.motion = motion
+        self._scene = scene_of(motion.scene)
+        self.body = Body(self._scene, motion.reference, motion.volume, motion.part, motion.remanence)
+        self.ground = ground(self._scene)
+        self._standing = standing(self._scene)
+        self.title = motion.name or "motion"
+        self.gravity = gravity_of(self._scene)
+        known = np.isfinite(motion.fields).all(axis=1)
+        self.history = History(motion.times[known], motion.fields[known]) if known.any() else None
+        self._surfaces = surfaces(self._scene)
+        self._usual_force = _usual([_forces(contact) for contact in motion.contacts.values()])
+        self._trace = self._traced()
+        self.framing = self._framed()
+
+    def __len__(self) -> int:
+        return len(self.motion)
+
+    def snapshot(self, number: int = 0, pace: float | None = None) -> Snapshot:
+        """The snapshot of a frame; pace: how many times slower than life the movie is."""
+        frame = self.motion[number]
+        contact, forces = self._contact(frame, self.body.points(frame.position))
+        return Snapshot(
+            body=self.body.surface_at(frame.position),
+            magnetized=self.body.magnetized,
+            held=self.body.held,
+            length=self.body.length,
+            thickness=self.body.thickness,
+            arrows=self.body.arrows(frame.position, frame.quantities.get("magnetisation", self.motion.remanence)),
+            arrow_width=self.body.arrow_width,
+            obstacles=tuple(self._standing + self._sources(frame.time)),
+            ground=self.ground,
+            contact=contact,
+            forces=forces,
+            touches=self._usual_force > 0,
+            trace=self._trace[: number + 1],
+            field=frame.field,
+            history=self.history,
+            gravity=self.gravity,
+            time=frame.time,
+            duration=float(np.ptp(self.motion.times)) or 1.0,
+            pace=pace,
+            title=self.title,
+        )
+
+    def framing_of(self, numbers: Sequence[int]) -> Framing:
+        """What must be in view in some frames: with the sources that come near where they are then, unless that is very far."""
+        ends = [self._sources(float(time)) for time in np.unique(self.motion.times[[0, -1]])]
+        near = [any(source.framed for source in same) for same in zip(*ends)]
+        seen = [self.framing.points]
+        for time in self.motion.times[np.asarray(numbers, dtype=int)]:
+            there = self._sources(float(time), FAR)
+            seen += [_near(source, self._around, 0.0) for source, comes in zip(there, near) if comes and source.framed]
+        return replace(self.framing, points=np.vstack(seen))
+
+    def _sources(self, time: float, reach: float = REACH) -> list[Obstacle]:
+        return in_reach(sources(self._scene, time), self._around, reach * self.body.length)
+
+    def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
+        marks, arrows = [np.zeros((0, 3))], []
+        for effect, contact in self.motion.contacts.items():
+            now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
+            if effect not in self._surfaces or not len(now) or not np.any(_forces(contact)[now[0]]):
+                continue
+            height = self._surfaces[effect].height(points)
+            touching = points[height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)]
+            marks.append(_spread(self._surfaces[effect].dropped(touching), self.body.size))
+            force = _forces(contact)[now[0]] / self._usual_force
+            vector = 0.25 * self.body.length * force * min(1.0, 2.0 / float(np.linalg.norm(force)))
+            arrows.append(np.stack([marks[-1].mean(axis=0), vector]))
+        return np.vstack(marks), np.array(arrows).reshape(-1, 2, 3)
+
+    def _traced(self) -> np.ndarray:
+        """The path (frames, 3) m of a held catheter's or strip's free end, or of a free body's middle; of held parts nothing."""
+        if self.body.held.any():
+            return np.zeros((0, 3))
+        x = self.body.reference[:, 0]
+        tip = self._scene is not None and self._scene.body.parts is None and self._scene.anchored
+        members = x > x.max() - 1.5 * self.body.size if tip else np.ones(len(x), dtype=bool)
+        # Positions alone, a frame at a time: a motion may be larger than the memory.
+        return np.array([self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))])
+
+    def _framed(self) -> Framing:
+        found = []
+        for k in np.unique(np.linspace(0, len(self) - 1, LOOKS).round().astype(int)):
+            points = self.motion.position(k).astype(float)
+            points = points[np.isfinite(points).all(axis=1)]
+            if len(points):
+                found.append(extremes(points, 300))
+        self._around = points = np.vstack(found)
+        margin = max(0.5 * self.body.thickness + self.body.size, 0.5 * self.body.arrow_reach)
+        framed = [points]
+        for time in np.unique(self.motion.times[[0, -1]]):
+            obstacles = self._standing + self._sources(float(time))
+            framed += [_near(obstacle, points, 0.3 * self.body.length) for obstacle in obstacles if obstacle.framed]
+        if self.ground is not None:
+            framed.append(self.ground.dropped(points))
+        up = self._up()
+        turn = frame_of(tuple(up))
+        return Framing(np.vstack(framed), turn @ best_direction(points @ turn), margin, self.ground, up)
+
+    def _up(self) -> np.ndarray:
+        """Against gravity; without it away from the ground; else z."""
+        if self.gravity is not None and np.any(self.gravity):
+            return np.asarray(-self.gravity / np.linalg.norm(self.gravity))
+        return np.array([0.0, 0.0, 1.0]) if self.ground is None else self.ground.normal
+
+
+def _near(obstacle: Obstacle, points: np.ndarray, reach: float) -> np.ndarray:
+    """What of an obstacle must be in view: all of it; of a wall much larger than what is near only what is within reach (m) of the
+    body's points."""
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    if obstacle.name != "wall" or np.ptp(obstacle.points, axis=0).max() < 2.5 * (high - low).max():
+        return extremes(obstacle.points, 400)
+    some = obstacle.points[:: max(len(obstacle.points) // 400, 1)]
+    return some[((some > low) & (some < high)).all(axis=1)]
+
+
+def _forces(contact: Mapping[str, np.ndarray]) -> np.ndarray:
+    return np.stack([contact[name] for name in ("Fx", "Fy", "Fz")], axis=1)
+
+
+def _usual(forces: list[np.ndarray]) -> float:
+    """A strong but not extreme force, N, of all there are (k, 3): impacts are many times stronger than what stands. 0 if none."""
+    sizes = np.concatenate([np.zeros(0), *(np.linalg.norm(f, axis=1) for f in forces)])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    return float(np.quantile(sizes, 0.75)) if len(sizes) else 0.0
+
+
+def _spread(points: np.ndarray, apart: float) -> np.ndarray:
+    """At most one point in every cube of that edge (m)."""
+    _, first = np.unique(np.floor(points / apart).astype(int), axis=0, return_index=True)
+    return points[np.sort(first)]

@@ -1,0 +1,202 @@
+"""Movies: of a motion, of several side by side, and of the best shapes of a study. mp4 where imageio-ffmpeg is installed, else GIF."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viz import style
+from viz.camera import Framing
+from viz.process import RenderError
+from viz.snapshot import Snapshot
+from viz.worker import Renderer
+
+if TYPE_CHECKING:
+    from viz.from_motion import MotionRenderer
+
+NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install -e '.[render]' in the checkout of magmpm."
+
+# A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
+_LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0
+MOST_FRAMES = 500
+_HOLD = 1.0  # s that the last moment stands
+_GIF_FRAMES = 40
+
+# Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
+_SHAPE, _LAST_SHAPE, _FADE = 0.7, 2.0, 0.25
+
+_LEAN = ("-x264-params", "rc-lookahead=2:sync-lookahead=0:ref=1:bframes=0")
+
+
+@dataclass(frozen=True)
+class Movie:
+    """path: the file written, .mp4 or .gif. note: empty, or one line that says why it is not an mp4."""
+
+    path: Path
+    note: str = ""
+
+
+def chosen(frames: int, most: int) -> np.ndarray:
+    """Numbers of at most `most` of so many frames, evenly spread, first and last among them."""
+    return np.unique(np.linspace(0, frames - 1, min(frames, most)).round().astype(int))
+
+
+def rate(frames: int) -> float:
+    """Frames a second at which a movie of so many frames is shown."""
+    return float(np.clip(round(frames / _LASTS), _SLOWEST, _FASTEST))
+
+
+def pace(times: np.ndarray, fps: float) -> float | None:
+    """How many times slower than life frames at those times (s) are when shown at fps; None for a single one."""
+    span = float(times[-1] - times[0])
+    return (len(times) - 1) / fps / span if span > 0 else None
+
+
+def movie(
+    motion: MotionRenderer,
+    path: str | Path,
+    renderer: Renderer,
+    *,
+    fps: float | None = None,
+    size: tuple[int, int] = style.MOVIE_SIZE,
+) -> Movie:
+    """Show a motion from its first frame to its last.
+
+    fps: frames a second, by default such that it lasts a few seconds. size: width and height, even numbers. Without imageio-ffmpeg a
+    GIF of the same name is written. Raises RenderError.
+    """
+    _even(size)
+    numbers = chosen(len(motion), MOST_FRAMES)
+    fps = fps or rate(len(numbers))
+    slower = pace(motion.motion.times[numbers], fps)
+
+    def image(k: int) -> np.ndarray:
+        return renderer.image(motion.snapshot(k, slower), framing=motion.framing, size=size)
+
+    return frames_movie(path, image, numbers, fps)
+
+
+def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: np.ndarray, fps: float | None = None) -> Movie:
+    """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
+    path, fps = _ready(path), fps or rate(len(numbers))
+
+    def images(some: Iterable[int]) -> Iterator[np.ndarray]:
+        return (image(int(k)) for k in some)
+
+    if path.suffix == ".gif":
+        few = chosen(len(numbers), _GIF_FRAMES)
+        each = len(numbers) / fps / len(few)
+        return _write_gif(images(numbers[few]), path, [each] * (len(few) - 1) + [_HOLD])
+    first = image(int(numbers[0]))
+    shown = _held(itertools.chain([first], images(numbers[1:])), round(_HOLD * fps))
+    return _write_mp4(shown, path, round(fps), (first.shape[1], first.shape[0]))
+
+
+def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, numbers: Sequence[int]) -> list[Path]:
+    """PNG pictures of frames, folder/frame_0012.png. Raises RenderError."""
+    return [
+        renderer.render(motion.snapshot(int(k)), Path(folder) / f"frame_{int(k):04d}.png", framing=motion.framing) for k in numbers
+    ]
+
+
+def best_shapes_movie(
+    snapshots: Sequence[Snapshot], path: str | Path, renderer: Renderer, fps: int = 20, size: tuple[int, int] = style.TRIAL_SIZE
+) -> Movie:
+    """Show each snapshot for a moment, one fading into the next, and the last one longer, all seen from the same place.
+
+    The frames between two shapes are mixed pictures, not shapes in between: those were never solved. fps: frames a second. size: width
+    and height, even numbers. Without imageio-ffmpeg a GIF of the same name is written. Raises RenderError, also without snapshots.
+    """
+    if not snapshots:
+        raise RenderError("a movie needs at least one picture")
+    _even(size)
+    path, framing = _ready(path), Framing.of(snapshots)
+    stills = [renderer.image(snapshot, size=size, framing=framing) for snapshot in snapshots]
+    # The encoder takes 50 to 100 MB: not at the same time as the drawing process.
+    renderer.rest()
+    if path.suffix == ".gif":
+        return _write_gif(stills, path, [_SHAPE] * (len(stills) - 1) + [_LAST_SHAPE])
+    return _write_mp4(_faded(stills, fps), path, fps, size)
+
+
+def _faded(stills: list[np.ndarray], fps: int) -> Iterator[np.ndarray]:
+    """Every frame of a movie of shapes, (h, w, 3) uint8."""
+    before: np.ndarray | None = None
+    steps = max(round(_FADE * fps), 1)
+    for number, still in enumerate(stills):
+        if before is not None:
+            for k in range(1, steps):
+                share = k / steps
+                yield ((1 - share) * before + share * still + 0.5).astype(np.uint8)
+        for _ in range(round((_LAST_SHAPE if number == len(stills) - 1 else _SHAPE) * fps)):
+            yield still
+        before = still
+
+
+def _held(images: Iterator[np.ndarray], times: int) -> Iterator[np.ndarray]:
+    """The images, the last one so many times more."""
+    image = None
+    for image in images:
+        yield image
+    for _ in range(times if image is not None else 0):
+        assert image is not None
+        yield image
+
+
+def _even(size: tuple[int, int]) -> None:
+    if size[0] % 2 or size[1] % 2:
+        raise RenderError(f"a movie's size is {size[0]} x {size[1]}; mp4 needs even numbers")
+
+
+def _ready(path: str | Path) -> Path:
+    """The path with the ending of what can be written, its folder made."""
+    path = Path(path).with_suffix(".gif" if importlib.util.find_spec("imageio_ffmpeg") is None else ".mp4")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: int, size: tuple[int, int]) -> Movie:
+    """Encode with H.264 as browsers play it.
+
+    One thread that looks two frames ahead takes 57 MB where the defaults take 103; the file is no larger.
+    """
+    from imageio_ffmpeg import write_frames
+
+    unfinished = path.with_name(f"{path.stem}.part.mp4")
+    options = ["-crf", "20", "-preset", "veryfast", "-threads", "1", "-movflags", "+faststart", *_LEAN]
+    writer = write_frames(
+        str(unfinished),
+        size,
+        fps=fps,
+        codec="libx264",
+        pix_fmt_out="yuv420p",
+        macro_block_size=2,
+        quality=None,
+        output_params=options,
+    )
+    try:
+        writer.send(None)
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+    except OSError as error:
+        raise RenderError(f"{path.name} could not be encoded: {error}") from None
+    finally:
+        writer.close()
+    unfinished.replace(path)
+    return Movie(path)
+
+
+def _write_gif(stills: Iterable[np.ndarray], path: Path, seconds: Sequence[float]) -> Movie:
+    """Pictures (h, w, 3) uint8 shown for so many seconds each, at half the size: a GIF stores every changed pixel."""
+    from PIL import Image
+
+    images = [Image.fromarray(still).reduce(2).quantize(128) for still in stills]
+    times = [round(1000 * t) for t in seconds]
+    images[0].save(path, save_all=True, append_images=images[1:], duration=times, loop=0)
+    return Movie(path, NO_FFMPEG)
