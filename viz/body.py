@@ -27,8 +27,7 @@ class Body:
         self.size = spacing(self.volume)
         parts = int(self.part.max()) + 1
         meshes = None if scene is None else scene.body.parts
-        strip = None if scene is None else scene.body.strip
-        self._plane_strain = strip is not None and strip.plane_strain
+        self._plane_strain = scene is not None and scene.body.shape.in_plane_strain
         self.held = np.zeros(parts, dtype=bool) if meshes is None else np.array([part.clamp for part in meshes.meshes])
         self.surface, self._binding = self._bound(scene)
         total = np.bincount(self.part, np.linalg.norm(remanence, axis=1), minlength=parts)

@@ -51,17 +51,18 @@ def standing(scene: Scene | None) -> list[Obstacle]:
 def _clamps(scene: Scene) -> Iterator[Obstacle]:
     """Plates at the ends by which a catheter or strip is held."""
     shape = scene.body.catheter or scene.body.strip
-    if shape is None or not shape.clamped or scene.effects.feed is not None:
+    if shape is None or shape.clamp == "none" or scene.effects.feed is not None:
         return
     thick = scene.thickness
     depth = style.CLAMP_THICKNESS * max(thick, 0.1 * shape.length)
     for at in (-depth, shape.length)[: 2 if shape.clamp == "both" else 1]:
         if scene.body.strip is None:
-            plate = tube([depth], style.CLAMP_RADIUS * thick, 0.0, style.CLAMP_RADIUS * thick, AROUND)
+            plate = tube([depth], style.CLAMP_RADIUS * thick, 0.0, 0.25 * thick, AROUND)
         else:
             grown = 2 * style.CLAMP_RADIUS * thick
             plate = bar([depth], scene.body.strip.width + grown - thick, 1.8 * grown, depth)
-        yield Obstacle("clamp", plate.points + shape.line.base + [at, 0.0, 0.0], plate.triangles, style.CLAMP)
+        points = plate.points + shape.line.base + [at, 0.0, 0.0]
+        yield Obstacle("clamp", points.astype(np.float32), plate.triangles, style.CLAMP)
 
 
 def sources(scene: Scene | None, time: float | None = None) -> list[Obstacle]:
