@@ -1,11 +1,9 @@
 """magmpm: simulation and computational design of magnetic soft robots with the material point method.
 
-    import magmpm
-
-    result = magmpm.run("scene.yaml")              # or of a Scene: magmpm.load_scene("scene.yaml").with_field([0, 0, 8e-3])
+    result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field([0, 0, 8e-3])
     print(result, result.tip)                      # everything in SI
 
-What stands in __all__ is the public face. It is loaded when it is first asked for, so that `import magmpm` is quick.
+The names in __all__ are loaded when they are first used, so that `import magmpm` is quick.
 """
 
 from importlib import import_module
@@ -34,9 +32,7 @@ def __getattr__(name: str) -> Any:
     """A name of the public face, from the module that defines it. Raises AttributeError."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(f"{__name__}.{_HOMES.get(name, 'errors')}"), name)
-    globals()[name] = found
-    return found
+    return getattr(import_module(f"{__name__}.{_HOMES.get(name, 'errors')}"), name)
 
 
 def __dir__() -> list[str]:
