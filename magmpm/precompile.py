@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.cache import kept_all
 from magmpm.compiled.environment import PACKAGE
 from magmpm.effects import acting as effects
+from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.results.strain import strain_of
@@ -102,15 +103,14 @@ def _has_room() -> bool:
 
 def describe(scene: Scene) -> str:
     """What a scene's kernels are for, in a few words."""
-    named = [key for key in effects.every() if getattr(scene.effects, key) is not None]
     solver = "statics" if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
-    return f"{solver} with {' + '.join(named) or 'no effects'}"
+    return f"{solver} with {' + '.join(scene.effects.named()) or 'no effects'}"
 
 
 def _kinds(scene: Scene) -> str:
     """What tells one set of kernels from another."""
     about = [scene.solver.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
-    return json.dumps([*about, *(str(record.dtype.names) for record in effects.collect(scene, times=_times(scene))[::2])])
+    return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
 
 
 def _cache() -> Path:

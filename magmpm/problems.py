@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
-from magmpm.materials import young_modulus
+from magmpm.materials import MU0, young_modulus
 from magmpm.scene import Scene
 
 SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that are made here

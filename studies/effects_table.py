@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import thread_time
-from types import ModuleType
 from typing import Any
 
 import numba
@@ -17,6 +16,8 @@ from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import formulation
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
+from magmpm.effects.acting import ONLY_IN_MOTION, Effects
+from magmpm.effects.base import Effect
 from magmpm.effects.estimates import MEASURE, no_rest
 from magmpm.errors import MagmpmError, SceneError, SolveError
 from magmpm.inputs.settings import validate
@@ -24,8 +25,6 @@ from magmpm.model import build
 from magmpm.results.readable import fixed, significant
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.scene import Scene
-from magmpm.scene.options import Effects
-from magmpm.scene.surroundings import IN_MOTION
 from magmpm.simulate import run
 from studies.field_moment import stopped
 
@@ -91,7 +90,7 @@ _ON_THE_WAY = "  estimates are of rest: swings, impacts and friction on the way 
 
 
 class Estimates:
-    """A scene's body, by its rod where it is straight, else by a coarse static run (magmpm.effects.estimates.Body)."""
+    """A scene's body, by its rod where it is straight, else by a coarse static run (magmpm.effects.base.RestEstimate)."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -145,7 +144,7 @@ class Estimates:
 def at_rest(scene: Scene) -> Scene:
     """The scene's equilibrium: without what only motion has, and in a field that ends."""
     data = stopped(scene)[0].to_si()
-    data["effects"] = {key: value for key, value in data["effects"].items() if key not in IN_MOTION}
+    data["effects"] = {key: value for key, value in data["effects"].items() if key not in ONLY_IN_MOTION}
     solver = {key: data["solver"][key] for key in ("anti_locking", "static")}
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
@@ -167,7 +166,7 @@ def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None
     bare = Scene.from_si({**data, "effects": {}})
     model = build(bare)
     parts: dict[str, tuple[Array, ...]] = {}
-    for key, module in effects.every().items():
+    for key in effects.every():
         if only not in (None, key):
             continue
         named = getattr(scene.effects, key)
@@ -176,7 +175,7 @@ def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None
                 example = {key: (Effects.model_fields[key].examples or [{}])[0]}
                 named = getattr(validate(Effects, example, "example"), key)
             alone = scene.model_copy(update={"effects": Effects(**{key: named})})
-            found = module.of_scene(alone, 1.0, np.zeros(1))
+            found = named.records(alone, 1.0, np.zeros(1))
         except MagmpmError:
             continue
         if found:
@@ -221,8 +220,8 @@ def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None =
     _refuse_bad_beginning(scene)
     body, rows = Estimates(scene), []
     spent = costs(scene, on_progress) if measure else {}
-    for key, module in effects.every().items():
-        shift, says = _judged(scene, body, key, module)
+    for key, kind in effects.every().items():
+        shift, says = _judged(scene, body, key, kind)
         named = getattr(scene.effects, key) is not None
         ignores = _ignored(scene, key) if shift or (named and shift is not None) else ()
         rows.append(Row(key, named, shift, spent.get(key), says, ignores))
@@ -235,20 +234,17 @@ def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None =
 
 def _refuse_bad_beginning(scene: Scene) -> None:
     """Raises InputError where an effect that the scene names can't begin, as magmpm.model.build does."""
-    named = scene.effects
-    if any(getattr(named, key) is not None and hasattr(module, "check") for key, module in effects.every().items()):
+    if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):
         bare = build(scene.model_copy(update={"effects": Effects()}))
         effects.check(replace(bare, scene=scene))
 
 
-def _judged(scene: Scene, body: Estimates, key: str, module: ModuleType) -> tuple[float | None, str]:
+def _judged(scene: Scene, body: Estimates, key: str, kind: type[Effect]) -> tuple[float | None, str]:
     """An effect's shift, m, or None, and what to say of it."""
-    if not hasattr(module, "advice"):
-        return None, "no estimate for this effect"
-    why = no_rest(scene) if key not in IN_MOTION else None
+    why = no_rest(scene) if key not in ONLY_IN_MOTION else None
     guess = f"not estimated: {why}; {MEASURE}"
     try:
-        advice = module.advice(scene, body)
+        advice = kind.advice(scene, body)
     except SolveError as error:
         return None, guess if why else f"not known: {error.reason}"
     except MagmpmError as error:

@@ -18,11 +18,11 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import self_contact
-from magmpm.effects.magnetic_torque import MU0
+from magmpm.effects.acting import ONLY_IN_MOTION
+from magmpm.materials import MU0
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
-from magmpm.scene.surroundings import IN_MOTION
 from magmpm.simulate import run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,7 +33,7 @@ def equilibrium_of(scene: Scene) -> Result:
     """The static equilibrium of a dynamic scene, without the effects that act only in motion."""
     data = scene.to_si()
     data["solver"]["dynamic"] = None
-    data["effects"].update(dict.fromkeys(IN_MOTION))
+    data["effects"].update(dict.fromkeys(ONLY_IN_MOTION))
     return run(Scene.from_si(data))
 
 

@@ -47,14 +47,11 @@ def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...],
 def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, float]:
     """Potential energy of each named effect that has one, J."""
     found = {}
-    for key, module in effects.every().items():
-        if getattr(model.scene.effects, key) is None:
-            continue
-        named = module.of_scene(model.scene, 1.0, np.array([time]))
-        if named and hasattr(module, "shared_energy"):
+    for key, effect in model.scene.effects.named().items():
+        named = effect.records(model.scene, 1.0, np.array([time]))
+        if named and effect.REFRESHED is not None:
             found[key] = effects.shared_energy(named, model, x, F)
-            continue
-        if named and has_hook("energy", named):
+        elif named and has_hook("energy", named):
             each = np.empty(len(x))
             _energies(named, model.magnet, model.density, x, F, each)
             found[key] = float(np.sum(each * model.particles.volume))

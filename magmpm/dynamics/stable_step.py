@@ -87,7 +87,7 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
         isolated=isolated(sums, model.shear, model.bulk, model.density),
         wave=float(h.min() / speed_of_sound(model).max()),
         body=body_step(motion) if isinstance(motion, TotalMotion) else None,
-        effects=_of_effects(model),
+        effects=effects.stable_steps(model),
         schedule=_of_schedule(model),
     )
 
@@ -167,17 +167,6 @@ def body_step(motion: TotalMotion) -> float:
     operator = LinearOperator((len(free), len(free)), matvec=apply, dtype=float)
     largest = eigsh(operator, k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False)[0]
     return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))
-
-
-def _of_effects(model: Model) -> dict[str, float]:
-    """The step each named effect allows, s."""
-    found = {}
-    for key, module in effects.every().items():
-        if getattr(model.scene.effects, key) is not None and hasattr(module, "stable_step"):
-            named = module.of_scene(model.scene, 1.0, None)
-            if named:
-                found[key] = float(module.stable_step(named[0], named[1], model))
-    return found
 
 
 def _of_schedule(model: Model) -> float | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from magmpm.compiled.arrays import Array
+from magmpm.effects.hooks import each_record
 from magmpm.kernels.watch import GOING, WHY
 
 if TYPE_CHECKING:
@@ -26,12 +27,12 @@ Records = tuple[Any, ...]  # records and data of each effect, in turn: effects.c
 
 def from_step(named: Records, step: int) -> Records:
     """The records from one of their steps on; of what does not change in time there is one record for all."""
-    return tuple(a[step:] if k % 2 == 0 and len(a) > 1 else a for k, a in enumerate(named))
+    return each_record(lambda records: records[step:] if len(records) > 1 else records, named)
 
 
 def at_step(named: Records, step: int) -> Records:
     """The records of one step, or the last there are."""
-    return tuple(a[min(step, len(a) - 1) :][:1] if k % 2 == 0 else a for k, a in enumerate(named))
+    return each_record(lambda records: records[min(step, len(records) - 1) :][:1], named)
 
 
 def take(motion: TotalMotion | UpdatedMotion, named: Records, steps: int, dt: float) -> tuple[int, bool]:

@@ -21,7 +21,7 @@ from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Look
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
-from magmpm.effects.hooks import has_hook
+from magmpm.effects.hooks import has_hook, pairs
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
@@ -237,7 +237,7 @@ def _conserves(model: Model) -> bool:
         return False
     if scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # either alone has no energy
-    records = effects.collect(model.scene, times=np.array([0.0, 1.0]))[::2]
+    records = [record for record, _ in pairs(effects.collect(model.scene, times=np.array([0.0, 1.0])))]
     return all(len(record) == 1 for record in records) and not any(
         has_hook(hook, model.effects) for hook in ("contact", "node")
     )
@@ -306,16 +306,9 @@ def _measure(moved: SimulationState, now: Look) -> None:
         potentials = energies.effect_energies(model, now.x, now.F, moved.time)
     moved.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
     moved.contacts = {}
-    for key, module in effects.every().items():
-        if getattr(model.scene.effects, key) is None:
-            continue
-        if hasattr(module, "observe"):
-            moved.contacts[key] = module.observe(model, moved.x)
-        if hasattr(module, "report"):
-            named = module.of_scene(model.scene, 1.0, np.array([moved.time]))
-            if named:
-                mass = model.density * model.particles.volume
-                moved.contacts[key] = module.report(named[0], named[1], moved.x, moved.v, mass, moved.dt)
+    for key, effect in model.scene.effects.named().items():
+        if (contact := effect.report(model, moved.x, moved.v, moved.dt)) is not None:
+            moved.contacts[key] = contact
 
 
 def _write(moved: SimulationState, writer: MotionWriter | None) -> None:

@@ -1,107 +1,140 @@
-"""Effects: one file each. What a scene does not name is not simulated and costs nothing.
+"""The effects that a scene may name, and what the program asks of those it does name. What is not named costs nothing.
 
-To add an effect: one file with its dtype, its hooks (effects.hooks says which there are), its `PHASE` and its `of_scene`; and one line,
-its key in `parts.Effects`, by which it is found. CONTRIBUTING.md has a worked example.
+To add an effect: one file (CONTRIBUTING.md has a worked example), and one line, its key in `Effects`.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from importlib import import_module
-from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.scene import Scene
-from magmpm.scene.options import Effects
+from magmpm.effects.base import PHASES, Effect, MarkedParticles, Records, SceneLike
+from magmpm.effects.damping import Damping
+from magmpm.effects.feed import Feed
+from magmpm.effects.gravity import Gravity
+from magmpm.effects.ground import Ground
+from magmpm.effects.hooks import pairs
+from magmpm.effects.magnetic_force import MagneticForce
+from magmpm.effects.magnetic_interaction import MagneticInteraction
+from magmpm.effects.magnetic_torque import MagneticTorque
+from magmpm.effects.self_contact import SelfContact
+from magmpm.effects.viscosity import Viscosity
+from magmpm.effects.walls import Walls
+from magmpm.inputs.settings import Settings
 
-PHASES = ("force", "damping", "contact", "constraint")  # the order in which hooks of a kind are called
-
-
-def module_of(name: str) -> ModuleType:
-    """The file of the effect with this key."""
-    return import_module(f"{__package__}.{name}")
-
-
-def every() -> dict[str, ModuleType]:
-    """All effects there are, by key, in the order of their phases; within a phase in the order of their keys in `parts.Effects`."""
-    return dict(_modules(tuple(Effects.model_fields)))
-
-
-@cache
-def _modules(names: tuple[str, ...]) -> dict[str, ModuleType]:
-    modules = {name: module_of(name) for name in names}
-    return dict(sorted(modules.items(), key=lambda item: PHASES.index(item[1].PHASE)))
+_PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
+_LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
+_PULL = "A field that varies in space pulls the magnetised segments: {}. A uniform field does not pull."
 
 
-def collect(
-    scene: Scene, strength: float = 1.0, times: NDArray[np.float64] | None = None
-) -> tuple[NDArray[Any], ...]:
+def _key(description: str, example: dict[str, Any]) -> Any:
+    """A key of `Effects`: what editors show of it, and settings with which it can be tried."""
+    return Field(default=None, description=description, examples=[example])
+
+
+class Effects(Settings):
+    """What is simulated: an effect that is not named costs nothing."""
+
+    magnetic_torque: MagneticTorque | None = _key("The outside field turns the magnetised segments: {}.", {})
+    magnetic_force: MagneticForce | None = _key(_PULL, {})
+    magnetic_interaction: MagneticInteraction | None = _key("The magnetised segments turn and pull each other: {}.", {})
+    gravity: Gravity | None = _key("Weight: {} for 9.81 m/s^2 along -z.", {})
+    viscosity: Viscosity | None = _key("In motion: losses in the material (Kelvin-Voigt).", {"viscosity": "5 Pa s"})
+    damping: Damping | None = _key("In motion: resistance of the surroundings, in proportion to mass.", {"rate": "60 1/s"})
+    ground: Ground | None = _key("In motion: contact with a plane.", _PLANE)
+    walls: Walls | None = _key("In motion: contact with the wall of a lumen.", _LUMEN)
+    self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
+    feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
+
+    @classmethod
+    @cache
+    def every(cls) -> dict[str, type[Effect]]:
+        """All effects there are, by key, in the order of their phases; within a phase in the order of their keys."""
+        kinds = {key: get_args(field.annotation)[0] for key, field in cls.model_fields.items()}
+        return dict(sorted(kinds.items(), key=lambda item: PHASES.index(item[1].PHASE)))
+
+    def named(self) -> dict[str, Effect]:
+        """The effects that are named, by key, in the same order."""
+        return {key: effect for key in self.every() if (effect := getattr(self, key)) is not None}
+
+    @property
+    def in_a_field(self) -> bool:
+        """Whether an effect of the outside field is named."""
+        return self.magnetic_torque is not None or self.magnetic_force is not None
+
+
+ONLY_IN_MOTION = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION)
+
+
+def every() -> dict[str, type[Effect]]:
+    """All effects there are, by key (Effects.every)."""
+    return Effects.every()
+
+
+def collect(scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
     """Parameter records and data, in turn, of the effects the scene names, by phase, never by their order in the file.
 
     strength scales every load, 0 to 1: a solve that ramps the load from zero asks for the steps between. times (k,) s: of the steps to
-    come, where fields change in time; None for statics. An effect at zero strength is left out: the kernels without it give the same
-    numbers bit for bit, those that add its zeros need not (sums are reassociated).
+    come, where fields change in time; None for statics. An effect at zero strength is left out: kernels without it give the same
+    numbers bit for bit, while kernels that add its zeros may not (sums are reassociated).
     """
-    named: list[NDArray[Any]] = []
-    for key, module in every().items():
-        if getattr(scene.effects, key) is not None:
-            named += module.of_scene(scene, strength, times)
-    return tuple(named)
+    return tuple(part for effect in scene.effects.named().values() for part in effect.records(scene, strength, times))
 
 
 def check(model: Any) -> None:
     """Raises InputError where an effect the model's scene names can't begin: a body that starts inside a wall, say."""
-    for key, module in every().items():
-        if getattr(model.scene.effects, key) is not None and hasattr(module, "check"):
-            named = module.of_scene(model.scene, 1.0, None)
-            if named:
-                module.check(*named, model)
+    for effect in model.scene.effects.named().values():
+        effect.check(model)
 
 
-def warnings(scene: Scene) -> list[str]:
+def warnings(scene: SceneLike) -> list[str]:
     """What the effects a scene names have to say of it: ground that is too far away to be touched, say."""
-    named = [module for key, module in every().items() if getattr(scene.effects, key) is not None]
-    return [text for module in named if hasattr(module, "warnings") for text in module.warnings(scene)]
+    return [text for effect in scene.effects.named().values() for text in effect.warnings(scene)]
 
 
-def marked(scene: Scene, particles: Any, magnet: Array) -> Array:
-    """Remanence (n, 3) T of bodies.Particles, with one more column where an effect tells particles apart (magnetic_interaction)."""
-    for key, module in every().items():
-        if getattr(scene.effects, key) is not None and hasattr(module, "marks"):
-            return np.column_stack([magnet, module.marks(scene, particles, magnet)])
-    return magnet
+def stable_steps(model: Any) -> dict[str, float]:
+    """The largest stable step (s) of each named effect that sets one."""
+    acting = {key: effect for key, effect in model.scene.effects.named().items() if effect.records(model.scene)}
+    return {key: step for key, effect in acting.items() if (step := effect.stable_step(model)) is not None}
 
 
-def refresh(named: tuple[NDArray[Any], ...], body: Any, x: Array, F: Array) -> None:
+def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
+    """What hooks get as `magnet`: remanence (n, 3) T of bodies.Particles, with a fourth column where an effect marks particles.
+
+    Kernels hand the row of a particle on as it is; magnetic_interaction, the one effect that marks, finds its block in it.
+    """
+    for effect in scene.effects.named().values():
+        if (marks := effect.marks(particles, remanence)) is not None:
+            return np.column_stack([remanence, marks])
+    return remanence
+
+
+def refresh(named: Records, body: Any, x: Array, F: Array) -> None:
     """Bring tables that depend on the body's shape up to date, in place. body: a Model; x (n, 3) m, F (n, 3, 3) of its particles."""
-    for module, data in _refreshed(named):
-        module.refresh(data, *_particles(body), x, F)
+    for kind, data in _refreshed(named):
+        kind.refresh(data, _particles(body), x, F)
 
 
-def shared_energy(named: tuple[NDArray[Any], ...], body: Any, x: Array, F: Array) -> float:
-    """Energy of effects in which every particle feels all others, J; their energy hooks count loads that stand still instead."""
-    return sum(module.shared_energy(*_particles(body), x, F) for module, _ in _refreshed(named))
+def shared_energy(named: Records, body: Any, x: Array, F: Array) -> float:
+    """Energy (J) of effects in which every particle feels all others; their energy hooks count loads that do not follow the shape."""
+    return sum(kind.shared_energy(_particles(body), x, F) for kind, _ in _refreshed(named))
 
 
-def _refreshed(named: tuple[NDArray[Any], ...]) -> list[tuple[ModuleType, Array]]:
+def _refreshed(named: Records) -> list[tuple[type[Effect], NDArray[Any]]]:
     """Effects whose table depends on the body's shape, and the table."""
-    modules = [module for module in every().values() if hasattr(module, "refresh")]
-    pairs = zip(named[::2], named[1::2], strict=True)
-    return [(module, data) for record, data in pairs for module in modules if record.dtype == module.DTYPE]
+    kinds = [kind for kind in every().values() if kind.REFRESHED is not None]
+    return [(kind, data) for record, data in pairs(named) for kind in kinds if record.dtype == kind.REFRESHED]
 
 
-def _particles(body: Any) -> tuple[Array, NDArray[np.int32], Array, Array]:
-    """Mark, segment, volume m^3 and remanence T of a model's particles."""
-    return body.magnet[:, -1], body.particles.segment, body.particles.volume, body.magnet[:, :3]
+def _particles(body: Any) -> MarkedParticles:
+    return MarkedParticles(body.magnet[:, -1], body.particles.segment, body.particles.volume, body.magnet[:, :3])
 
 
-def feels_itself(scene: Scene) -> bool:
+def feels_itself(scene: SceneLike) -> bool:
     """Whether an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
-    return any(
-        getattr(scene.effects, key) is not None and hasattr(module, "refresh") and module.of_scene(scene, 1.0, None)
-        for key, module in every().items()
-    )
+    return any(effect.REFRESHED is not None and effect.records(scene) for effect in scene.effects.named().values())

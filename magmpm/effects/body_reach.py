@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.scene import Scene
+from magmpm.effects.base import SceneLike
 
 STRETCHED = 1.5  # times the length of a held body: silicone under its weight and in fields of tens of mT stretches by per cents
 FAR = 10.0  # sizes of the undeformed body that a particle may move from where it was
@@ -32,7 +32,7 @@ class BodyReach:
         return float(np.min(from_base)) - self.radius
 
 
-def body_reach(scene: Scene) -> BodyReach:
+def body_reach(scene: SceneLike) -> BodyReach:
     """Where a scene's body can get to."""
     lower, upper = (np.array(corner) for corner in scene.box())
     size = float(np.linalg.norm(upper - lower))
@@ -45,12 +45,12 @@ def body_reach(scene: Scene) -> BodyReach:
     return BodyReach(((lower + upper) / 2)[None], (0.5 + FAR) * size, f"{FAR:g} times its size, where a motion is stopped")
 
 
-def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> str | None:
+def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> list[str]:
     """What to say of an obstacle (in words; key: of its effect) at distances (k,) m from the places of the base that can't be touched."""
     beyond = reach.beyond(from_base)
     if beyond <= 0:
-        return None
-    return (
+        return []
+    return [
         f"effects.{key}: {obstacle} does nothing: it is {1e3 * beyond:.3g} mm beyond all that the body can reach ({reach.why}); check its "
         "place and its units"
-    )
+    ]

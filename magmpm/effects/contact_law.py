@@ -14,27 +14,48 @@ for the landing): micrometres. Source of the lumped bound used by `stable_step`:
 from __future__ import annotations
 
 import math
-from typing import Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
+from magmpm.effects.base import Contact, Effect, Records, SceneLike
+from magmpm.effects.hooks import add_contact, near_of
 from magmpm.errors import SceneError, dotted
-from magmpm.scene import Scene
 
 THROWN = 0.1  # m/s
 SHARE = 0.7  # of the explicit limit 2 / w: with it, 0.8 of the smaller of body's and contact's steps is stable for both at once
 
 
-class Contact(TypedDict):
-    """What an effect reports: force (3,) N on the body, number of particles that touch, deepest penetration m (0 where none)."""
-
-    force: Array
-    count: int
-    depth: float
+Friction = Annotated[
+    float,
+    Field(
+        strict=True,
+        ge=0,
+        le=10,
+        allow_inf_nan=False,
+        description="Coulomb's coefficient of friction; 0, slippery, unless given.",
+        examples=[0.3],
+    ),
+]
+Stiffness = Annotated[
+    float,
+    Field(
+        strict=True,
+        gt=0,
+        le=100,
+        allow_inf_nan=False,
+        description="Times the usual stiffness of the contact, which lets the body in by micrometres; 1 unless given. "
+        "Above about 8 the contact asks for a smaller time step than the body.",
+        examples=[1.0],
+    ),
+]
 
 
 @compiled
-def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):  # type: ignore[no-untyped-def]
+def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):
     """f += mass stiffness depth n, and friction against what of v (m/s) is across n.
 
     n: unit normal out of the obstacle; stiffness 1/s^2; depth > 0 m.
@@ -51,7 +72,7 @@ def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):  # type: ignor
     f[2] += normal * n2 - drag * t2
 
 
-def reach(scene: Scene, towards: Array | None = None) -> float:
+def reach(scene: SceneLike, towards: Array | None = None) -> float:
     """How far the outermost particles are taken to be from the body's surface, m: a body touches when a particle is that near.
 
     towards: unit vector (3,) from the body to the obstacle, as the body lies at the start: the particles' depth that way. None: all
@@ -60,7 +81,7 @@ def reach(scene: Scene, towards: Array | None = None) -> float:
     return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, towards)
 
 
-def penalty(scene: Scene, factor: float) -> float:
+def penalty(scene: SceneLike, factor: float) -> float:
     """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free regions."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
@@ -79,18 +100,59 @@ def place(model: Any, particle: int) -> str:
     return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"
 
 
-def refuse_overlap(key: str, obstacle: str, model: Any, particle: int, depth: float, energy: float, remedy: str) -> None:
-    """A body that begins within an obstacle would be thrown out of it: SceneError where that is faster than THROWN.
+@compiled
+def _touching(named, x, v, mass, dt, force):
+    """Number in contact, the deepest one (-1: none) and how deep it is (m), sum of mass depth^2 (kg m^2); adds to force (3,) N."""
+    count, worst, deepest, squares = 0, -1, 0.0, 0.0
+    for p in range(len(mass)):
+        depth = near_of(named, x[p])
+        if depth > 0.0:
+            add_contact(named, 0, x[p], v[p], mass[p], dt, force)
+            count += 1
+            if depth > deepest:
+                worst, deepest = p, depth
+            squares += mass[p] * depth**2
+    return count, worst, deepest, squares
 
-    key: of the effect; obstacle: in words; particle: the deepest, depth m; energy J: of the contact.
-    """
-    mass = float(model.density @ model.particles.volume)
-    speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
-    if speed > THROWN:
-        raise SceneError(
-            f"effects.{key}",
-            found=f"the body begins {1e3 * depth:.3g} mm inside {obstacle}, deepest with {place(model, particle)}, and would be thrown "
-            f"out at {speed:.2g} m/s",
-            rule="a body must begin clear of it, or just touching",
-            remedy=f"{remedy}, by {1e3 * depth:.3g} mm or more",
-        )
+
+def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float) -> Contact:
+    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s); named: of one effect."""
+    force = np.zeros(3)
+    count, _, deepest, _ = _touching(named, x, v, mass, dt, force)
+    return Contact(force=force, count=count, depth=deepest)
+
+
+class Obstacle(Effect):
+    """What a body presses on and slides over. Its hook `near` is the depth of a particle in it, and `contact` pushes by `push`."""
+
+    PHASE = "contact"
+    ONLY_IN_MOTION = True
+    WORDS: ClassVar[str]  # what it is, in messages
+    CLEAR: ClassVar[str]  # how to get the body out of it
+
+    if TYPE_CHECKING:  # each obstacle has them as its last keys
+        friction: Friction
+        stiffness: Stiffness
+
+    def stable_step(self, model: Any) -> float:
+        """Largest stable step, s."""
+        return stable_step(penalty(model.scene, self.stiffness))
+
+    def report(self, model: Any, x: Array, v: Array, dt: float) -> Contact:
+        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s)."""
+        return contact_of(self.records(model.scene), x, v, model.density * model.particles.volume, dt)
+
+    def check(self, model: Any) -> None:
+        """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
+        x, masses = model.particles.position, model.density * model.particles.volume
+        _, particle, depth, squares = _touching(self.records(model.scene), x, 0 * x, masses, 1.0, np.zeros(3))
+        energy, mass = 0.5 * penalty(model.scene, self.stiffness) * squares, float(model.density @ model.particles.volume)
+        speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
+        if speed > THROWN:
+            raise SceneError(
+                f"effects.{self.key()}",
+                found=f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with {place(model, particle)}, and would be "
+                f"thrown out at {speed:.2g} m/s",
+                rule="a body must begin clear of it, or just touching",
+                remedy=f"{self.CLEAR}, by {1e3 * depth:.3g} mm or more",
+            )

@@ -7,47 +7,54 @@ of 40 x 4 mm. The decay is exact for any step, so it needs no smaller one, and t
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.estimates import Advice, Body
-from magmpm.effects.hooks import NO_DATA, register
-from magmpm.scene import Scene
+from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.hooks import register
+from magmpm.inputs.settings import Quantity
 
-PHASE = "damping"
 DTYPE = np.dtype([("damping_rate", np.float64)])
 
 
-def parameters(rate: float) -> tuple[NDArray[Any], ...]:
+def parameters(rate: float) -> Records:
     """What kernels take. rate 1/s."""
-    record = np.zeros(1, DTYPE)
-    record["damping_rate"] = rate
-    return record, NO_DATA
+    return one_record(DTYPE, damping_rate=rate)
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take, or () where the rate is zero."""
-    settings = scene.effects.damping
-    return parameters(settings.rate) if settings is not None and settings.rate > 0 else ()
+class Damping(Effect):
+    """The surroundings resist in proportion to mass and velocity."""
 
+    PHASE = "damping"
+    ONLY_IN_MOTION = True
+    rate: Annotated[float, Quantity("rate", at_least="0 1/s", at_most="1e6 1/s")] = Field(
+        description="Velocities decay by exp(-rate t); twice a motion's angular frequency settles it soonest.",
+        examples=["60 1/s"],
+    )
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """What rate would settle the body soonest."""
-    if body.frequency is None:
-        return Advice(0.0, "moves no equilibrium; settles motion")
-    best = 2 * body.frequency
-    named = scene.effects.damping
-    says = f"moves no equilibrium; {best:.3g} 1/s settles its first bending soonest"
-    if named is not None:
-        says += f", {named.rate:.3g} 1/s is {named.rate / best:.2g} of that"
-    return Advice(0.0, says)
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take, or () where the rate is zero."""
+        return parameters(self.rate) if self.rate > 0 else ()
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """What rate would settle the body soonest."""
+        if body.frequency is None:
+            return Advice(0.0, "moves no equilibrium; settles motion")
+        best = 2 * body.frequency
+        named = scene.effects.damping
+        says = f"moves no equilibrium; {best:.3g} 1/s settles its first bending soonest"
+        if named is not None:
+            says += f", {named.rate:.3g} 1/s is {named.rate / best:.2g} of that"
+        return Advice(0.0, says)
 
 
 @compiled
-def node(effect, data, X, u, v, dt):  # type: ignore[no-untyped-def]
+def node(effect, data, X, u, v, dt):
     """v *= exp(-rate dt)."""
     left = math.exp(-effect.damping_rate * dt)
     for i in range(3):

@@ -6,13 +6,12 @@ An effect's file may have `advice(scene, body) -> Advice`. `body` estimates equi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.scene import Scene
+from magmpm.effects.base import Advice, RestEstimate, SceneLike
 
 MEASURE = "to measure, compare `magmpm run` with and without it"
 SWING = 2.0  # times the way to its rest: how far a body that is let go swings at most, undamped, if its stiffness stays the same
@@ -20,37 +19,7 @@ STILL = 1e-6  # of the length: a shift that is none
 STATIONS = 21  # of that way
 
 
-@dataclass(frozen=True)
-class Advice:
-    """shift: farthest (m) that any point of the body's axis comes to rest from where it would without the effect; None: not known."""
-
-    shift: float | None
-    says: str
-
-
-class Body(Protocol):
-    """Estimates of a scene's body."""
-
-    def rest(self, scene: Scene) -> Array:
-        """Points (m, 3) m of the body at equilibrium in a scene of the same body: along its axis, or all over it.
-
-        Raises SolveError where none is found.
-        """
-
-    @property
-    def begin(self) -> Array:
-        """The same points (m, 3) m of the undeformed body."""
-
-    @property
-    def frequency(self) -> float | None:
-        """First angular frequency of bending, rad/s; None where it is not known."""
-
-    @property
-    def half(self) -> float:
-        """How far the surface is from the points of `rest`, m."""
-
-
-def shift(scene: Scene, body: Body, key: str, settings: Any = None) -> float:
+def shift(scene: SceneLike, body: RestEstimate, key: str, settings: Any = None) -> float:
     """How far (m) an effect moves the body's rest: with it (as the scene names it, else with the settings, {}) and without it."""
     named = getattr(scene.effects, key)
     having = scene.with_effects(**{key: named if named is not None else settings or {}})
@@ -58,13 +27,21 @@ def shift(scene: Scene, body: Body, key: str, settings: Any = None) -> float:
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-def in_lengths(way: float, scene: Scene) -> str:
+def shift_by_field(scene: SceneLike, body: RestEstimate, key: str, what: str) -> Advice:
+    """How far an effect of the outside field moves the body's rest; what: `the field`, say."""
+    moved = shift(scene, body, key)
+    if scene.field.over_time is not None and moved < STILL * scene.length:
+        return Advice(None, f"moves nothing once the field's schedule has ended; what it does on the way is not estimated: {MEASURE}")
+    return Advice(moved, f"{what} moves it by {in_lengths(moved, scene)}")
+
+
+def in_lengths(way: float, scene: SceneLike) -> str:
     """A way (m) as the part of the body's length that it is: "42 % of its length"."""
     percent = 100 * way / scene.length
     return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
 
 
-def no_rest(scene: Scene) -> str | None:
+def no_rest(scene: SceneLike) -> str | None:
     """Why a scene's body has no rest that could be estimated, in words; None where it has one."""
     if scene.effects.feed is not None:
         return "the body is fed"
@@ -73,7 +50,7 @@ def no_rest(scene: Scene) -> str | None:
     return None
 
 
-def obstacle(scene: Scene, body: Body, room: Callable[[Array], Array], where: str) -> Advice:
+def obstacle(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array], where: str) -> Advice:
     """What an obstacle does, by where the body would be were it not there.
 
     room: distance (k,) m of points (k, 3) m from it, negative beyond it; where: "above it", say, of what is clear of it.
@@ -97,7 +74,7 @@ def obstacle(scene: Scene, body: Body, room: Callable[[Array], Array], where: st
     return Advice(0.0, f"{says}, and stays {1e3 * least:.3g} mm clear if it swings {SWING:g} times as far")
 
 
-def _ahead(scene: Scene, body: Body, room: Callable[[Array], Array]) -> str:
+def _ahead(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array]) -> str:
     """How near a fed body would come to an obstacle if it went straight ahead, in words."""
     feed, dynamic = scene.effects.feed, scene.solver.dynamic
     if feed is None or dynamic is None:

@@ -11,48 +11,53 @@ exit: the body is held straight to within half a cell of it, too far as often as
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.estimates import Advice, Body
-from magmpm.effects.hooks import NO_DATA, register
-from magmpm.scene import Scene
+from magmpm.effects.base import Advice, Effect, Place, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.hooks import register
+from magmpm.inputs.settings import Quantity
 
-PHASE = "constraint"
 DTYPE = np.dtype([("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_radius", np.float64)])
 
 
-def parameters(*, speed: float, exit: float, radius: float) -> tuple[NDArray[Any], ...]:
+def parameters(*, speed: float, exit: float, radius: float) -> Records:
     """What kernels take. speed m/s along +x; exit: nodes before it on the x axis are held, m; radius of the guide, m."""
-    record = np.zeros(1, DTYPE)
-    record["feed_speed"], record["feed_exit"], record["feed_radius"] = speed, exit, radius
-    return record, NO_DATA
+    return one_record(DTYPE, feed_speed=speed, feed_exit=exit, feed_radius=radius)
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take."""
-    settings = scene.effects.feed
-    if settings is None:
-        return ()
-    half = 0.5 * scene.cell
-    corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of the nodes of a straight body: at two cells farther off than its diameter
-    return parameters(speed=settings.speed, exit=settings.exit + half, radius=max(scene.thickness, 1.01 * corner))
+class Feed(Effect):
+    """The base is pushed along +x through a straight guide around the x axis; what has left the guide is free."""
 
+    PHASE = "constraint"
+    ONLY_IN_MOTION = True
+    speed: Annotated[float, Quantity("speed", at_least="-10 m/s", at_most="10 m/s")] = Field(
+        description="Speed along +x; negative pulls back.", examples=["20 mm/s"]
+    )
+    exit: Place = Field(description="Where on the x axis the guide ends.", examples=["10 mm"])
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """How far it pushes."""
-    named = scene.effects.feed
-    if named is None or scene.solver.dynamic is None:
-        return Advice(None, "pushes the base through a guide at the speed it is given")
-    way = named.speed * scene.solver.dynamic.duration
-    return Advice(abs(way), f"pushes the base on by {1e3 * way:.3g} mm")
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take."""
+        half = 0.5 * scene.cell
+        corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of a straight body's nodes: with two cells across, beyond its diameter
+        return parameters(speed=self.speed, exit=self.exit + half, radius=max(scene.thickness, 1.01 * corner))
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """How far it pushes."""
+        named = scene.effects.feed
+        if named is None or scene.solver.dynamic is None:
+            return Advice(None, "pushes the base through a guide at the speed it is given")
+        way = named.speed * scene.solver.dynamic.duration
+        return Advice(abs(way), f"pushes the base on by {1e3 * way:.3g} mm")
 
 
 @compiled
-def node(effect, data, X, u, v, dt):  # type: ignore[no-untyped-def]
+def node(effect, data, X, u, v, dt):
     """v = (speed, 0, 0) inside the guide."""
     y, z = X[1] + u[1], X[2] + u[2]
     if X[0] + u[0] < effect.feed_exit and y * y + z * z < effect.feed_radius**2:

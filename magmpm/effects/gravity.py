@@ -2,51 +2,61 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.estimates import Advice, Body, in_lengths, shift
-from magmpm.effects.hooks import NO_DATA, register
-from magmpm.scene import Scene
+from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.estimates import in_lengths, shift
+from magmpm.effects.hooks import register
+from magmpm.inputs.settings import Quantity
+from magmpm.inputs.vectors import three
 
-PHASE = "force"
 DTYPE = np.dtype([("gravity", np.float64, (3,))])
+_Component = Annotated[float, Quantity("acceleration", at_least="-1e4 m/s^2", at_most="1e4 m/s^2")]
 
 
-def parameters(acceleration: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+def parameters(acceleration: Array) -> Records:
     """What kernels take. acceleration (3,) m/s^2."""
-    record = np.zeros(1, DTYPE)
-    record["gravity"] = np.asarray(acceleration)
-    return record, NO_DATA
+    return one_record(DTYPE, gravity=acceleration)
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take, or () where there is no weight."""
-    settings = scene.effects.gravity
-    acceleration = strength * np.array(settings.acceleration if settings else (0.0, 0.0, 0.0))
-    return parameters(acceleration) if acceleration.any() else ()
+class Gravity(Effect):
+    """Weight."""
 
+    PHASE = "force"
+    acceleration: Annotated[tuple[_Component, _Component, _Component], three("[0 m/s^2, 0 m/s^2, -9.81 m/s^2]")] = Field(
+        default=(0.0, 0.0, -9.81),
+        description="9.81 m/s^2 along -z unless given: [x, y, z].",
+        examples=[["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]],
+    )
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """How far weight bends the body."""
-    if any(scene.materials[region.material_name].density is None for region in scene.regions()):
-        return Advice(None, "not known: a material has no density")
-    moved = shift(scene, body, "gravity")
-    return Advice(moved, f"weight moves it by {in_lengths(moved, scene)}")
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take, or () where there is no weight."""
+        acceleration = strength * np.array(self.acceleration)
+        return parameters(acceleration) if acceleration.any() else ()
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """How far weight bends the body."""
+        if any(scene.materials[region.material_name].density is None for region in scene.regions()):
+            return Advice(None, "not known: a material has no density")
+        moved = shift(scene, body, "gravity")
+        return Advice(moved, f"weight moves it by {in_lengths(moved, scene)}")
 
 
 @compiled
-def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+def energy(effect, data, magnet, rho, x, F):
     """-rho g . x, J/m^3: zero at the origin."""
     g = effect.gravity
     return -rho * (g[0] * x[0] + g[1] * x[1] + g[2] * x[2])
 
 
 @compiled
-def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+def force(effect, data, magnet, rho, x, F, f):
     """f += rho g, N/m^3."""
     for i in range(3):
         f[i] += rho * effect.gravity[i]

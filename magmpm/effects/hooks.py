@@ -66,7 +66,17 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
 
 def has_hook(hook: str, named: tuple[Any, ...]) -> bool:
     """Whether any effect of a tuple (records, data, ...) has this hook."""
-    return any(records.dtype.names in _registry[hook] for records in named[::2])
+    return any(records.dtype.names in _registry[hook] for records, _ in pairs(named))
+
+
+def pairs(named: tuple[Any, ...]) -> list[tuple[Any, Any]]:
+    """The records and the table of each effect of a tuple (records, data, records, data, ...)."""
+    return list(zip(named[::2], named[1::2], strict=True))
+
+
+def each_record(change: Callable[[Any], Any], named: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The tuple with every effect's records changed, and its tables as they are."""
+    return tuple(part for records, data in pairs(named) for part in (change(records), data))
 
 
 def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., Any] | None:
@@ -77,12 +87,12 @@ def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., An
     return _registry[hook].get(names)
 
 
-def any_softening(effects):  # type: ignore[no-untyped-def]
+def any_softening(effects):
     """Whether any effect has a softening: known while compiling, so that what depends on it is left out. Only within compiled code."""
 
 
 @overload(any_softening, jit_options={"fastmath": FASTMATH})
-def _any_softening(effects):  # type: ignore[no-untyped-def]
+def _any_softening(effects):
     if len(effects) == 0:
         return lambda effects: False
     if _find("softening", effects) is not None:
@@ -90,40 +100,40 @@ def _any_softening(effects):  # type: ignore[no-untyped-def]
     return lambda effects: any_softening(effects[2:])
 
 
-def add_energy(effects, step, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+def add_energy(effects, step, magnet, rho, x, F):
     """Sum of the effects' potential energies, J/m^3. Only within compiled code; step: which of an effect's records counts."""
 
 
-def add_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+def add_stress(effects, step, magnet, rho, x, F, P):
     """Adds every effect's stress to P. Only within compiled code."""
 
 
-def add_force(effects, step, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+def add_force(effects, step, magnet, rho, x, F, f):
     """Adds every effect's force per volume to f. Only within compiled code."""
 
 
-def add_tangent(effects, step, magnet, rho, x, F, A):  # type: ignore[no-untyped-def]
+def add_tangent(effects, step, magnet, rho, x, F, A):
     """Adds every effect's tangent to A. Only within compiled code."""
 
 
-def add_softening(effects, step, magnet, rho, x, F, H, M):  # type: ignore[no-untyped-def]
+def add_softening(effects, step, magnet, rho, x, F, H, M):
     """Adds every effect's derivatives with respect to place to H and M. Only within compiled code."""
 
 
-def add_rate_stress(effects, step, rho, F, dF, P):  # type: ignore[no-untyped-def]
+def add_rate_stress(effects, step, rho, F, dF, P):
     """Adds every effect's stress of the rate dF to P. Only within compiled code."""
 
 
-def add_contact(effects, step, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
+def add_contact(effects, step, x, v, mass, dt, f):
     """Adds every effect's contact force on a particle to f. Only within compiled code."""
 
 
-def change_node(effects, step, X, u, v, dt):  # type: ignore[no-untyped-def]
+def change_node(effects, step, X, u, v, dt):
     """Lets every effect change a node's velocity v. Only within compiled code."""
 
 
 @overload(add_energy, jit_options={"fastmath": FASTMATH}, strict=False)
-def _add_energy(effects, step, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+def _add_energy(effects, step, magnet, rho, x, F):
     if len(effects) == 0:
         return lambda effects, step, magnet, rho, x, F: 0.0
     hook = _find("energy", effects)
@@ -167,12 +177,12 @@ _walk(add_contact, "contact", "x, v, mass, dt, f")
 _walk(change_node, "node", "X, u, v, dt")
 
 
-def any_near(effects, step, x):  # type: ignore[no-untyped-def]
+def any_near(effects, step, x):
     """Whether some effect's contact can push a particle at x, of effects whose `near` is not wide. Only within compiled code."""
 
 
 @overload(any_near, strict=False)
-def _any_near(effects, step, x):  # type: ignore[no-untyped-def]
+def _any_near(effects, step, x):
     if len(effects) == 0:
         return lambda effects, step, x: False
     if _find("contact", effects) is None or _find("near", effects, True) is not None:
@@ -185,12 +195,22 @@ def _any_near(effects, step, x):  # type: ignore[no-untyped-def]
     )
 
 
-def wide_near(effects, step, x):  # type: ignore[no-untyped-def]
+def near_of(effects, x):
+    """`near` of the first effect at x. Only within compiled code."""
+
+
+@overload(near_of, strict=False)
+def _near_of(effects, x):
+    hook = _find("near", effects)
+    return lambda effects, x: hook(effects[0][0], effects[1], x)
+
+
+def wide_near(effects, step, x):
     """The largest `near`, lane by lane, of effects whose `near` is wide; below 0 where there is none. Only within compiled code."""
 
 
 @overload(wide_near, jit_options={"fastmath": FASTMATH}, strict=False)
-def _wide_near(effects, step, x):  # type: ignore[no-untyped-def]
+def _wide_near(effects, step, x):
     if len(effects) == 0:
         return lambda effects, step, x: splat(-1.0)
     hook = _find("near", effects, True)
@@ -204,27 +224,27 @@ def _wide_near(effects, step, x):  # type: ignore[no-untyped-def]
 # Eight particles at a time (kernels.particle_group): first the effects whose hooks are wide, called once, then the others, lane by lane.
 
 
-def add_wide_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+def add_wide_stress(effects, step, magnet, rho, x, F, P):
     """add_stress of the wide hooks, on views of eight particles. Only within compiled code."""
 
 
-def add_wide_force(effects, step, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+def add_wide_force(effects, step, magnet, rho, x, F, f):
     """add_force of the wide hooks, on views of eight particles. Only within compiled code."""
 
 
-def add_wide_rate_stress(effects, step, rho, F, dF, P):  # type: ignore[no-untyped-def]
+def add_wide_rate_stress(effects, step, rho, F, dF, P):
     """add_rate_stress of the wide hooks, on views of eight particles. Only within compiled code."""
 
 
-def add_narrow_stress(effects, step, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+def add_narrow_stress(effects, step, magnet, rho, x, F, P):
     """add_stress of the other hooks. Only within compiled code."""
 
 
-def add_narrow_force(effects, step, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+def add_narrow_force(effects, step, magnet, rho, x, F, f):
     """add_force of the other hooks. Only within compiled code."""
 
 
-def add_narrow_rate_stress(effects, step, rho, F, dF, P):  # type: ignore[no-untyped-def]
+def add_narrow_rate_stress(effects, step, rho, F, dF, P):
     """add_rate_stress of the other hooks. Only within compiled code."""
 
 
@@ -239,40 +259,40 @@ _walk(add_narrow_rate_stress, "rate_stress", "rho, F, dF, P", wide=False)
 # Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect asks for them.
 
 
-def has_stress(effects):  # type: ignore[no-untyped-def]
+def has_stress(effects):
     """Whether any effect adds stress. Only within compiled code."""
 
 
-def has_force(effects):  # type: ignore[no-untyped-def]
+def has_force(effects):
     """Whether any effect adds a force. Only within compiled code."""
 
 
-def has_rate_stress(effects):  # type: ignore[no-untyped-def]
+def has_rate_stress(effects):
     """Whether any effect adds a stress of the rate of deformation. Only within compiled code."""
 
 
-def has_contact(effects):  # type: ignore[no-untyped-def]
+def has_contact(effects):
     """Whether any effect adds a contact force. Only within compiled code."""
 
 
-def has_node(effects):  # type: ignore[no-untyped-def]
+def has_node(effects):
     """Whether any effect changes nodes. Only within compiled code."""
 
 
-def has_narrow(effects):  # type: ignore[no-untyped-def]
+def has_narrow(effects):
     """Whether any effect's stress or force has to be called lane by lane. Only within compiled code."""
 
 
-def has_wide_near(effects):  # type: ignore[no-untyped-def]
+def has_wide_near(effects):
     """Whether any effect's `near` is wide. Only within compiled code."""
 
 
-def has_other_contact(effects):  # type: ignore[no-untyped-def]
+def has_other_contact(effects):
     """Whether any effect has a contact without a wide `near`. Only within compiled code."""
 
 
 def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = None) -> None:
-    def build(effects):  # type: ignore[no-untyped-def]
+    def build(effects):
         rest = [effects[i:] for i in range(0, len(effects), 2)]
         if any(_find(name, part, wide) is not None for name in names for part in rest):
             return lambda effects: True
@@ -291,7 +311,7 @@ _answer(has_wide_near, ["near"], wide=True)
 
 
 @overload(has_other_contact, strict=False)
-def _has_other_contact(effects):  # type: ignore[no-untyped-def]
+def _has_other_contact(effects):
     each = [effects[i:] for i in range(0, len(effects), 2)]
     if any(_find("contact", part) is not None and _find("near", part, True) is None for part in each):
         return lambda effects: True

@@ -9,48 +9,46 @@ Source: Zhao et al., JMPS 124 (2019) 244-263; the body's centre accelerates at t
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.estimates import MEASURE, STILL, Advice, Body, in_lengths, shift
+from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
+from magmpm.effects.estimates import shift_by_field
 from magmpm.effects.hooks import register
-from magmpm.fields import outside_field as fields
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.kernels import curvature as curvature_at
 from magmpm.fields.kernels import gradient as gradient_at
 from magmpm.fields.kernels import pull as pull_at
-from magmpm.scene import Scene
+from magmpm.fields.schedule import records as field_records
+from magmpm.materials import MU0
 
-PHASE = "force"
-
-MU0 = 4e-7 * np.pi  # T m/A
 DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take, or () where the field is uniform: it does not pull."""
-    if strength == 0.0 or not scene.field.varies:
-        return ()
-    return fields.records(scene.field, DTYPE, times, strength), scene.outside_field().data
+class MagneticForce(Effect):
+    """An outside field that varies in space pulls the magnetised segments. No settings."""
 
+    PHASE = "force"
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """How far the field's gradient pulls the body."""
-    if not scene.field.varies or not scene.magnetized_regions():
-        return Advice(0.0, "nothing to pull, or no gradient to pull it: a uniform field does not")
-    if scene.effects.magnetic_torque is None:
-        return Advice(None, "not known: a rest in this field needs magnetic_torque as well")
-    moved = shift(scene, body, "magnetic_force")
-    if scene.field.over_time is not None and moved < STILL * scene.length:
-        return Advice(None, f"moves nothing once the field's schedule has ended; what it does on the way is not estimated: {MEASURE}")
-    return Advice(moved, f"the field's gradient moves it by {in_lengths(moved, scene)}")
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take, or () where the field is uniform: it does not pull."""
+        if strength == 0.0 or not scene.field.varies:
+            return ()
+        return field_records(scene.field, DTYPE, times, strength), scene.outside_field().data
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """How far the field's gradient pulls the body."""
+        if not scene.field.varies or not scene.magnetized_regions():
+            return Advice(0.0, "nothing to pull, or no gradient to pull it: a uniform field does not")
+        if scene.effects.magnetic_torque is None:
+            return Advice(None, "not known: a rest in this field needs magnetic_torque as well")
+        return shift_by_field(scene, body, "magnetic_force", "the field's gradient")
 
 
 @compiled
-def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+def force(effect, data, magnet, rho, x, F, f):
     """f += (1/mu0) (grad B)^T F Br, N/m^3."""
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return
@@ -64,7 +62,7 @@ def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def softening(effect, data, magnet, rho, x, F, H, M):  # type: ignore[no-untyped-def]
+def softening(effect, data, magnet, rho, x, F, H, M):
     """H -= (1/mu0) grad grad (B . F Br), N/m^4; M[i, 3 j + L] -= (1/mu0) dB_j/dx_i Br_L, N/m^3."""
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return

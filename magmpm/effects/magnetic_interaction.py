@@ -19,17 +19,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects.estimates import Advice, Body
+from magmpm.effects.base import Advice, Effect, MarkedParticles, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.scene import Scene
+from magmpm.fields.dipole import K
+from magmpm.materials import MU0
 
-PHASE = "force"
-
-MU0 = 4e-7 * np.pi  # T m/A
 MOST = 3000  # blocks: a refresh takes some 0.2 s then
 TOUCHING = 0.151  # cubes face to face act on each other by so much less than dipoles: (1/2 - 3/2 of the 2 x 1 x 1 prism's demagnetising
 # factor along it, 0.1983) over 1/(2 pi) is 0.849 (Aharoni, J. Appl. Phys. 83 (1998) 3432)
@@ -39,58 +38,75 @@ DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take; fields and forces are zero until `refresh`."""
-    if strength == 0.0 or len(scene.magnetized_regions()) < 2:
-        return ()
-    record = np.zeros(1, DTYPE)
-    record["share"] = strength
-    return record, np.zeros(SIZE * MOST)
+class MagneticInteraction(Effect):
+    """The magnetised segments turn and pull each other."""
 
-
-def advice(scene: Scene, body: Body) -> Advice:
-    """How strong the segments' fields are in each other."""
-    on = scene.magnetized_regions()
-    if len(on) < 2:
-        return Advice(0.0, "no two magnetised segments to act on each other")
-    remanence = float(np.linalg.norm(scene.region_remanence()[on], axis=1).max())
-    # A face of charge Br/mu0 seen over its own width gives about Br/12 in the mean over a neighbour of two diameters (8.3 mT for 0.1 T).
-    return Advice(
-        None, f"touching segments feel a field of about {1e3 * remanence / 12:.2g} mT from each other; a coarse run tells what it moves"
+    PHASE = "force"
+    REFRESHED = DTYPE
+    blocks_across: int = Field(
+        default=3,
+        strict=True,
+        ge=1,
+        le=5,
+        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.",
+        examples=[3],
     )
 
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take; fields and forces are zero until `refresh`."""
+        if strength == 0.0 or len(scene.magnetized_regions()) < 2:
+            return ()
+        return one_record(DTYPE, np.zeros(SIZE * MOST), share=strength)
 
-def marks(scene: Scene, particles: Any, magnet: Array) -> Array:
-    """Block of each particle (n,), -1 for none: a column that the particles' `magnet` carries for the hooks.
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """How strong the segments' fields are in each other."""
+        on = scene.magnetized_regions()
+        if len(on) < 2:
+            return Advice(0.0, "no two magnetised segments to act on each other")
+        remanence = float(np.linalg.norm(scene.region_remanence()[on], axis=1).max())
+        # A face of charge Br/mu0, seen over its own width, gives a mean of about Br/12 over a neighbor of two diameters (8.3 mT for 0.1 T).
+        field = f"{1e3 * remanence / 12:.2g} mT"
+        return Advice(None, f"touching segments feel a field of about {field} from each other; a coarse run tells what it moves")
 
-    particles: bodies.Particles of the undeformed body; magnet (n, 3) T their remanence.
-    Raises SceneError where there are more than MOST blocks.
-    """
-    settings = scene.effects.magnetic_interaction
-    assert settings is not None
-    segment, volume = particles.segment, particles.volume
-    block, count = np.full(len(volume), -1.0), 0
-    for k in np.unique(segment[magnet.any(axis=1)]):
-        own = np.flatnonzero(segment == k)
-        layers = [_layers(particles.cell[own, axis], volume[own]) for axis in range(3)]
-        wide = min(int(layer.max()) + 1 for layer in layers)
-        each = max(1, wide // settings.blocks_across)  # cells along a block's edge
-        place = []
-        for layer in layers:
-            cells = int(layer.max()) + 1
-            place.append(layer * max(1, round(cells / each)) // cells)
-        _, number = np.unique(np.stack(place, axis=1), axis=0, return_inverse=True)
-        block[own] = count + number.ravel()
-        count += int(number.max()) + 1
-    if count > MOST:
-        raise SceneError(
-            "effects.magnetic_interaction.blocks_across",
-            received=str(settings.blocks_across),
-            found=f"the segments make {count} blocks",
-            rule=f"there may be {MOST} blocks at most",
-            remedy="write a smaller blocks_across, or use fewer cells_across",
-        )
-    return block
+    def marks(self, particles: Any, remanence: Array) -> Array:
+        """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST blocks."""
+        segment, volume = particles.segment, particles.volume
+        block, count = np.full(len(volume), -1.0), 0
+        for k in np.unique(segment[remanence.any(axis=1)]):
+            own = np.flatnonzero(segment == k)
+            layers = [_layers(particles.cell[own, axis], volume[own]) for axis in range(3)]
+            wide = min(int(layer.max()) + 1 for layer in layers)
+            each = max(1, wide // self.blocks_across)  # cells along a block's edge
+            place = []
+            for layer in layers:
+                cells = int(layer.max()) + 1
+                place.append(layer * max(1, round(cells / each)) // cells)
+            _, number = np.unique(np.stack(place, axis=1), axis=0, return_inverse=True)
+            block[own] = count + number.ravel()
+            count += int(number.max()) + 1
+        if count > MOST:
+            raise SceneError(
+                "effects.magnetic_interaction.blocks_across",
+                received=str(self.blocks_across),
+                found=f"the segments make {count} blocks",
+                rule=f"there may be {MOST} blocks at most",
+                remedy="write a smaller blocks_across, or use fewer cells_across",
+            )
+        return block
+
+    @staticmethod
+    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
+        """Fields and forces of the deformed body into data, in place."""
+        field, force, _, sizes = _act_on(particles, x, F)
+        rows = data[: SIZE * len(sizes)].reshape(-1, SIZE)
+        rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
+
+    @staticmethod
+    def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:
+        """E = -1/2 sum m . B, J."""
+        field, _, moments, _ = _act_on(particles, x, F)
+        return -0.5 * float(np.sum(moments * field))
 
 
 def _layers(cell: NDArray[np.int64], volume: Array) -> NDArray[np.int64]:
@@ -109,23 +125,21 @@ def _layers(cell: NDArray[np.int64], volume: Array) -> NDArray[np.int64]:
     return np.asarray(layer)
 
 
-def refresh(data: Array, block: Array, segment: NDArray[np.int32], volume: Array, magnet: Array, x: Array, F: Array) -> None:
-    """Fields and forces of the deformed body into data, in place. block (n,) from `marks`; others as there; x (n, 3) m, F (n, 3, 3)."""
-    places, moments, sizes, of = dipoles(block, segment, volume, magnet, x, F)
+def _act_on(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Array, Array, Array]:
+    """Field (k, 3) T, force (k, 3) N, moment (k, 3) A m^2 and volume (k,) m^3 of the blocks; arguments as of `Effect.refresh`."""
+    places, moments, sizes, of = dipoles(particles, x, F)
     field, force = np.zeros_like(places), np.zeros_like(places)
     _act(places, moments, np.cbrt(sizes), of, field, force)
-    rows = data[: SIZE * len(places)].reshape(-1, SIZE)
-    rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
+    return field, force, moments, sizes
 
 
-def dipoles(
-    block: Array, segment: NDArray[np.int32], volume: Array, magnet: Array, x: Array, F: Array
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def dipoles(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """Places (k, 3) m, moments (k, 3) A m^2, volumes (k,) m^3 and segment (k,) of the blocks."""
+    block, segment, volume, remanence = particles
     on = np.flatnonzero(block >= 0)
     number = block[on].astype(np.int64)
     sizes: Array = np.bincount(number, volume[on]).astype(float)
-    moment = volume[on, None] * np.einsum("nij,nj->ni", F[on], magnet[on, :3]) / MU0
+    moment = volume[on, None] * np.einsum("nij,nj->ni", F[on], remanence[on, :3]) / MU0
     moments: Array = np.stack([np.bincount(number, moment[:, i]) for i in range(3)], axis=1)
     places: Array = np.stack([np.bincount(number, volume[on] * x[on, i]) / sizes for i in range(3)], axis=1)
     of = np.zeros(len(sizes), np.int64)
@@ -133,18 +147,8 @@ def dipoles(
     return places, moments, sizes, of
 
 
-def shared_energy(
-    block: Array, segment: NDArray[np.int32], volume: Array, magnet: Array, x: Array, F: Array
-) -> float:
-    """E = -1/2 sum m . B, J."""
-    places, moments, sizes, of = dipoles(block, segment, volume, magnet, x, F)
-    field, force = np.zeros_like(places), np.zeros_like(places)
-    _act(places, moments, np.cbrt(sizes), of, field, force)
-    return -0.5 * float(np.sum(moments * field))
-
-
 @kernel
-def _act(places, moments, edges, of, field, force):  # type: ignore[no-untyped-def]
+def _act(places, moments, edges, of, field, force):
     """Field (k, 3) T of the other segments' dipoles at each dipole, and the force (k, 3) N on it. edges (k,) m: of cubes as large.
 
     E_ab = g(r) (dipoles' energy), g of NEAR and TOUCHING; its derivatives are taken whole.
@@ -159,7 +163,7 @@ def _act(places, moments, edges, of, field, force):  # type: ignore[no-untyped-d
             n0, n1, n2 = moments[b, 0], moments[b, 1], moments[b, 2]
             r2 = x * x + y * y + z * z
             r = np.sqrt(r2)
-            s = 1e-7 / (r2 * r2 * r)
+            s = K / (r2 * r2 * r)
             nd, md, mn = n0 * x + n1 * y + n2 * z, m0 * x + m1 * y + m2 * z, m0 * n0 + m1 * n1 + m2 * n2
             d = 0.5 * (edges[a] + edges[b])
             t = (NEAR - r / d) / (NEAR - 1.0)
@@ -182,7 +186,7 @@ def _act(places, moments, edges, of, field, force):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _row(data, magnet):  # type: ignore[no-untyped-def]
+def _row(data, magnet):
     """Where a particle's block begins in data; -1 for none."""
     if len(magnet) < 4 or magnet[3] < 0.0:
         return -1
@@ -190,7 +194,7 @@ def _row(data, magnet):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+def energy(effect, data, magnet, rho, x, F):
     """-(1/mu0) B . (F Br) - f . x, J/m^3: of the load as it stands."""
     at = _row(data, magnet)
     if at < 0:
@@ -203,7 +207,7 @@ def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+def stress(effect, data, magnet, rho, x, F, P):
     """P -= (1/mu0) B (x) Br, Pa."""
     at = _row(data, magnet)
     if at < 0:
@@ -214,7 +218,7 @@ def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+def force(effect, data, magnet, rho, x, F, f):
     """f += the block's force over its volume, N/m^3."""
     at = _row(data, magnet)
     if at < 0:

@@ -9,27 +9,24 @@ Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.estimates import MEASURE, STILL, Advice, Body, in_lengths, shift
+from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
+from magmpm.effects.estimates import shift_by_field
 from magmpm.effects.hooks import NO_DATA, register
-from magmpm.fields import outside_field as fields
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.kernels import field as field_at
-from magmpm.scene import Scene
+from magmpm.fields.schedule import places
+from magmpm.fields.schedule import records as field_records
+from magmpm.materials import MU0
 
-PHASE = "force"
-
-MU0 = 4e-7 * np.pi  # T m/A
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
 VARYING = np.dtype([("turns", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
 
 
-def parameters(field: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+def parameters(field: Array) -> Records:
     """What kernels take. field (3,) T, or (k, 3) for k steps."""
     field = np.atleast_2d(np.asarray(field, dtype=float))
     record = np.zeros(len(field), DTYPE)
@@ -37,30 +34,32 @@ def parameters(field: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np
     return record, NO_DATA
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take, or () where there is no field."""
-    if strength == 0.0 or not scene.field.acts:
-        return ()
-    if scene.field.varies:
-        return fields.records(scene.field, VARYING, times, strength), scene.outside_field().data
-    uniform = fields.places(scene.field, times, strength)["uniform"]
-    # One set of kernels for all of a motion: a schedule that is at zero for some steps stays.
-    changes = times is not None and scene.field.over_time is not None
-    return parameters(uniform) if uniform.any() or changes else ()
+class MagneticTorque(Effect):
+    """The outside field turns the magnetised segments. No settings."""
 
+    PHASE = "force"
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """How far the field bends the body."""
-    if not scene.field.acts or not scene.magnetized_regions():
-        return Advice(0.0, "nothing to turn, or no field to turn it")
-    moved = shift(scene, body, "magnetic_torque")
-    if scene.field.over_time is not None and moved < STILL * scene.length:
-        return Advice(None, f"moves nothing once the field's schedule has ended; what it does on the way is not estimated: {MEASURE}")
-    return Advice(moved, f"the field moves it by {in_lengths(moved, scene)}")
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take, or () where there is no field."""
+        if strength == 0.0 or not scene.field.acts:
+            return ()
+        if scene.field.varies:
+            return field_records(scene.field, VARYING, times, strength), scene.outside_field().data
+        uniform = places(scene.field, times, strength)["uniform"]
+        # One set of kernels for the whole motion: a field that is zero for some steps of its schedule stays.
+        changes = times is not None and scene.field.over_time is not None
+        return parameters(uniform) if uniform.any() or changes else ()
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """How far the field bends the body."""
+        if not scene.field.acts or not scene.magnetized_regions():
+            return Advice(0.0, "nothing to turn, or no field to turn it")
+        return shift_by_field(scene, body, "magnetic_torque", "the field")
 
 
 @compiled
-def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+def energy(effect, data, magnet, rho, x, F):
     """-(1/mu0) B . (F Br), J/m^3."""
     h = effect.field_over_mu0
     total = 0.0
@@ -70,7 +69,7 @@ def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+def stress(effect, data, magnet, rho, x, F, P):
     """P -= (1/mu0) B (x) Br, Pa."""
     h = effect.field_over_mu0
     for i in range(3):
@@ -79,7 +78,7 @@ def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def varying_energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+def varying_energy(effect, data, magnet, rho, x, F):
     """-(1/mu0) B(x) . (F Br), J/m^3."""
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return 0.0
@@ -91,7 +90,7 @@ def varying_energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-
 
 
 @compiled
-def varying_stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+def varying_stress(effect, data, magnet, rho, x, F, P):
     """P -= (1/mu0) B(x) (x) Br, Pa."""
     if magnet[0] == 0.0 and magnet[1] == 0.0 and magnet[2] == 0.0:
         return

@@ -15,41 +15,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.effects.contact_law import Contact, reach
-from magmpm.effects.estimates import MEASURE, Advice, Body, no_rest
-from magmpm.scene import Scene
+from magmpm.compiled.arrays import Array
+from magmpm.effects.base import Advice, Contact, Effect, Records, RestEstimate, SceneLike
+from magmpm.effects.contact_law import reach
+from magmpm.effects.estimates import MEASURE, no_rest
 
-PHASE = "contact"
 WITHIN = 1.5  # cells: a larger gap is told as this
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """Nothing for the kernels: the formulation does it."""
-    return ()
+class SelfContact(Effect):
+    """The body's parts and folds touch each other and separate again. No settings: it switches to the updated formulation."""
 
+    PHASE = "contact"
+    ONLY_IN_MOTION = True
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """Whether the body's rest, could it pass through itself, would."""
-    if (why := no_rest(scene)) is not None:
-        return Advice(None, f"not estimated: {why}; {MEASURE}; needs the updated formulation")
-    points = body.rest(scene)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    along = np.column_stack([s, 0 * s, 0 * s])
-    apart = 4 * math.pi * body.half  # a loop whose sides touch is longer
-    room = gap(points, along, size=2 * body.half, apart=apart, within=max(apart, 4 * body.half))
-    if room > 0:
-        clear = f"at rest the body is {'nowhere near' if math.isinf(room) else f'{1e3 * room:.3g} mm from'} itself"
-        if scene.solver.dynamic is None:
-            return Advice(0.0, f"{clear}; needs the updated formulation")
-        return Advice(None, f"{clear}, how near on its way is not estimated: {MEASURE}; needs the updated formulation")
-    return Advice(
-        -room, f"at rest the body would be {-1e3 * room:.3g} mm through itself; needs the updated formulation"
-    )
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """Nothing for the kernels: the formulation does it."""
+        return ()
+
+    def report(self, model: Any, x: Array, v: Array, dt: float) -> Contact:
+        """The body's gap, as contact; see `observe`."""
+        return observe(model, x)
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """Whether the body's rest, could it pass through itself, would."""
+        if (why := no_rest(scene)) is not None:
+            return Advice(None, f"not estimated: {why}; {MEASURE}; needs the updated formulation")
+        points = body.rest(scene)
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        along = np.column_stack([s, 0 * s, 0 * s])
+        apart = 4 * math.pi * body.half  # a loop whose sides touch is longer
+        room = gap(points, along, size=2 * body.half, apart=apart, within=max(apart, 4 * body.half))
+        if room > 0:
+            clear = f"at rest the body is {'nowhere near' if math.isinf(room) else f'{1e3 * room:.3g} mm from'} itself"
+            if scene.solver.dynamic is None:
+                return Advice(0.0, f"{clear}; needs the updated formulation")
+            return Advice(None, f"{clear}, how near on its way is not estimated: {MEASURE}; needs the updated formulation")
+        return Advice(
+            -room, f"at rest the body would be {-1e3 * room:.3g} mm through itself; needs the updated formulation"
+        )
 
 
 def gap(
-    position: NDArray[np.float64],
-    reference: NDArray[np.float64],
+    position: Array,
+    reference: Array,
     size: float,
     apart: float,
     within: float,
@@ -71,7 +81,7 @@ def gap(
     return float(now.min()) - size
 
 
-def observe(model: Any, x: NDArray[np.float64]) -> Contact:
+def observe(model: Any, x: Array) -> Contact:
     """The gap of a model's body with its particles at x (n, 3) m, as contact: depth is minus the gap (m), at least -WITHIN cells; count:
     pairs of particles nearer than a cell; the force on the body as a whole is zero. Particles of STL parts count with their distance from
     the surface as it was made.
@@ -93,8 +103,8 @@ def observe(model: Any, x: NDArray[np.float64]) -> Contact:
 
 
 def _near(
-    x: NDArray[np.float64],
-    rest: NDArray[np.float64],
+    x: Array,
+    rest: Array,
     cell: NDArray[np.integer],
     component: NDArray[np.int64],
     part: NDArray[np.integer],
@@ -132,7 +142,7 @@ def _near(
 
 
 def _apart(
-    between: NDArray[np.float64],
+    between: Array,
     a: NDArray[np.int64],
     b: NDArray[np.int64],
     component: NDArray[np.int64],
@@ -152,7 +162,7 @@ def _numbered(cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[n
     return np.asarray(np.unique(key, return_inverse=True)[1].reshape(-1), dtype=np.int64)
 
 
-def _balls(x: NDArray[np.float64], first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.float64], float]:
+def _balls(x: Array, first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[Array, float]:
     """Centres (k, 3) of clusters, and the radius around them that holds every particle, m; x (n, 3) m in the order of the clusters."""
     centre = np.add.reduceat(x, first, axis=0) / count[:, None]
     return centre, float(np.sqrt(((x - np.repeat(centre, count, axis=0)) ** 2).sum(axis=1).max()))

@@ -8,60 +8,67 @@ Source: Holzapfel, Nonlinear Solid Mechanics, section 5.7; Antman, Nonlinear Pro
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.estimates import Advice, Body
-from magmpm.effects.hooks import NO_DATA, register
-from magmpm.scene import Scene
+from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.hooks import register
+from magmpm.inputs.settings import Quantity
 
-PHASE = "force"
 DTYPE = np.dtype([("viscosity", np.float64)])
 STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, times h^2
 
 
-def parameters(viscosity: float) -> tuple[NDArray[Any], ...]:
-    """What kernels take. viscosity eta Pa s."""
-    record = np.zeros(1, DTYPE)
-    record["viscosity"] = viscosity
-    return record, NO_DATA
+def parameters(viscosity: float) -> Records:
+    """What kernels take. viscosity eta, Pa s."""
+    return one_record(DTYPE, viscosity=viscosity)
 
 
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take, or () where the viscosity is zero."""
-    settings = scene.effects.viscosity
-    return parameters(settings.viscosity) if settings is not None and settings.viscosity > 0 else ()
+class Viscosity(Effect):
+    """Losses in the material: a viscous stress 2 eta D beside the elastic one (Kelvin-Voigt)."""
 
+    PHASE = "force"
+    ONLY_IN_MOTION = True
+    viscosity: Annotated[float, Quantity("viscosity", at_least="0 Pa s", at_most="1e6 Pa s")] = Field(
+        description="eta; a motion of angular frequency w has damping ratio eta w / (2 G).",
+        examples=["5 Pa s"],
+    )
 
-def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
-    """Largest stable step, s, beside elastic stress at 0.8 of its own limit.
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take, or () where the viscosity is zero."""
+        return parameters(self.viscosity) if self.viscosity > 0 else ()
 
-    With lumped mass, no motion strains faster than s^2 = sum_axes 6 / h^2 allows (Cauchy-Schwarz over a particle's splines), so viscous
-    stress has rates up to r = 2 eta s^2 / rho. With velocities a step old in it, a step is stable while (w dt)^2 / 4 + r dt / 2 <= 1 for
-    the fastest elastic frequency w; with w dt at 0.8 of 2 this leaves r dt <= 0.72, so 0.9 / r before the same 0.8.
-    """
-    steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
-    return 0.9 / (2.0 * float(record["viscosity"].max()) / float(model.density.min()) * steep)
+    def stable_step(self, model: Any) -> float:
+        """Largest stable step (s), beside elastic stress at 0.8 of its own limit.
 
+        With lumped mass, no motion strains faster than s^2 = sum_axes 6 / h^2 allows (Cauchy-Schwarz over a particle's splines), so
+        viscous stress decays at rates up to r = 2 eta s^2 / rho. It is computed from velocities one step old. A step is then stable
+        while (w dt)^2 / 4 + r dt / 2 <= 1 for the fastest elastic frequency w. With w dt at 0.8 of 2 this leaves r dt <= 0.72, so the
+        bound is 0.9 / r before the same factor 0.8.
+        """
+        steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
+        return 0.9 / (2.0 * self.viscosity / float(model.density.min()) * steep)
 
-def advice(scene: Scene, body: Body) -> Advice:
-    """The damping ratio of the first bending."""
-    if body.frequency is None:
-        return Advice(0.0, "moves no equilibrium; losses in the material")
-    named = scene.effects.viscosity
-    softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
-    critical = 2 * softest / body.frequency
-    if named is None:
-        return Advice(0.0, f"moves no equilibrium; {critical:.3g} Pa s damps its first bending critically")
-    ratio = named.viscosity / critical
-    return Advice(0.0, f"moves no equilibrium; damps its first bending by {100 * ratio:.2g} % of critical")
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """The damping ratio of the first bending."""
+        if body.frequency is None:
+            return Advice(0.0, "moves no equilibrium; losses in the material")
+        named = scene.effects.viscosity
+        softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
+        critical = 2 * softest / body.frequency
+        if named is None:
+            return Advice(0.0, f"moves no equilibrium; {critical:.3g} Pa s damps its first bending critically")
+        ratio = named.viscosity / critical
+        return Advice(0.0, f"moves no equilibrium; damps its first bending by {100 * ratio:.2g} % of critical")
 
 
 @compiled
-def rate_stress(effect, data, rho, F, dF, P):  # type: ignore[no-untyped-def]
+def rate_stress(effect, data, rho, F, dF, P):
     """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written out: it serves eight particles at a time."""
     a, b, c, d, e, f, g, h, i = F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
     cofactors = (

@@ -9,25 +9,29 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, model_validator
 
 from magmpm.bodies import signed_distance as distance
-from magmpm.bodies.curves import curve
+from magmpm.bodies.assembly import UNITS
+from magmpm.bodies.curves import curve, tightest_bend
 from magmpm.bodies.signed_distance import Table, value
+from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects import contact_law as law
+from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
-from magmpm.effects.contact_law import Contact, push
-from magmpm.effects.estimates import Advice, Body, obstacle
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, place, push, reach
+from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.scene import Scene
-from magmpm.scene.surroundings import Surface, Tube, Walls
+from magmpm.inputs.csv_tables import TableError, read_centreline
+from magmpm.inputs.settings import Quantity, Settings, fault, folder_of
 
-PHASE = "contact"
 POINTS = 6  # of the table in a tube's radius
 DTYPE = np.dtype(
     [
@@ -41,39 +45,173 @@ DTYPE = np.dtype(
 )
 
 
-def parameters(
-    table: Table, *, friction: float, stiffness: float, reach: float = 0.0
-) -> tuple[NDArray[Any], ...]:
+_PATH = {"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]}
+
+
+def parameters(table: Table, *, friction: float, stiffness: float, reach: float = 0.0) -> Records:
     """What kernels take. stiffness w^2 1/s^2; reach m."""
-    record = np.zeros(1, DTYPE)
-    record["walls_origin"], record["walls_spacing"] = table.origin, table.spacing
-    record["walls_shape"] = table.coefficients.shape
-    record["walls_friction"], record["walls_stiffness"] = friction, stiffness
-    record["walls_reach"] = reach
-    return record, np.ascontiguousarray(table.coefficients).ravel()
-
-
-def of_scene(scene: Scene, strength: float, times: NDArray[np.float64] | None) -> tuple[NDArray[Any], ...]:
-    """What kernels take."""
-    settings = scene.effects.walls
-    if settings is None:
-        return ()
-    return parameters(
-        table_of(scene),
-        friction=settings.friction,
-        stiffness=law.penalty(scene, settings.stiffness),
-        reach=law.reach(scene),
+    return one_record(
+        DTYPE,
+        np.ascontiguousarray(table.coefficients).ravel(),
+        walls_origin=table.origin,
+        walls_spacing=table.spacing,
+        walls_shape=table.coefficients.shape,
+        walls_friction=friction,
+        walls_stiffness=stiffness,
+        walls_reach=reach,
     )
 
 
-def table_of(scene: Scene) -> Table:
-    """Distances from the wall: of a tube true to 0.0006 of its radius, of a surface as fine as two points a cell of the body can tell."""
-    settings = scene.effects.walls
-    assert settings is not None  # asked for where it is named
-    if settings.tube is not None:
-        return _tube_table(settings.tube)
-    assert settings.surface is not None  # validated
-    return _surface_table(settings.surface, scene.cell / 2)
+def _read_path(value: Any, info: ValidationInfo) -> Any:
+    """The points of the table that a path names, in SI; a list is taken as it is."""
+    if not isinstance(value, (str, Path)):
+        return value
+    try:
+        return read_centreline(folder_of(info) / value)[:, 1:].tolist()
+    except TableError as error:
+        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
+
+
+class Tube(Settings):
+    """A tube around a path."""
+
+    radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Inner radius.", examples=["5 mm"]
+    )
+    path: Annotated[tuple[Point, ...], BeforeValidator(_read_path), WithJsonSchema(_PATH)] = Field(
+        description="Points of its axis, joined by a smooth curve: a list of [x, y, z], or the path, relative to this file, of "
+        "a CSV table with columns s_mm,x_mm,y_mm,z_mm. Both ends are open and go on straight.",
+        examples=[[["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]],
+    )
+
+    @model_validator(mode="after")
+    def _can_be_made(self) -> Tube:
+        points = np.array(self.path)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if len(points) < 2 or not np.all(steps > 0):
+            raise fault("a tube's path must have 2 or more points, each apart from the next", "correct the points", ("path",))
+        bend = tightest_bend(curve(points, min(float(steps.min()), self.radius) / 20))
+        if not bend > self.radius:
+            raise fault(
+                f"a tube's path must not bend more tightly than its radius, and bends to {1e3 * bend:.3g} mm",
+                "make the radius smaller, or the path smoother",
+                ("path",),
+            )
+        return self
+
+
+class Surface(Settings):
+    """The inside of a closed surface."""
+
+    mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
+        description="Path, relative to this file, of an STL file: a closed surface around the lumen.",
+        examples=["vessel.stl"],
+    )
+    unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
+        description="Unit of the numbers in the STL file, which does not say it.", examples=["mm"]
+    )
+
+    @model_validator(mode="after")
+    def _of_usable_size(self) -> Surface:
+        found = size_fault(unpack_mesh(self.mesh), self.unit, UNITS[self.unit])
+        if found is not None:
+            raise fault(*found, ("mesh",))
+        return self
+
+    @property
+    def vertices(self) -> Array:
+        """(v, 3) m."""
+        return unpack_mesh(self.mesh).vertices * UNITS[self.unit]
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(f, 3)."""
+        return unpack_mesh(self.mesh).faces
+
+
+class Walls(Obstacle):
+    """A lumen the body lies in: a tube, or the inside of a surface."""
+
+    WORDS = "the wall"
+    CLEAR = "make the lumen wider, or move it"
+    tube: Tube | None = Field(
+        default=None,
+        description="The inside of a tube around a path; give this or `surface`.",
+        examples=[{"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}],
+    )
+    surface: Surface | None = Field(
+        default=None,
+        description="The inside of an STL mesh; give this or `tube`.",
+        examples=[{"mesh": "vessel.stl", "unit": "mm"}],
+    )
+    friction: Friction = 0.0
+    stiffness: Stiffness = 1.0
+
+    @model_validator(mode="after")
+    def _one_lumen(self) -> Walls:
+        if (self.tube is None) == (self.surface is None):
+            raise fault("give `tube` or `surface`, one of them", "write, say, `tube: {radius: 5 mm, path: vessel.csv}`")
+        return self
+
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take."""
+        stiffness = penalty(scene, self.stiffness)
+        return parameters(self._table(scene), friction=self.friction, stiffness=stiffness, reach=reach(scene))
+
+    def _table(self, scene: SceneLike) -> Table:
+        """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
+        if self.tube is not None:
+            return _tube_table(self.tube)
+        assert self.surface is not None  # validated
+        return _surface_table(self.surface, scene.cell / 2)
+
+    def _room(self, scene: SceneLike, points: Array) -> Array:
+        """Distance (n,) m of points (n, 3) m from the wall, negative beyond it."""
+        if self.tube is not None:  # exact, and past the table as well
+            return self.tube.radius - distance.to_path(points, _path(self.tube))
+        found, _ = self._table(scene).at(points)
+        return np.where(np.isfinite(found), found, -np.inf)
+
+    def warnings(self, scene: SceneLike) -> list[str]:
+        """Where the wall is too far away to be touched."""
+        limits = body_reach(scene)
+        if self.tube is not None:
+            radius = self.tube.radius
+            distances = distance.to_tube(limits.base, _path(self.tube), radius, distance.past_ends(radius, radius / POINTS))
+        else:
+            assert self.surface is not None  # validated
+            triangles = self.surface.vertices[self.surface.faces]
+            distances = distance.to_triangles(limits.base, np.ascontiguousarray(triangles))
+        return unreached("walls", "the lumen's wall", limits, distances)
+
+    def check(self, model: Any) -> None:
+        """Raises SceneError where the body begins beyond the wall, or before the open end of a tube that it can't reach."""
+        out = -self._room(model.scene, model.particles.position)
+        if out.max() > model.scene.cell:  # less is an overlap, below
+            far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
+            raise SceneError(
+                "effects.walls",
+                found=f"the body begins {far}outside the lumen, farthest with {place(model, int(out.argmax()))}",
+                rule="the body must begin within the lumen",
+                remedy="make the lumen wider, or move it to the body",
+            )
+        if self.tube is not None and not np.isfinite(self._table(model.scene).at(model.particles.position)[0]).any():
+            for found in self.warnings(model.scene):
+                raise SceneError(
+                    "effects.walls",
+                    found=f"the body begins outside the lumen, before an open end of its tube; {found.removeprefix('effects.walls: ')}",
+                    rule="the body must begin within the lumen, or be able to reach it",
+                    remedy="move the tube to the body, or feed the body into it",
+                )
+        super().check(model)
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """Whether the body's rest, were the wall not there, would be through it."""
+        named = scene.effects.walls
+        if named is None:
+            return Advice(None, "no lumen is given")
+        return obstacle(scene, body, lambda points: named._room(scene, points), "from it")
 
 
 @lru_cache(maxsize=4)
@@ -81,7 +219,7 @@ def _tube_table(tube: Tube) -> Table:
     return distance.tube(_path(tube), tube.radius, tube.radius / POINTS)
 
 
-def _path(tube: Tube) -> NDArray[np.float64]:
+def _path(tube: Tube) -> Array:
     return curve(np.array(tube.path), tube.radius / POINTS / 4)
 
 
@@ -90,49 +228,8 @@ def _surface_table(surface: Surface, spacing: float) -> Table:
     return distance.surface(surface.vertices, surface.faces, spacing)
 
 
-def _room(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (n,) m of points (n, 3) m from the wall, negative beyond it."""
-    settings = scene.effects.walls
-    assert settings is not None  # asked for where it is named
-    if settings.tube is not None:  # exact, and past the table as well
-        return settings.tube.radius - distance.to_path(points, _path(settings.tube))
-    found, _ = table_of(scene).at(points)
-    return np.where(np.isfinite(found), found, -np.inf)
-
-
-def stable_step(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> float:
-    """Largest stable step, s."""
-    return law.stable_step(float(record["walls_stiffness"].max()))
-
-
-def advice(scene: Scene, body: Body) -> Advice:
-    """Whether the body's rest, were the wall not there, would be through it."""
-    named = scene.effects.walls
-    if named is None:
-        return Advice(None, "no lumen is given")
-    return obstacle(scene, body, lambda points: _room(scene, points), "from it")
-
-
-def warnings(scene: Scene) -> list[str]:
-    """Where the wall is too far away to be touched."""
-    named = scene.effects.walls
-    found = None if named is None else _unreached(scene, named)
-    return [] if found is None else [found]
-
-
-def _unreached(scene: Scene, named: Walls) -> str | None:
-    reach = body_reach(scene)
-    if named.tube is not None:
-        path = _path(named.tube)
-        distances = distance.to_tube(reach.base, path, named.tube.radius, distance.past_ends(named.tube.radius, named.tube.radius / POINTS))
-    else:
-        assert named.surface is not None  # validated
-        distances = distance.to_triangles(reach.base, np.ascontiguousarray(named.surface.vertices[named.surface.faces]))
-    return unreached("walls", "the lumen's wall", reach, distances)
-
-
 @compiled
-def depth(effect, data, x):  # type: ignore[no-untyped-def]
+def depth(effect, data, x):
     """How far (m) the body's surface at a particle at x is beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
     p, q, r = (
@@ -152,13 +249,13 @@ def depth(effect, data, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def near(effect, data, x):  # type: ignore[no-untyped-def]
+def near(effect, data, x):
     """How far a particle at x is beyond it, m."""
     return depth(effect, data, x)[0]
 
 
 @compiled
-def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
+def contact(effect, data, x, v, mass, dt, f):
     """f += the wall's push and friction, N."""
     beyond, sx, sy, sz = depth(effect, data, x)
     if beyond > 0.0:
@@ -168,61 +265,6 @@ def contact(effect, data, x, v, mass, dt, f):  # type: ignore[no-untyped-def]
                 beyond, sx / size, sy / size, sz / size, v, mass, dt,
                 effect.walls_stiffness * size, effect.walls_friction, f,
             )  # fmt: skip
-
-
-@compiled
-def _touching(effect, data, x, v, mass, dt, force):  # type: ignore[no-untyped-def]
-    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J); adds to force (3,) N."""
-    count, worst, deepest, squares = 0, -1, 0.0, 0.0
-    for p in range(len(mass)):
-        beyond = depth(effect, data, x[p])[0]
-        if beyond > 0.0:
-            contact(effect, data, x[p], v[p], mass[p], dt, force)
-            count += 1
-            if beyond > deepest:
-                worst, deepest = p, beyond
-            squares += mass[p] * beyond**2
-    return count, worst, deepest, 0.5 * effect.walls_stiffness * squares
-
-
-def report(
-    record: NDArray[Any],
-    data: NDArray[np.float64],
-    x: NDArray[np.float64],
-    v: NDArray[np.float64],
-    mass: NDArray[np.float64],
-    dt: float,
-) -> Contact:
-    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s)."""
-    force = np.zeros(3)
-    count, _, deepest, _ = _touching(record[0], data, x, v, mass, dt, force)
-    return Contact(force=force, count=count, depth=deepest)
-
-
-def check(record: NDArray[Any], data: NDArray[np.float64], model: Any) -> None:
-    """Raises SceneError where the body begins beyond the wall, or before the open end of a tube that it can't reach."""
-    out = -_room(model.scene, model.particles.position)
-    if out.max() > model.scene.cell:  # less is an overlap, below
-        far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
-        raise SceneError(
-            "effects.walls",
-            found=f"the body begins {far}outside the lumen, farthest with {law.place(model, int(out.argmax()))}",
-            rule="the body must begin within the lumen",
-            remedy="make the lumen wider, or move it to the body",
-        )
-    named = model.scene.effects.walls
-    if named.tube is not None and not np.isfinite(table_of(model.scene).at(model.particles.position)[0]).any():
-        found = _unreached(model.scene, named)
-        if found is not None:
-            raise SceneError(
-                "effects.walls",
-                found=f"the body begins outside the lumen, before an open end of its tube; {found.removeprefix('effects.walls: ')}",
-                rule="the body must begin within the lumen, or be able to reach it",
-                remedy="move the tube to the body, or feed the body into it",
-            )
-    x, mass = model.particles.position, model.density * model.particles.volume
-    _, worst, deepest, energy = _touching(record[0], data, x, 0 * x, mass, 1.0, np.zeros(3))
-    law.refuse_overlap("walls", "the wall", model, worst, deepest, energy, "make the lumen wider, or move it")
 
 
 register(DTYPE, contact=contact, near=near)

@@ -17,8 +17,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import POINT, K
 from magmpm.fields.magnets import Solid
+from magmpm.materials import MU0
 
-MU0 = 4e-7 * np.pi
 MAX_DIPOLES = 1000  # a magnet: some 40 microseconds a particle
 
 

@@ -27,10 +27,9 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
 from magmpm.fields import outside_field as fields
-from magmpm.materials import poisson_ratio, young_modulus
+from magmpm.materials import MU0, poisson_ratio, young_modulus
 from magmpm.rod.kernels import frames_of, relax
 from magmpm.scene import Scene
 

@@ -5,9 +5,12 @@ from magmpm.bodies.catheter import Catheter
 from magmpm.bodies.regions import Region
 from magmpm.bodies.segments import Segment
 from magmpm.bodies.strip import Strip
+from magmpm.effects.acting import Effects
+from magmpm.effects.gravity import Gravity
+from magmpm.effects.magnetic_torque import MagneticTorque
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.vectors import Angles
-from magmpm.scene.options import Effects, Gravity, MagneticTorque, Material, Resolution, Solver, StaticOptions
+from magmpm.scene.options import Material, Resolution, Solver, StaticOptions
 from magmpm.scene.scene import Reference, Scene, load_scene
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The parts of a scene (bodies: shapes.py, fields: field_parts.py): materials, effects, solver; their rules and documentation.
+"""Settings of a scene: materials, solver, resolution; with their rules. Bodies, fields and effects have theirs in their own rooms.
 
 The descriptions and examples are what editors show (scene.schema.json) and what error messages quote.
 """
@@ -11,9 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.inputs.settings import Quantity, Settings, fault, from_file
-from magmpm.inputs.vectors import three
 from magmpm.scene.motion_options import DynamicOptions
-from magmpm.scene.surroundings import Damping, Feed, Ground, SelfContact, Viscosity, Walls
 
 
 class Material(Settings):
@@ -51,99 +49,6 @@ class Material(Settings):
                 "write, say, `bulk_to_shear: 20`",
             )
         return ratio
-
-
-_AccelerationComponent = Annotated[
-    float, Quantity("acceleration", at_least="-1e4 m/s^2", at_most="1e4 m/s^2")
-]
-
-
-class MagneticTorque(Settings):
-    """The outside field turns the magnetised segments. No settings."""
-
-
-class MagneticForce(Settings):
-    """An outside field that varies in space pulls the magnetised segments. No settings."""
-
-
-class MagneticInteraction(Settings):
-    """The magnetised segments turn and pull each other."""
-
-    blocks_across: int = Field(
-        default=3,
-        strict=True,
-        ge=1,
-        le=5,
-        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.",
-        examples=[3],
-    )
-
-
-class Gravity(Settings):
-    """Weight."""
-
-    acceleration: Annotated[
-        tuple[_AccelerationComponent, _AccelerationComponent, _AccelerationComponent],
-        three("[0 m/s^2, 0 m/s^2, -9.81 m/s^2]"),
-    ] = Field(
-        default=(0.0, 0.0, -9.81),
-        description="9.81 m/s^2 along -z unless given: [x, y, z].",
-        examples=[["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]],
-    )
-
-
-class Effects(Settings):
-    """What is simulated: an effect that is not named costs nothing."""
-
-    @property
-    def in_a_field(self) -> bool:
-        """Whether an effect of the outside field is named."""
-        return self.magnetic_torque is not None or self.magnetic_force is not None
-
-    magnetic_torque: MagneticTorque | None = Field(
-        default=None, description="The outside field turns the magnetised segments: {}.", examples=[{}]
-    )
-    magnetic_force: MagneticForce | None = Field(
-        default=None,
-        description="A field that varies in space pulls the magnetised segments: {}. A uniform field does not pull.",
-        examples=[{}],
-    )
-    magnetic_interaction: MagneticInteraction | None = Field(
-        default=None, description="The magnetised segments turn and pull each other: {}.", examples=[{}]
-    )
-    gravity: Gravity | None = Field(
-        default=None, description="Weight: {} for 9.81 m/s^2 along -z.", examples=[{}]
-    )
-    viscosity: Viscosity | None = Field(
-        default=None,
-        description="In motion: losses in the material (Kelvin-Voigt).",
-        examples=[{"viscosity": "5 Pa s"}],
-    )
-    damping: Damping | None = Field(
-        default=None,
-        description="In motion: resistance of the surroundings, in proportion to mass.",
-        examples=[{"rate": "60 1/s"}],
-    )
-    ground: Ground | None = Field(
-        default=None,
-        description="In motion: contact with a plane.",
-        examples=[{"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}],
-    )
-    walls: Walls | None = Field(
-        default=None,
-        description="In motion: contact with the wall of a lumen.",
-        examples=[
-            {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
-        ],
-    )
-    self_contact: SelfContact | None = Field(
-        default=None, description="In motion: the body touches itself and separates again: {}.", examples=[{}]
-    )
-    feed: Feed | None = Field(
-        default=None,
-        description="In motion: the base is pushed through a guide.",
-        examples=[{"speed": "20 mm/s", "exit": "10 mm"}],
-    )
 
 
 class StaticOptions(Settings):

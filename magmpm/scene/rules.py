@@ -6,7 +6,6 @@ import difflib
 from typing import TYPE_CHECKING
 
 from magmpm.inputs.settings import Key, fault
-from magmpm.scene.surroundings import IN_MOTION
 
 if TYPE_CHECKING:
     from magmpm.scene.scene import Scene
@@ -93,8 +92,8 @@ def _motion_has_its_solver(scene: Scene) -> None:
     """Effects that act on a moving body only need the dynamic solver."""
     if not scene.static:
         return
-    for name in IN_MOTION:
-        if getattr(scene.effects, name) is not None:
+    for name, effect in scene.effects.named().items():
+        if effect.ONLY_IN_MOTION:
             raise fault(
                 f"{name} acts in motion only, and this scene is solved for its equilibrium",
                 f"write `solver: {{dynamic: {{duration: 0.5 s}}}}`, or do not name {name}",

@@ -27,6 +27,7 @@ from pydantic import (
 
 from magmpm.bodies.body import CATHETER, Body
 from magmpm.bodies.regions import Region
+from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
@@ -35,7 +36,7 @@ from magmpm.inputs.csv_tables import TableError, read_centreline
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.settings import Settings, fault, folder_of, from_file, read_yaml, validate
 from magmpm.scene import rules
-from magmpm.scene.options import Effects, Material, Resolution, Solver
+from magmpm.scene.options import Material, Resolution, Solver
 from magmpm.scene.warnings import warnings
 
 K = TypeVar("K")

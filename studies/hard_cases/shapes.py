@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import acting as effects
+from magmpm.effects.contact_law import contact_of
 from magmpm.effects.self_contact import gap
 from magmpm.errors import SolveError
 from magmpm.model import build
@@ -114,14 +114,13 @@ def _hit(scene: Scene) -> tuple[float, float, float]:
     model = motion.model
     throw(motion, lambda x: np.tile([0.3, 0.0, -FAST], (len(x), 1)))
     begun, deepest, mass = energy(motion), 0.0, model.density * model.particles.volume
-    ground = effects.module_of("ground")
-    record, data = ground.of_scene(scene, 1.0, None)
+    ground = scene.effects.named()["ground"].records(scene)
     for _ in range(100):
         advance(motion, max(1, int(2.5e-3 / 100 / dt)), dt)
         x, v, _ = motion.particles()
-        told = ground.report(record, data, x, v, mass, dt)
+        told = contact_of(ground, x, v, mass, dt)
         deepest = max(deepest, told["depth"])
-        if deepest > 0.0 and not told["count"] and (x[:, 2] - record["ground_point"][0][2]).min() > model.grid.spacing[2]:
+        if deepest > 0.0 and not told["count"] and (x[:, 2] - ground[0]["ground_point"][0][2]).min() > model.grid.spacing[2]:
             break
     return deepest / float(model.grid.spacing[2]), float(mass @ v[:, 2] / mass.sum()), energy(motion) / begun - 1
 

@@ -198,10 +198,9 @@ def effect_costs() -> dict[str, float]:
 
 def touching_share(touches: Scene, effect: str) -> float:
     """Share of the particles of the undeformed body that are in contact."""
-    from magmpm.effects import acting as effects
+    from magmpm.effects.contact_law import contact_of
 
-    module = effects.every()[effect]
     model = build(touches.with_effects(**{effect: None}))
-    record, data = module.of_scene(touches, 1.0, None)[:2]
+    named = touches.effects.named()[effect].records(touches)
     x, mass = model.particles.position, model.density * model.particles.volume
-    return float(module.report(record, data, x, 0 * x, mass, 1e-6)["count"]) / len(x)
+    return float(contact_of(named, x, 0 * x, mass, 1e-6)["count"]) / len(x)

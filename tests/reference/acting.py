@@ -21,10 +21,11 @@ from reference.solids import box
 from magmpm.bodies.surface_mesh import write_stl
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks
+from magmpm.effects.acting import Effects
+from magmpm.effects.base import Effect
 from magmpm.inputs.settings import validate
 from magmpm.model import Model, build
 from magmpm.scene import Scene
-from magmpm.scene.options import Effects
 
 KEYS = list(effects.every())
 USUAL = """
@@ -72,8 +73,9 @@ MESHES = {"lower.stl": box((0, 0, -3), (4, 4, 0)), "upper.stl": box((0.3, 0, 0.1
 
 @dataclass(frozen=True)
 class Acting:
-    """An active effect. model: of its scene; own: record and data of the effect; all: those of all effects of the scene, with its own."""
+    """An active effect: its settings; own: its record and data. model: of its scene; all: the records of all effects of the scene."""
 
+    effect: Effect
     model: Model
     own: tuple[np.ndarray, ...]
     all: tuple[np.ndarray, ...]
@@ -98,11 +100,11 @@ def acting(key: str) -> Acting:
     model = build(scene(key))
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
     effects.refresh(model.effects, model, x, F)
-    of = effects.module_of(key).of_scene(model.scene, 1.0, None)
+    effect = model.scene.effects.named()[key]
+    of = effect.records(model.scene)
     names = of[0].dtype.names if of else None
-    pairs = zip(model.effects[::2], model.effects[1::2], strict=True)
-    own = next(((record, data) for record, data in pairs if record.dtype.names == names), ())
-    return Acting(model, own, model.effects)
+    own = next(((record, data) for record, data in hooks.pairs(model.effects) if record.dtype.names == names), ())
+    return Acting(effect, model, own, model.effects)
 
 
 def hook(named: tuple[np.ndarray, ...], name: str) -> Any:

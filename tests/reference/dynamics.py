@@ -39,7 +39,7 @@ CLOSE, BESIDE = 0.5, 1.25
 
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
     """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments)."""
-    for record, data in zip(model.effects[::2], model.effects[1::2], strict=True):
+    for record, data in hooks.pairs(model.effects):
         function = hooks._registry[hook].get(record.dtype.names)
         if function is not None:
             function(record[min(step, len(record) - 1)], data, *arguments)

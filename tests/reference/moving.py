@@ -14,7 +14,6 @@ from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
-from magmpm.effects.acting import module_of
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
@@ -100,7 +99,7 @@ def follow(
     model = filled(scene if isinstance(scene, Model) else build(scene))
     begun = begin(model)
     motion = begun.motion if motion is None else motion
-    mass, now = model.density * model.particles.volume, 0.0
+    now = 0.0
     for time in times:
         steps = max(1, int(np.ceil((time - now) / begun.dt)))
         dt, left = (time - now) / steps, steps
@@ -113,6 +112,5 @@ def follow(
         contacts = {}
         for key in ("ground", "walls"):
             if getattr(model.scene.effects, key) is not None:
-                module = module_of(key)
-                contacts[key] = module.report(*module.of_scene(model.scene, 1.0, None), x, v, mass, dt)
+                contacts[key] = model.scene.effects.named()[key].report(model, x, v, dt)
         yield Moment(time, x, v, contacts)

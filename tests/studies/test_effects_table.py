@@ -13,11 +13,11 @@ from reference.scenes import G, rod_scene
 
 from magmpm.cli.main import main
 from magmpm.effects import acting as effects
+from magmpm.effects.acting import Effects
 from magmpm.inputs.settings import validate
 from magmpm.materials import young_modulus
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.scene.options import Effects
 from studies.effects_table import Row, costs, survey
 
 FIELD, DOWN = (0.0, 0.0, 3e-3), (0.0, 0.0, -9.81)
@@ -80,7 +80,7 @@ def test_obstacles_are_looked_for_at_rest() -> None:
 def test_costs_are_measured_for_what_has_a_part_in_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """For three effects (each compiles a kernel). A wall near a third of the particles costs 75 to 112 % of a step; cheap effects are
     within the 15 % by which steps differ between processes."""
-    three = {key: effects.module_of(key) for key in ("damping", "walls", "self_contact")}
+    three = {key: effects.every()[key] for key in ("damping", "walls", "self_contact")}
     monkeypatch.setattr(effects, "every", lambda: three)
     tube = {"radius": "2.1 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
     scene = rod_scene(length=12e-3, density=None, tolerance=1e-9)  # type: ignore[arg-type]  # a static scene need not have one
@@ -153,7 +153,7 @@ def test_why_an_effect_is_not_known_is_said_in_whole_words(monkeypatch: pytest.M
     def refused(*_: object) -> None:
         Scene.from_si({**rod_scene().to_si(), "name": "x" * 200})
 
-    monkeypatch.setattr("magmpm.effects.gravity.advice", refused)
+    monkeypatch.setattr("magmpm.effects.gravity.Gravity.advice", refused)
     assert rows(rod_scene())["gravity"].says == "not known: must have 100 or fewer characters"
 
 

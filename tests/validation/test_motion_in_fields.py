@@ -10,8 +10,8 @@ from reference.in_motion import advance, free_rod, moving, quantities, set_off
 from reference.scenes import rod_scene
 
 from magmpm.effects import acting as effects
-from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import SolveError
+from magmpm.materials import MU0
 from magmpm.scene import Scene
 from magmpm.simulate import run
 

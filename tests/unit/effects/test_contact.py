@@ -17,11 +17,11 @@ from magmpm.bodies.curves import curve, tightest_bend
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.effects import contact_law as contact
 from magmpm.effects import ground, self_contact, walls
+from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.scene.options import Effects
 
 STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
 
@@ -124,7 +124,7 @@ def test_push_and_friction_have_the_numbers_of_their_formulas() -> None:
 def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
     """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w."""
     named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS)
-    step = ground.stable_step(*named, None)
+    step = contact.stable_step(STIFFNESS)
     assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
 
     def fastest(dt: float) -> float:
@@ -267,10 +267,9 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
         return {"surface": {"mesh": str(tmp_path / "box.stl"), "unit": unit}}
 
     model = build(scene(walls=lumen([-5, -3, -3], [20, 3, 3])))
-    record, data = model.effects
     x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
     told = [
-        walls.report(record, data, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)
+        contact.contact_of(model.effects, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)
     ]
     assert [t["count"] for t in told] == [0, 1, 1]
     depth = 0.2e-3 + contact.reach(model.scene)

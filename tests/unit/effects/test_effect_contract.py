@@ -1,4 +1,4 @@
-"""Every effect must satisfy the same laws, in a scene in which it acts (reference.acting). A new one joins by its key in `parts.Effects`.
+"""Every effect must satisfy the same laws, in a scene in which it acts (reference.acting). A new one joins by its key in `Effects`.
 
 Here what every effect is, and its conservative hooks (energy, stress, force, tangent, softening), which belong together by Taylor tests;
 those of motion in test_effect_contract_motion.py.
@@ -6,6 +6,7 @@ those of motion in test_effect_contract_motion.py.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -18,9 +19,11 @@ from magmpm.dynamics.time_loop import begin, formulation
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks
+from magmpm.effects.acting import Effects
+from magmpm.effects.base import PHASES
+from magmpm.effects.self_contact import observe
 from magmpm.inputs.settings import validate
 from magmpm.model import build
-from magmpm.scene.options import Effects
 
 DT = 1e-6  # s
 STATIC = ("energy", "stress", "force", "tangent", "softening")
@@ -35,9 +38,10 @@ OUTPUTS: dict[str, tuple[tuple[int, ...], ...]] = {
 @pytest.mark.parametrize("key", KEYS)
 def test_it_is_described_and_has_records(key: str) -> None:
     """In its scene and with its first example; only an effect without hooks has none, which the formulation then has to be."""
-    module = effects.module_of(key)
-    assert (module.__doc__ or "").startswith(f"{key}: "), "the first words of the file are its key"
-    assert module.PHASE in effects.PHASES
+    kind = effects.every()[key]
+    assert kind.key() == key, "the file's name"
+    assert (sys.modules[kind.__module__].__doc__ or "").startswith(f"{key}: "), "the first words of the file are its key"
+    assert kind.PHASE in PHASES
     example = (Effects.model_fields[key].examples or [{}])[0]
     assert getattr(validate(Effects, {key: example}, "example.yaml"), key) is not None
     own = acting(key).own
@@ -83,7 +87,7 @@ def test_self_contact_acts() -> None:
         body = build(given if named else given.with_effects(self_contact=None))
         assert formulation(body.scene) == ("updated" if named else "total")
         x, upper = body.particles.position, body.particles.segment == 1
-        assert effects.module_of("self_contact").observe(body, x)["count"] > 0
+        assert observe(body, x)["count"] > 0
         for speed in (-1.0, 1.0):  # m/s
             motion = begin(body).motion
             if isinstance(motion, TotalMotion):
@@ -115,7 +119,7 @@ def test_order_is_by_phase_not_by_file() -> None:
         orders.append([record.dtype.names for record in effects.collect(given)[::2]])
     assert orders[0] == orders[1]
     assert len(orders[0]) == len(KEYS) - 1, "all but self_contact, which has none, have records"
-    phases = [effects.PHASES.index(effects.module_of(key).PHASE) for key in KEYS]
+    phases = [PHASES.index(effects.every()[key].PHASE) for key in KEYS]
     assert phases == sorted(phases)
 
 
@@ -126,7 +130,7 @@ def derivatives(named: tuple[np.ndarray, ...], at: Point, x: np.ndarray, F: np.n
     """W, P = dW/dF (9,), f = -dW/dx (3,), A = d2W/dF2 (9, 9), H = d2W/dx2 (3, 3), M = d2W/dxdF (3, 9), summed over effects."""
     sums = {name: tuple(np.zeros(s) for s in shapes) for name, shapes in OUTPUTS.items()}
     W = 0.0
-    for own in zip(named[::2], named[1::2], strict=True):
+    for own in hooks.pairs(named):
         for name, out in sums.items():
             if (function := hook(own, name)) is not None:
                 function(at.magnet, at.rho, x, F, *out)
@@ -155,7 +159,7 @@ def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Gener
     """Each of its static hooks is nonzero at some particle; the energy of magnetic_force is counted in magnetic_torque; its scene has both.
     """
     one = acting(key)
-    assert any(hook(own, "energy") for own in zip(one.all[::2], one.all[1::2], strict=True)), "a stress or force has an energy"
+    assert any(hook(own, "energy") for own in hooks.pairs(one.all)), "a stress or force has an energy"
     at = Point(one, rng)
     for name in STATIC:
         if (function := hook(one.own, name)) is None:
@@ -196,7 +200,7 @@ def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) ->
         np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
-@pytest.mark.parametrize("key", [key for key in KEYS if hasattr(effects.module_of(key), "refresh")])
+@pytest.mark.parametrize("key", [key for key, kind in effects.every().items() if kind.REFRESHED is not None])
 def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(key: str, rng: np.random.Generator) -> None:
     """With tables computed for every shape: dE = sum V (P : dF - f . dx), at order 2; the energy of the hooks uses the current loads."""
     model = acting(key).model
@@ -234,8 +238,9 @@ def test_hooks_add_to_what_is_there(key: str, rng: np.random.Generator) -> None:
 def test_no_load_is_no_effect(key: str) -> None:
     """A load at zero strength is left out of the kernels; otherwise it is proportional to the strength."""
     given = scene(key)
-    assert effects.module_of(key).of_scene(given, 0.0, None) == ()
-    one, half = acting(key), effects.module_of(key).of_scene(given, 0.5, None)
+    effect = given.effects.named()[key]
+    assert effect.records(given, 0.0) == ()
+    one, half = acting(key), effect.records(given, 0.5)
     at = Point(one, np.random.default_rng(1))
     half = (half[0], one.own[1])  # a table of the body's shape is the same
     full, other = (hook(own, "energy")(at.magnet, at.rho, at.x, at.F) for own in (one.own, half))

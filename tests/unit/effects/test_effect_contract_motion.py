@@ -18,6 +18,8 @@ from magmpm.bodies.grid import spline_slopes, spline_weights
 from magmpm.dynamics.stable_step import body_step
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
+from magmpm.effects.base import Effect
+from magmpm.effects.contact_law import contact_of
 
 MASS, DT = 2e-9, 1e-6  # kg, s
 SPEED = 0.1  # m/s
@@ -56,7 +58,7 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
 
 # forces on a moving particle
 
-CONTACT = [key for key in having("contact") if effects.module_of(key).PHASE == "contact"]
+CONTACT = [key for key in having("contact") if effects.every()[key].PHASE == "contact"]
 
 
 @pytest.mark.parametrize("key", [key for key in having("contact") if key not in CONTACT])
@@ -113,7 +115,8 @@ def test_friction_brakes_and_never_turns_back(key: str, rng: np.random.Generator
     """The force added by the motion opposes it, is perpendicular to the normal, and at most stops the sliding within the step."""
     most = {}
     for friction in (0.0, 0.2, 10.0):
-        found = effects.module_of(key).of_scene(scene(key, {"friction": friction}), 1.0, None)
+        slippery = scene(key, {"friction": friction})
+        found = slippery.effects.named()[key].records(slippery)
         function = hook(found, "contact")
         assert function is not None
         largest = 0.0
@@ -145,11 +148,11 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     forces = np.zeros_like(x)
     for p in range(len(x)):
         function(x[p], v[p], mass[p], DT, forces[p])
-    told = effects.module_of(key).report(found[0], found[1], x, v, mass, DT)
+    told = contact_of(found, x, v, mass, DT)
     np.testing.assert_allclose(told["force"], forces.sum(axis=0), rtol=1e-12)
     assert told["count"] == 20
     assert 0 < told["depth"] < 60e-3
-    far = effects.module_of(key).report(found[0], found[1], x[20:], v[20:], mass[20:], DT)
+    far = contact_of(found, x[20:], v[20:], mass[20:], DT)
     assert (far["force"].any(), far["count"], far["depth"]) == (False, 0, 0.0)
 
 
@@ -174,7 +177,7 @@ def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Gen
 # nodes
 
 
-@pytest.mark.parametrize("key", [k for k in having("node") if effects.module_of(k).PHASE == "damping"])
+@pytest.mark.parametrize("key", [k for k in having("node") if effects.every()[k].PHASE == "damping"])
 def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy, along the velocity, and none in zero time."""
     function = hook(acting(key).own, "node")
@@ -199,13 +202,14 @@ def test_no_resistance_is_no_effect(key: str) -> None:
 
 # steps
 
-STIFF = [key for key in KEYS if hasattr(effects.module_of(key), "stable_step")]
+STIFF = [key for key in KEYS if effects.every()[key].stable_step is not Effect.stable_step]
 
 
 @pytest.mark.parametrize("key", having("contact", "rate_stress"))
 def test_what_is_stiff_tells_its_step(key: str) -> None:
     assert key in STIFF
-    step = effects.module_of(key).stable_step(*acting(key).own, acting(key).model)
+    step = acting(key).effect.stable_step(acting(key).model)
+    assert step is not None
     assert 0 < step < math.inf
 
 
@@ -225,7 +229,7 @@ def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.G
             rows.append((ahead - behind) / 2e-8)
         J = np.array(rows)
         stiffest = max(stiffest, -np.linalg.eigvalsh((J + J.T) / 2)[0] / MASS)
-    assert effects.module_of(key).stable_step(*own, acting(key).model) == pytest.approx(1.4 / math.sqrt(stiffest), rel=0.02)
+    assert acting(key).effect.stable_step(acting(key).model) == pytest.approx(1.4 / math.sqrt(stiffest), rel=0.02)
 
 
 def growth(one: Acting, dt: float) -> float:
@@ -251,7 +255,7 @@ def growth(one: Acting, dt: float) -> float:
 def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
     """At the default 0.8 of the smaller bound of body and effect no small motion grows."""
     one = acting(key)
-    own = effects.module_of(key).stable_step(*one.own, one.model)
+    own = one.effect.stable_step(one.model)
     dt = 0.8 * min(own, body_step(TotalMotion(one.model)))
     assert growth(one, dt) <= 1 + 1e-6  # differences over 1 nm carry some 8 digits
 
@@ -276,4 +280,4 @@ def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> No
         gradient = np.stack([slope[0, a] * N[1, b] * N[2, c], N[0, a] * slope[1, b] * N[2, c], N[0, a] * N[1, b] * slope[2, c]])
         strain = np.einsum("ik,Ja->iJak", np.eye(3), gradient).reshape(9, -1) / np.repeat(np.sqrt(N[0, a] * N[1, b] * N[2, c]), 3)
         fastest = max(fastest, np.linalg.eigvalsh(strain.T @ viscous @ strain)[-1] / rho)
-    assert 0.9 / 4 < fastest * effects.module_of(key).stable_step(*one.own, one.model) <= 0.9
+    assert 0.9 / 4 < fastest * one.effect.stable_step(one.model) <= 0.9

@@ -22,7 +22,6 @@ from magmpm.effects import hooks
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
-from magmpm.scene import options as parts
 
 ROOT = Path(__file__).resolve().parents[3]
 RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that only the drag acts on a body without stiffness
@@ -44,7 +43,7 @@ def example() -> tuple[str, str]:
 
 
 def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """A file as the module of the effect `drag`, named by a line of parts.Effects."""
+    """A file as the module of the effect `drag`, named by a line of Effects."""
     (tmp_path / "drag.py").write_text(file)
     monkeypatch.setattr(hooks, "_registry", {hook: dict(table) for hook, table in hooks._registry.items()})
     spec = importlib.util.spec_from_file_location("magmpm.effects.drag", tmp_path / "drag.py")
@@ -54,10 +53,10 @@ def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "magmpm.effects.drag", module)
     spec.loader.exec_module(module)
     body = "".join(f"    {part}" for part in line.splitlines(keepends=True))
-    space: dict[str, Any] = {**vars(parts), "Base": parts.Effects, "__name__": parts.__name__}
+    monkeypatch.setattr(effects, "Drag", module.Drag, raising=False)  # imported
+    space: dict[str, Any] = {**vars(effects), "Base": effects.Effects}
     exec(f"class Effects(Base):\n{body}", space)
     monkeypatch.setattr(effects, "Effects", space["Effects"])
-    effects._modules.cache_clear()
     return module
 
 
@@ -68,26 +67,26 @@ def named(settings: dict[str, Any]) -> tuple[np.ndarray, ...]:
 
 def test_the_line_names_it(drag: ModuleType) -> None:
     """Found by its key, with a unit; refused with a wrong unit; left out at zero strength; called in its phase."""
-    (record, data) = named({"drag": "5 1/s"})
+    (record, data) = named({"drag": {"rate": "5 1/s"}})
     assert record["drag_rate"] == RATE
     assert not len(data)
-    assert named({"drag": "0 1/s"}) == ()
-    assert [r.dtype.names[0] for r in named({"drag": "5 1/s", "gravity": {}})[::2]] == [
+    assert named({"drag": {"rate": "0 1/s"}}) == ()
+    assert [r.dtype.names[0] for r in named({"drag": {"rate": "5 1/s"}, "gravity": {}})[::2]] == [
         "gravity",
         "drag_rate",
     ]
-    with pytest.raises(InputError, match=r"drag: received \"5 mm\"[^@]*is not a unit of rate"):
-        named({"drag": "5 mm"})
+    with pytest.raises(InputError, match=r"drag\.rate: received \"5 mm\"[^@]*is not a unit of rate"):
+        named({"drag": {"rate": "5 mm"}})
 
 
 def test_the_file_brakes(drag: ModuleType) -> None:
     """A free body without stiffness slows by 1 - rate dt per step, in both formulations; and its step is stable."""
     scene = rod_scene(length=12e-3).model_copy(
-        update={"effects": validate(effects.Effects, {"drag": "5 1/s"}, "example.yaml")}
+        update={"effects": validate(effects.Effects, {"drag": {"rate": "5 1/s"}}, "example.yaml")}
     )
     model = build(scene)
     model = replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)
-    assert drag.stable_step(*model.effects, model) == 1 / RATE
+    assert effects.stable_steps(model) == {"drag": 1 / RATE}
     start = np.array([0.1, 0.0, -0.2])  # m/s
     updated = Updated.of(model)
     updated.v[:] = start
@@ -113,7 +112,7 @@ def test_the_file_brakes_in_a_compiled_kernel(
     file, line = example()
     stamp = hashlib.sha256(file.encode()).hexdigest()[:8]
     joined(file.replace("drag_rate", f"drag_rate_{stamp}"), line, tmp_path, monkeypatch)
-    settings = validate(effects.Effects, {"drag": "500 1/s"}, "example.yaml")
+    settings = validate(effects.Effects, {"drag": {"rate": "500 1/s"}}, "example.yaml")
     model = build(rod_scene(length=6e-3).model_copy(update={"effects": settings}))
     found = {}
     for loads in (model.effects, ()):

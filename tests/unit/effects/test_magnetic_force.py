@@ -13,8 +13,8 @@ from reference.taylor import slopes
 
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks, magnetic_force, magnetic_torque
-from magmpm.effects.magnetic_torque import MU0
 from magmpm.errors import InputError, SolveError
+from magmpm.materials import MU0
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -42,7 +42,7 @@ def parts(named: Sequence[np.ndarray], x: np.ndarray, F: np.ndarray) -> tuple[An
     """W, P, f, H, M of both effects together."""
     P, f, H, M = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 9))
     W = 0.0
-    for record, data in zip(named[::2], named[1::2], strict=True):
+    for record, data in hooks.pairs(named):
         for hook, out in (("stress", (P,)), ("force", (f,)), ("softening", (H, M))):
             function = hooks._registry[hook].get(record.dtype.names)
             if function is not None:

@@ -11,8 +11,9 @@ from reference.taylor import slopes
 
 from magmpm.effects import acting as effects
 from magmpm.effects import magnetic_interaction as interaction
-from magmpm.effects.magnetic_torque import MU0
+from magmpm.effects.base import MarkedParticles
 from magmpm.errors import InputError
+from magmpm.materials import MU0
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.simulate import run
@@ -33,7 +34,7 @@ def scene(directions: list[tuple[float, float, float]], *, across: int = 3, **mo
 def acting(model: Model, x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
     """Places, moments, volumes, segments, fields and forces of the blocks."""
     p = model.particles
-    X, M, V, of = interaction.dipoles(model.magnet[:, 3], p.segment, p.volume, model.magnet[:, :3], x, F)
+    X, M, V, of = interaction.dipoles(MarkedParticles(model.magnet[:, 3], p.segment, p.volume, model.magnet[:, :3]), x, F)
     B, f = np.zeros_like(X), np.zeros_like(X)
     interaction._act(X, M, np.cbrt(V), of, B, f)
     return X, M, V, of, B, f

@@ -8,9 +8,8 @@ from pathlib import Path
 import yaml
 
 from magmpm.effects import acting as effects
+from magmpm.effects.acting import ONLY_IN_MOTION, Effects
 from magmpm.inputs.settings import validate
-from magmpm.scene.options import Effects
-from magmpm.scene.surroundings import IN_MOTION
 
 TEXT = (Path(__file__).resolve().parents[3] / "docs/effects.md").read_text(encoding="utf-8")
 
@@ -19,7 +18,7 @@ def test_its_example_names_all_effects_of_motion() -> None:
     (block,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
     settings = yaml.safe_load(block)
     named = validate(Effects, settings, "effects.md")
-    assert set(settings) == set(IN_MOTION)
+    assert set(settings) == set(ONLY_IN_MOTION)
     assert named.ground is not None
     assert named.ground.friction == 0.3
 

@@ -1,0 +1,172 @@
+"""What an effect is, what it may ask of a scene, and what it tells.
+
+An effect is one file: its settings (a subclass of `Effect`, which scene files name by the file's name), its compiled hooks
+(effects.hooks) and what it says of a scene. Every method of `Effect` but `records` has a default, so an effect writes only what it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.body import Body
+from magmpm.bodies.regions import Region
+from magmpm.compiled.arrays import Array
+from magmpm.effects.hooks import NO_DATA
+from magmpm.fields.outside_field import Field
+from magmpm.fields.sources import FieldSource
+from magmpm.inputs.settings import Quantity, Settings
+from magmpm.inputs.vectors import three
+
+Phase = Literal["force", "damping", "contact", "constraint"]
+PHASES = ("force", "damping", "contact", "constraint")  # the order in which hooks of a kind are called
+Records = tuple[NDArray[Any], ...]  # parameter records and data, in turn; what kernels take (effects.hooks)
+
+Place = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 m")]
+Point = Annotated[tuple[Place, Place, Place], three("[0 mm, 0 mm, -2 mm]")]
+
+
+class SceneLike(Protocol):
+    """What an effect may ask of a scene (magmpm.scene.Scene). Lengths in m."""
+
+    body: Body
+    field: FieldSource
+    effects: Any  # effects.acting.Effects: settings by key, None where not named
+    materials: Any  # by name: shear_modulus (Pa), bulk_to_shear, density (kg/m^3 or None), remanence (T)
+    solver: Any  # dynamic: None, or duration (s)
+    resolution: Any  # cells_across, particles_per_cell
+
+    @property
+    def length(self) -> float: ...
+
+    @property
+    def cell(self) -> float: ...
+
+    @property
+    def thickness(self) -> float: ...
+
+    def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]: ...
+
+    def regions(self) -> tuple[Region, ...]: ...
+
+    def segment_remanence(self) -> Array: ...
+
+    def magnetised_segments(self) -> list[int]: ...
+
+    def outside_field(self) -> Field: ...
+
+    def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Any: ...
+
+
+class RestEstimate(Protocol):
+    """Estimates of where a scene's body comes to rest."""
+
+    def rest(self, scene: Any) -> Array:
+        """Points (m, 3) m of the body at equilibrium in a scene of the same body: along its axis, or all over it.
+
+        Raises SolveError where none is found.
+        """
+
+    @property
+    def begin(self) -> Array:
+        """The same points (m, 3) m of the undeformed body."""
+
+    @property
+    def frequency(self) -> float | None:
+        """First angular frequency of bending, rad/s; None where it is not known."""
+
+    @property
+    def half(self) -> float:
+        """How far the surface is from the points of `rest`, m."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """shift: farthest (m) that any point of the body's axis comes to rest from where it would without the effect; None: not known."""
+
+    shift: float | None
+    says: str
+
+
+class Contact(TypedDict):
+    """What an effect of contact reports: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
+
+    force: Array
+    count: int
+    depth: float
+
+
+def one_record(dtype: np.dtype[Any], data: Array = NO_DATA, **values: Any) -> Records:
+    """A record of these values, and its table."""
+    record = np.zeros(1, dtype)
+    for name, value in values.items():
+        record[name] = value
+    return record, data
+
+
+class MarkedParticles(NamedTuple):
+    """Mark (n,) (Effect.marks), segment (n,), volume (n,) m^3 and remanence (n, 3) T of a body's particles."""
+
+    mark: Array
+    segment: NDArray[np.integer]
+    volume: Array
+    remanence: Array
+
+
+class Effect(Settings):
+    """Settings of an effect, and what the program asks of it. `model` is a magmpm.model.Model."""
+
+    PHASE: ClassVar[Phase]
+    ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
+    # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date.
+    REFRESHED: ClassVar[np.dtype[Any] | None] = None
+
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """What kernels take: records (one, or one for each of the times) and a table, or () for nothing.
+
+        strength: factor of a load, 0 to 1; times (k,) s of the steps to come, None in statics.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def key(cls) -> str:
+        """The key in scene files: the name of the effect's file."""
+        return cls.__module__.rpartition(".")[2]
+
+    def stable_step(self, model: Any) -> float | None:
+        """Largest stable step (s) of an effect that has records; None where the effect sets no limit."""
+        return None
+
+    def check(self, model: Any) -> None:
+        """Raises InputError where the effect can't begin: a body that starts inside a wall, say."""
+
+    def warnings(self, scene: SceneLike) -> list[str]:
+        """What the author of the scene may not have meant."""
+        return []
+
+    def report(self, model: Any, x: Array, v: Array, dt: float) -> Contact | None:
+        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s)."""
+        return None
+
+    def marks(self, particles: Any, remanence: Array) -> Array | None:
+        """A number (n,) by which hooks tell particles (bodies.Particles) apart; remanence (n, 3) T."""
+        return None
+
+    @staticmethod
+    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
+        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3)."""
+        raise NotImplementedError
+
+    @staticmethod
+    def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:
+        """Energy (J) of all particles in each other's presence; arguments as of `refresh`."""
+        raise NotImplementedError
+
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """How much the effect matters to a scene, whether the scene names it or not."""
+        return Advice(None, "no estimate for this effect")
