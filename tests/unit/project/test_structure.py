@@ -1,0 +1,130 @@
+"""The shape of the house: how high imports stand, how many they are, and that they never run in a circle.
+
+A room is a file at the root of magmpm, a folder there, studies, or viz. An arrow goes from a room to another that it imports, also for its
+types alone. A package's face, an `__init__.py` of at most 40 lines that defines nothing of its own, is not drawn. Which rooms stand above
+which, import-linter checks (setup.cfg).
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+PACKAGES = ("magmpm", "studies", "viz")
+MOST_FLOORS, MOST_ARROWS, MOST_AT_THE_ROOT = 12, 110, 8
+FACE = 40  # lines
+
+Graph = dict[str, set[str]]
+
+
+@cache
+def files() -> dict[str, Path]:
+    """Every module of the packages, by its dotted name."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def statements(node: ast.AST, types: bool) -> Iterator[ast.AST]:
+    """All of a tree; without `if TYPE_CHECKING:`, unless types are asked for."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if types or not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+            yield from statements(child, types)
+
+
+def imported(module: str, path: Path, known: Iterable[str], types: bool) -> set[str]:
+    """Which of the known modules a module imports, anywhere in its file."""
+    found = set()
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    for node in statements(tree(path), types):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in known else base for alias in node.names}
+    return found & set(known) - {module}
+
+
+def is_face(path: Path) -> bool:
+    """Whether a file only passes on what others define, at once or when it is asked for (PEP 562)."""
+    defines = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    defined = {node.name for node in ast.walk(tree(path)) if isinstance(node, defines)}
+    short = len(path.read_text(encoding="utf-8").splitlines()) <= FACE
+    return path.name == "__init__.py" and short and defined <= {"__getattr__", "__dir__"}
+
+
+def room(module: str) -> str:
+    """The room a module stands in: magmpm.results.strain in magmpm.results, viz.camera in viz."""
+    parts = module.split(".")
+    return parts[0] if parts[0] != "magmpm" else ".".join(parts[:2])
+
+
+@cache
+def between_files(types: bool = False) -> Graph:
+    """Within a room, a file may name a class for its types alone that another defines which calls it."""
+    return {name: imported(name, path, files(), types) for name, path in files().items() if not is_face(path)}
+
+
+@cache
+def between_rooms() -> Graph:
+    graph: Graph = {room(module): set() for module in files()}
+    for module, others in between_files(types=True).items():
+        graph[room(module)] |= {room(other) for other in others} - {room(module)}
+    return graph
+
+
+def floors(graph: Mapping[str, set[str]]) -> dict[str, int]:
+    """The floor each room stands on: one above the highest that it imports. Raises CycleError."""
+    level: dict[str, int] = {}
+    for name in TopologicalSorter(graph).static_order():
+        level[name] = 1 + max((level[other] for other in graph.get(name, ())), default=0)
+    return level
+
+
+@pytest.mark.parametrize("graph", [between_files, between_rooms], ids=["files", "rooms"])
+def test_imports_run_in_no_circle(graph) -> None:
+    """Neither among files nor among rooms."""
+    try:
+        floors(graph())
+    except CycleError as error:
+        pytest.fail(" -> ".join(reversed(error.args[1])))
+
+
+def test_imports_stand_at_most_twelve_floors_high() -> None:
+    level = floors(between_rooms())
+    assert max(level.values()) <= MOST_FLOORS, sorted(level.items(), key=lambda item: -item[1])
+
+
+def test_arrows_between_rooms_are_few() -> None:
+    arrows = [(a, b) for a, others in between_rooms().items() for b in others]
+    assert len(arrows) <= MOST_ARROWS, len(arrows)
+
+
+def test_the_root_of_the_package_is_its_table_of_contents() -> None:
+    at_the_root = sorted(path.name for path in (ROOT / "magmpm").glob("*.py"))
+    assert len(at_the_root) <= MOST_AT_THE_ROOT, at_the_root
+
+
+def test_the_checks_see_what_they_look_for() -> None:
+    """A tower of three, and a circle."""
+    assert floors({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == {"c": 1, "b": 2, "a": 3}
+    with pytest.raises(CycleError):
+        floors({"a": {"b"}, "b": {"a"}})
+    assert "magmpm.errors" in between_files()["magmpm.simulate"]
+    assert room("magmpm.results.strain") == "magmpm.results"
