@@ -198,7 +198,7 @@ def test_clamped_face_does_not_move(rng: np.random.Generator) -> None:
     c = random_coefficients(model, rng)
     weights = model.weights.copy()
     first = model.particles.cell[:, 0] == 0
-    weights[first, 0] = [0.0, 0.0, 0.0]  # of basis.clamp_first_node at xi = 0, see test_basis
+    weights[first, 0] = [0.0, 0.0, 0.0]  # of grid.clamp_first_node at xi = 0, see test_grid
     assert not Energy(replace(model, weights=weights)).at(c).displacement[first].any()
     assert np.abs(energy.at(c).displacement[first]).max() > 0
 
