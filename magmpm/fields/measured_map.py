@@ -9,18 +9,16 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import show
-from magmpm.inputs.csv_tables import TableError, read_lines
+from magmpm.inputs.csv_tables import Line, TableError, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 
 MAX_NODES = 500_000
 MAX_ROWS = 100_000
 FEWEST = 4  # nodes along each axis of a map: a cubic spline needs as many
 SAME = 1e-4  # of the spacing: two coordinates closer than this are one plane of the grid
-_MAP = {
-    name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names
-}
+_MAP = {name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names}
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
-_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as field_parts.Keyframe has them
+_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as sources.Keyframe has them
 _FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
 _MEASURED = (-100.0, 100.0, "-100 T", "100 T")  # no magnet or coil that a robot is near has more: a larger value is a mistaken unit
 _BOUNDS = {
@@ -42,7 +40,7 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
-    names, rows, lines = _read(path, _MAP, _START_MAP, MAX_NODES, bounds=_MAP_BOUNDS)
+    names, rows, lines = _read(path, _MAP, _START_MAP, MAX_NODES, _MAP_BOUNDS)
     missing = [name for name in _MAP if name not in names]
     if missing:
         rule = f"a map has the columns x, y, z, Bx, By and Bz; {', '.join(missing)} is missing"
@@ -57,8 +55,7 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     count = np.bincount(flat, minlength=math.prod(shape))
     if count.max() > 1:
         twice = int(np.flatnonzero(flat == int(np.argmax(count)))[1])
-        rule, remedy = "each point of the grid may stand once", "remove one of the rows"
-        raise TableError(f"{path}:{lines[twice]}", received=_point(rows[twice]), rule=rule, remedy=remedy)
+        raise lines[twice].error("each point of the grid may stand once", "remove one of the rows", received=_point(rows[twice]))
     if count.min() == 0:
         hole = np.array(np.unravel_index(int(np.argmin(count)), shape))
         rule = (
@@ -99,13 +96,11 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
     Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
-    names, rows, lines = _read(path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, plain=("strength",), bounds=_BOUNDS)
+    names, rows, lines = _read(path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, _BOUNDS, plain=("strength",))
     groups = {"uniform": ("Bx", "By", "Bz"), "move": ("x", "y", "z")}
     for group in groups.values():
         if 0 < sum(name in names for name in group) < 3:
-            raise TableError(
-                str(path), rule=f"the columns {', '.join(group)} stand together", remedy="add what is missing"
-            )
+            raise TableError(str(path), rule=f"the columns {', '.join(group)} stand together", remedy="add what is missing")
     if "time" not in names or len(names) == 1:
         rule = "a schedule has a column of time and at least one of strength; Bx, By, Bz; x, y, z"
         raise TableError(str(path), rule=rule, remedy=_START_SCHEDULE)
@@ -113,8 +108,8 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
     falls = np.flatnonzero(np.diff(times) <= 0)
     if len(falls):
         at = int(falls[0]) + 1
-        rule, remedy = "times must rise from row to row", "sort the rows, each time once"
-        raise TableError(f"{path}:{lines[at]}", received=f"{times[at]:g} s after {times[at - 1]:g} s", rule=rule, remedy=remedy)
+        received = f"{times[at]:g} s after {times[at - 1]:g} s"
+        raise lines[at].error("times must rise from row to row", "sort the rows, each time once", received)
     out: list[dict[str, object]] = []
     for row in rows.tolist():
         frame: dict[str, object] = {"time": row[names.index("time")]}
@@ -132,56 +127,40 @@ def _read(
     kinds: dict[str, Kind],
     start: str,
     most: int,
+    bounds: dict[str, tuple[float, float, str, str]],
     plain: tuple[str, ...] = (),
-    bounds: dict[str, tuple[float, float, str, str]] | None = None,
-) -> tuple[list[str], Array, list[int]]:
+) -> tuple[list[str], Array, list[Line]]:
     """Names of the columns, rows in SI, and the line of each row. Raises TableError, also for what is out of bounds (SI; in words)."""
-    names: list[str] = []
-    header: list[str] = []
-    factors: list[float] = []
-    rows: list[list[float]] = []
-    numbers: list[int] = []
-    for number, line in enumerate(read_lines(path, start), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        cells = [cell.strip() for cell in line.split(",")]
-        place = f"{path}:{number}"
-        if not names:
-            names, factors = _header(cells, kinds, plain, place, start)
-            header = cells
-            continue
-        try:
-            row = [float(cell) for cell in cells] if len(cells) == len(names) else []
-        except ValueError:
-            row = []
-        if not row or not all(math.isfinite(value) for value in row):
-            rule = f"a row must have {len(names)} finite numbers"
-            raise TableError(place, received=show(line.strip()), rule=rule, remedy="check this row")
-        for k, name in enumerate(names):
-            if bounds is not None and not bounds[name][0] <= row[k] * factors[k] <= bounds[name][1]:
-                reads = format_si(row[k] * factors[k], kinds[name]) if name in kinds else f"{row[k]:g}"
-                raise TableError(
-                    place,
-                    received=f"{cells[k]} in the column {header[k]}",
-                    rule=f"{name} must be at least {bounds[name][2]} and at most {bounds[name][3]}",
-                    remedy=f"check the number, and the unit in the header: this reads as {reads}",
-                )
-        if len(rows) == most:
-            rule = f"a table has at most {most} rows"
-            raise TableError(place, received="more", rule=rule, remedy="thin it out")
-        rows.append(row)
-        numbers.append(number)
+    names, factors = list[str](), list[float]()
+    rows, used = list[list[float]](), list[Line]()
+    lines = table_lines(path, start)
+    for header in lines:
+        names, factors = _header(header, kinds, plain, start)
+        for line in lines:
+            row = line.numbers(len(names))
+            if not row or not all(map(math.isfinite, row)):
+                raise line.error(f"a row must have {len(names)} finite numbers", "check this row")
+            for k, name in enumerate(names):
+                if not bounds[name][0] <= row[k] * factors[k] <= bounds[name][1]:
+                    reads = format_si(row[k] * factors[k], kinds[name]) if name in kinds else f"{row[k]:g}"
+                    raise line.error(
+                        f"{name} must be at least {bounds[name][2]} and at most {bounds[name][3]}",
+                        f"check the number, and the unit in the header: this reads as {reads}",
+                        received=f"{line.cells[k]} in the column {header.cells[k]}",
+                    )
+            if len(rows) == most:
+                raise line.error(f"a table has at most {most} rows", "thin it out", received="more")
+            rows.append(row)
+            used.append(line)
     if len(rows) < 2:
         raise TableError(str(path), received=f"{len(rows)} rows", rule="a table has 2 rows at least", remedy=start)
-    return names, np.asarray(rows) * factors, numbers
+    return names, np.asarray(rows) * factors, used
 
 
-def _header(
-    cells: list[str], kinds: dict[str, Kind], plain: tuple[str, ...], place: str, start: str
-) -> tuple[list[str], list[float]]:
-    """Names of the columns and their factors to SI."""
+def _header(header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start: str) -> tuple[list[str], list[float]]:
+    """Names of the columns and their factors to SI. Raises TableError."""
     names, factors = [], []
-    for cell in cells:
+    for cell in header.cells:
         name, _, unit = cell.partition("_")
         if cell in plain:
             name, factor = cell, 1.0
@@ -189,12 +168,12 @@ def _header(
             try:
                 factor = parse_quantity(f"1 {unit}", kinds[name])
             except BadQuantity as error:
-                raise TableError(place, received=show(cell), rule=error.rule, remedy=start) from None
+                raise header.error(error.rule, start, received=show(cell)) from None
         else:
             rule = f"columns are {', '.join([*kinds, *plain])}, each with its unit after an underscore"
-            raise TableError(place, received=show(cell), rule=rule, remedy=start)
+            raise header.error(rule, start, received=show(cell))
         if name in names:
-            raise TableError(place, received=show(cell), rule="a column may stand once", remedy="remove one")
+            raise header.error("a column may stand once", "remove one", received=show(cell))
         names.append(name)
         factors.append(factor)
     return names, factors

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,65 +29,38 @@ class TableError(InputError):
         self.remedy = remedy
 
 
-def read_centreline(path: Path | str) -> NDArray[np.float64]:
-    """Rows [s, x, y, z] in m, (m, 4), m >= 2, s increasing: arc length of the undeformed body, its point.
+@dataclass(frozen=True)
+class Line:
+    """A line of a table that holds cells: its place for messages, and its text."""
 
-    The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that
-    begin with # are passed over. Raises TableError naming file, line, value received, rule and remedy.
+    place: str
+    text: str
+
+    @property
+    def cells(self) -> list[str]:
+        return [cell.strip() for cell in self.text.split(",")]
+
+    def numbers(self, count: int) -> list[float]:
+        """The numbers of the cells, finite or not; none unless there are `count` of them."""
+        try:
+            row = [float(cell) for cell in self.cells]
+        except ValueError:
+            return []
+        return row if len(row) == count else []
+
+    def error(self, rule: str, remedy: str, received: str | None = None) -> TableError:
+        """What to raise where the line, or what was received in it, breaks a rule."""
+        return TableError(self.place, received=show(self.text.strip()) if received is None else received, rule=rule, remedy=remedy)
+
+
+def table_lines(path: Path, start: str) -> Iterator[Line]:
+    """Lines of a table from its header on, without blank lines and those that begin with #; `start` says how a table begins, for messages.
+
+    Raises TableError where the file can't be read.
     """
-    path = Path(path)
-    order: list[int] | None = None
-    rows: list[list[float]] = []
-    for number, line in enumerate(read_lines(path, _START), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        cells = [cell.strip() for cell in line.split(",")]
-        place, received = f"{path}:{number}", show(line.strip())
-        if order is None:
-            if sorted(cells) != sorted(COLUMNS):
-                rule = f"the header must name the columns {','.join(COLUMNS)}"
-                raise TableError(place, received=received, rule=rule, remedy=_START)
-            order = [cells.index(column) for column in COLUMNS]
-            continue
-        row = _row(cells, order, place, received)
-        if rows and row[0] <= rows[-1][0]:
-            rule, remedy = "s_mm must increase from row to row", "sort the rows, base first, each s_mm once"
-            raise TableError(place, received=received, rule=rule, remedy=remedy)
-        rows.append(row)
-    if not 2 <= len(rows) <= MAX_ROWS:
-        rule = f"a centreline has 2 to {MAX_ROWS} rows"
-        raise TableError(
-            str(path), received=f"{len(rows)} row{'s' * (len(rows) != 1)}", rule=rule, remedy=_START
-        )
-    return np.asarray(rows) / 1000.0
-
-
-_START = f"begin the file with the line {','.join(COLUMNS)}, then numbers in mm, such as 0,0,0,0"
-
-
-def _row(cells: list[str], order: list[int], place: str, received: str) -> list[float]:
-    """The numbers of one row in the order of COLUMNS, mm. Raises TableError."""
-    remedy = "check this row"
-    try:
-        row = [float(cells[column]) for column in order] if len(cells) == len(COLUMNS) else []
-    except ValueError:
-        row = []
-    if not row:
-        rule = f"a row must have {len(COLUMNS)} numbers, in mm"
-    elif not all(math.isfinite(value) and abs(value) <= MAX_MM for value in row):
-        rule = f"numbers must be finite and at most {MAX_MM:g} mm"
-    elif row[0] < 0:
-        rule, remedy = "s_mm must not be negative", "measure s from the clamped base"
-    else:
-        return row
-    raise TableError(place, received=received, rule=rule, remedy=remedy)
-
-
-def read_lines(path: Path, start: str) -> list[str]:
-    """Lines of a text file; `start` says how one begins, for messages. Raises TableError."""
     rule, remedy = "the table must be a readable text file", "check the path and its permissions"
     try:
-        return read_regular(path, MAX_BYTES).decode("utf-8-sig").splitlines()
+        lines = read_regular(path, MAX_BYTES).decode("utf-8-sig").splitlines()
     except FileNotFoundError:
         reason, remedy = "no such file", "check the path; it is relative to the file that names it"
     except UnicodeDecodeError:
@@ -94,7 +69,50 @@ def read_lines(path: Path, start: str) -> list[str]:
         reason, rule, remedy = str(error.strerror), f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB", start
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    else:
+        for number, text in enumerate(lines, start=1):
+            if text.strip() and not text.lstrip().startswith("#"):
+                yield Line(f"{path}:{number}", text)
+        return
     raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)
+
+
+def read_centreline(path: Path | str) -> NDArray[np.float64]:
+    """Rows [s, x, y, z] in m, (m, 4), m >= 2, s increasing: arc length of the undeformed body, its point.
+
+    The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that begin with # are skipped.
+    Raises TableError, which names file, line, value received, rule and remedy.
+    """
+    lines, rows = table_lines(Path(path), _START), list[list[float]]()
+    for header in lines:
+        if sorted(header.cells) != sorted(COLUMNS):
+            raise header.error(f"the header must name the columns {','.join(COLUMNS)}", _START)
+        order = [header.cells.index(column) for column in COLUMNS]
+        for line in lines:
+            row = _row(line, order)
+            if rows and row[0] <= rows[-1][0]:
+                raise line.error("s_mm must increase from row to row", "sort the rows, base first, each s_mm once")
+            rows.append(row)
+    if not 2 <= len(rows) <= MAX_ROWS:
+        received, rule = f"{len(rows)} row{'s' * (len(rows) != 1)}", f"a centreline has 2 to {MAX_ROWS} rows"
+        raise TableError(str(path), received=received, rule=rule, remedy=_START)
+    return np.asarray(rows) / 1000.0
+
+
+_START = f"begin the file with the line {','.join(COLUMNS)}, then numbers in mm, such as 0,0,0,0"
+
+
+def _row(line: Line, order: list[int]) -> list[float]:
+    """The numbers of one row in the order of COLUMNS, mm. Raises TableError."""
+    numbers = line.numbers(len(COLUMNS))
+    if not numbers:
+        raise line.error(f"a row must have {len(COLUMNS)} numbers, in mm", "check this row")
+    row = [numbers[column] for column in order]
+    if not all(math.isfinite(value) and abs(value) <= MAX_MM for value in row):
+        raise line.error(f"numbers must be finite and at most {MAX_MM:g} mm", "check this row")
+    if row[0] < 0:
+        raise line.error("s_mm must not be negative", "measure s from the clamped base")
+    return row
 
 
 def write_centreline(path: Path | str, rows: NDArray[np.float64], *, comment: str = "") -> None:
