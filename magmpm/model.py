@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import Discretization
 from magmpm.bodies.grid import (
-    Array,
     ClampPlane,
     Grid,
     clamp_first_node,
@@ -22,6 +21,7 @@ from magmpm.bodies.grid import (
 from magmpm.bodies.regions import Line
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
+from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.scene import Scene
 
@@ -30,7 +30,7 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Model:
-    """What the kernels need: particles (n), their splines, materials, and effects. SI units."""
+    """What both solvers need of a scene: its particles (n), their materials, and the effects. SI units."""
 
     scene: Scene
     grid: Grid
@@ -56,7 +56,7 @@ class Model:
     def splines(self) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that each particle sees along each axis, (n, 3, 3): axis, node.
 
-        What is clamped is built into them. They are not kept: each solver stores them in its own order.
+        Clamps are built into them. They are not kept: each solver stores them in its own order.
         """
         grid, cell = self.grid, self.particles.cell
         xi = grid.locate(self.particles.position, cell)
@@ -85,7 +85,7 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
     particles, of = made.particles, made.particles.segment
     made.grid.locate(particles.position, particles.cell)  # each in its cell: kernels do not look
     regions = scene.regions()
-    materials = [scene.region_material(k) for k in range(len(regions))]
+    materials = [scene.materials[region.material_name] for region in regions]
     if scene.effects.in_a_field:
         scene.outside_field().check_at_rest(particles.position, moving=not scene.static)
     ratio = np.array([material.bulk_to_shear for material in materials])

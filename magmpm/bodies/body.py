@@ -46,9 +46,7 @@ class Body(Settings):
         examples=[STRIP],
     )
 
-    parts: Parts | None = Field(
-        default=None, description="STL meshes, one a part.", examples=[PARTS]
-    )
+    parts: Parts | None = Field(default=None, description="STL meshes, one a part.", examples=[PARTS])
 
     @model_validator(mode="after")
     def _one(self) -> Body:

@@ -36,9 +36,7 @@ class Catheter(StraightBody):
     inner_diameter: Annotated[float, Quantity("length", at_least="0 mm", at_most="1 m")] = Field(
         default=0.0, description="Diameter of the bore; 0 mm, a solid rod, unless given.", examples=["2 mm"]
     )
-    material: str = Field(
-        description="A name from `materials`; segments may name others.", examples=["silicone"]
-    )
+    material: str = Field(description="A name from `materials`; segments may name others.", examples=["silicone"])
     clamp: Literal["base", "none"] = Field(
         default="base", description="The face that is held: base, or none (a free body).", examples=["base"]
     )

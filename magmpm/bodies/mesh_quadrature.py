@@ -2,7 +2,7 @@
 
 The points of a cell are tensor Gauss points, moved and stretched to the moments of what the mesh fills of the cell; in a full cell they are
 the Gauss points themselves. Where a piece is so skew that its points would leave the cell they are pulled towards its centroid:
-volume and centroid stay exact, the second moments of the whole part lose what `part_errors` tells.
+volume and centroid stay exact, `part_errors` says what the second moments of the whole part lose.
 """
 
 from __future__ import annotations

@@ -122,9 +122,7 @@ def _piece_rules(
     yy, yz, zz = (moments[keep, 3:] / area[:, None]).T
     a, b, d = yy - centroid[:, 0] ** 2, yz - centroid[:, 0] * centroid[:, 1], zz - centroid[:, 1] ** 2
     det = np.sqrt(np.maximum(a * d - b * b, 0.0))
-    root = np.stack(
-        [np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2
-    )  # root of the covariance matrix
+    root = np.stack([np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2)  # root of the covariance matrix
     root /= np.sqrt(np.maximum(a + d + 2 * det, np.finfo(float).tiny))[:, None, None]
     unit, weight = gauss(count)
     grid = np.stack(np.meshgrid(unit, unit, indexing="ij"), -1).reshape(-1, 2)
@@ -154,9 +152,7 @@ def rod_grid(
     return Grid(origin, np.array([length / along, h, h]), (along, across, high))
 
 
-def rod_particles(
-    grid: Grid, *, outer: float, inner: float, segment_ends: Array, particles_per_cell: int
-) -> Particles:
+def rod_particles(grid: Grid, *, outer: float, inner: float, segment_ends: Array, particles_per_cell: int) -> Particles:
     """Particles of a straight round rod or tube along +x.
 
     outer, inner: radii in m; segment_ends (k,) m: where each segment ends, the last one at the tip;

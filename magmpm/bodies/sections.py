@@ -33,9 +33,7 @@ def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
     """
     r1, r0, m = outer, inner, inner / outer
     area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
-    shear = (
-        6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
-    )
+    shear = 6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
     twist_bend = np.stack([2 * G * inertia, E * inertia, E * inertia], axis=1)
     compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
     return Section(float(area), twist_bend, compliance)

@@ -77,9 +77,7 @@ class StraightBody(BodyShape):
         total, free = math.fsum(given), len(segments) - len(given)
         text = f"{1e3 * total:g} mm, the {cls.kind} {1e3 * length:g} mm"
         if free == 0 and not math.isclose(total, length, rel_tol=1e-9):
-            raise fault(
-                f"segment lengths must sum to the {cls.kind}'s length", f"they sum to {text}: change either"
-            )
+            raise fault(f"segment lengths must sum to the {cls.kind}'s length", f"they sum to {text}: change either")
         if free and total >= length * (1 - 1e-9):
             raise fault(
                 f"segment lengths must leave some of the {cls.kind}'s length to the segments without one",

@@ -41,9 +41,7 @@ class Strip(StraightBody):
     thickness: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
         description="Thickness along z; `cells_across` counts the cells through it.", examples=["0.84 mm"]
     )
-    material: str = Field(
-        description="A name from `materials`; segments may name others.", examples=["silicone"]
-    )
+    material: str = Field(description="A name from `materials`; segments may name others.", examples=["silicone"])
     clamp: Literal["base", "both", "none"] = Field(
         default="base",
         description="The faces that are held: base (at the lower x), both ends, or none (a free body).",

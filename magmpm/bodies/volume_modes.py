@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import Array
 from magmpm.bodies.section_quadrature import Particles
+from magmpm.compiled.arrays import Array
 
 LINEAR_STIFFNESS = 5.0  # of G: the most that the linear modes of the volume part carry, see volume_modes
 

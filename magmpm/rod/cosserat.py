@@ -87,7 +87,7 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     lengths = np.array(body.segment_lengths())
     counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
     of = np.repeat(np.arange(len(lengths)), counts)
-    materials = [scene.region_material(k) for k in range(len(lengths))]
+    materials = [scene.materials[region.material_name] for region in body.regions()]
     G = np.array([material.shear_modulus for material in materials])
     K = G * [material.bulk_to_shear for material in materials]
     section = body.section(G, young_modulus(G, K), poisson_ratio(G, K))

@@ -1,4 +1,4 @@
-"""What a scene takes in memory, before any of it is allocated: one far too large is refused at once, not when it has filled the machine."""
+"""The memory that a scene needs, known before any of it is allocated: a scene far too large is refused at once."""
 
 from __future__ import annotations
 
@@ -11,25 +11,24 @@ import numpy as np
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
 
-# Bytes that a process grows by for a particle of a motion, its share of the grid included: 950 (total) to 1020 (updated), by `make bench`
-# (bytes_per_particle). Most of it is needed while the scene is built; a part of that may not be given back.
+# Bytes by which a process grows for each particle of a motion and its share of the grid: 950 (total) to 1020 (updated), measured by
+# `make bench` (bytes_per_particle). Most of it is needed while the scene is built; a part of that may not be given back.
 GROWTH = 1000
-BYTES = 800  # the same at least, where only the number of particles is known, and that from below
+BYTES = 800  # a lower bound of the same, for where only a lower bound of the number of particles is known
 
 
 def fewest_particles(scene: Scene) -> float:
-    """How many particles the scene's body has at least.
-
-    Of catheters and strips it is the number, but for cells that two segments share, which have more; of STL parts it is that of their
-    volume in full cells, and cut cells have more for theirs.
-    """
+    """A lower bound of the number of the scene's particles, without making them (BodyShape.fewest_particles)."""
     return scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell)
 
 
 @contextmanager
 def within(scene: Scene) -> Iterator[None]:
-    """Around the building of a scene's model. Raises SceneError at once where it would take more than max_memory or than the machine has,
-    by a lower bound, and where an allocation fails."""
+    """A context in which to build a scene's model.
+
+    Raises SceneError at the start if the model needs more than max_memory or than the machine has, by a lower bound, and later if an
+    allocation fails.
+    """
     particles = fewest_particles(scene)
     needed, dynamic = BYTES * particles, scene.solver.dynamic
     estimate = f"{_in_words(needed)} for {particles:.3g} particles"

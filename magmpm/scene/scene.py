@@ -71,9 +71,7 @@ def _read_points(value: Any, info: ValidationInfo) -> Any:
     """The rows of the table a path names, in SI; in Python, rows in SI are taken as they are."""
     if not isinstance(value, (str, Path)):
         if from_file(info):
-            raise fault(
-                "must be the path of a CSV table", "write, say, `centreline: ../references/shape.csv`"
-            )
+            raise fault("must be the path of a CSV table", "write, say, `centreline: ../references/shape.csv`")
         return value
     try:
         return read_centreline(folder_of(info) / value).tolist()

@@ -54,24 +54,22 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     of = np.lexsort((np.arange(len(cell)), p.segment, np.ravel_multi_index(cell.T, cells)))
     grid = Grid(model.grid.origin[axes], model.grid.spacing[axes], cells)
     particles = Particles(p.position[of], p.volume[of], p.segment[of], cell[of])
-    weights, held = np.ascontiguousarray(model.weights[of][:, axes]), model.held[of]
-    layout = make_layout(grid, particles, weights, held, clamped_face=False, plane_strain=False)
     ratio = (model.bulk / model.shear)[of]
-    return replace(
+    turned = replace(
         model,
         grid=grid,
         particles=particles,
-        layout=layout,
-        weights=weights,
+        weights=np.ascontiguousarray(model.weights[of][:, axes]),
         slopes=np.ascontiguousarray(model.slopes[of][:, axes]),
         shear=model.shear[of],
         bulk=model.bulk[of],
         magnet=np.ascontiguousarray(model.magnet[of][:, axes]),
         density=model.density[of],
         modes=volume_modes(particles, ratio) if model.modes.shape[1] else model.modes,
-        held=held,
+        held=model.held[of],
         order=order,
-    ), of
+    )
+    return replace(turned, layout=make_layout(turned, turned.weights)), of
 
 
 def _all_hang_on_something(model: StaticModel) -> None:

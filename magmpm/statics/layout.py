@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Array, Grid
-from magmpm.bodies.section_quadrature import Particles
+from magmpm.compiled.arrays import Array
 from magmpm.model import Index, Model
 from magmpm.statics.block_cholesky import split_plane
 
@@ -18,8 +17,8 @@ class Layout:
     """Which unknowns each cell touches.
 
     Unknowns are numbered plane by plane along x: `planes` planes of m = 3 nodes_per_plane, dof = 3 node + component. A cell touches
-    planes cell_plane .. + 2, and in each, three rows of three neighbouring nodes, the first of each in cell_row.
-    A "cell" here is the part of a grid cell that belongs to one segment: it has one material.
+    planes cell_plane .. + 2, and in each, three rows of three neighboring nodes, the first of each in cell_row.
+    A "cell" here is the part of a grid cell that belongs to one region: it has one material.
     """
 
     planes: int
@@ -38,7 +37,7 @@ class Layout:
 
     @property
     def split(self) -> int:
-        """Where the two halves of the factorisation meet (statics.block_cholesky)."""
+        """Where the two halves of the factorization meet (statics.block_cholesky)."""
         return split_plane(self.planes)
 
     @property
@@ -70,23 +69,21 @@ class StaticModel(Model):
 def static_model(model: Model) -> StaticModel:
     """The model with numbered unknowns, in its own axes."""
     weights, slopes = model.splines()
-    layout = make_layout(
-        model.grid, model.particles, weights, model.held, clamped_face=model.clamped_face, plane_strain=model.plane_strain
-    )
-    return StaticModel(**vars(model), layout=layout, weights=weights, slopes=slopes)
+    return StaticModel(**vars(model), layout=make_layout(model, weights), weights=weights, slopes=slopes)
 
 
-def make_layout(
-    grid: Grid, particles: Particles, weights: Array, held: NDArray[np.bool_], *, clamped_face: bool, plane_strain: bool
-) -> Layout:
-    """Numbering of the unknowns. clamped_face: node 0 along x is eliminated (bodies.grid.clamp_first_node) and has none."""
-    cell_first = particles.cell_first
-    ix, iy, iz = particles.cell[cell_first[:-1]].T
+def make_layout(model: Model, weights: Array) -> Layout:
+    """The numbering of a model's unknowns; weights (n, 3, 3): values of its splines at its particles.
+
+    Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
+    """
+    cell_first, nodes_along = model.particles.cell_first, model.grid.nodes
+    ix, iy, iz = model.particles.cell[cell_first[:-1]].T
 
     # Each row of nodes keeps one unbroken run, so a cell's three nodes along z are neighbours in the numbering.
-    _, rows, columns = grid.nodes
+    _, rows, columns = nodes_along
     low, high = np.full(rows, columns), np.full(rows, -1)
-    in_row = [1, 1, 1] if plane_strain else [0, 1, 2]  # in plane strain one row stands for all three
+    in_row = [1, 1, 1] if model.plane_strain else [0, 1, 2]  # in plane strain one row stands for all three
     for shift in in_row:
         np.minimum.at(low, iy + shift, iz)
         np.maximum.at(high, iy + shift, iz + 2)
@@ -95,16 +92,16 @@ def make_layout(
     cell_row = np.stack([start[iy + shift] + iz - low[iy + shift] for shift in in_row], axis=1)
     node_yz = np.array([(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
 
-    cell_plane = np.maximum(ix - 1, 0) if clamped_face else ix
+    cell_plane = np.maximum(ix - 1, 0) if model.clamped_face else ix
     slab = cell_plane // 2
     slab_first = np.searchsorted(slab, np.arange(slab.max() + 2))
-    planes, nodes = grid.nodes[0] - int(clamped_face), int(start[-1])
+    planes, nodes = nodes_along[0] - int(model.clamped_face), int(start[-1])
     touched = _touched(cell_first, cell_plane, cell_row, weights, (planes, nodes))
     fixed = np.repeat(~touched, 3, axis=1)  # nodes without material would be free to be anything
-    if held.any():
-        still = held[:, None, None] * weights
+    if model.held.any():
+        still = model.held[:, None, None] * weights
         fixed |= np.repeat(_touched(cell_first, cell_plane, cell_row, still, (planes, nodes)), 3, axis=1)
-    if plane_strain:
+    if model.plane_strain:
         fixed[:, 1::3] = True
     return Layout(
         planes=planes,
@@ -118,9 +115,7 @@ def make_layout(
     )
 
 
-def _touched(
-    cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Nodes (planes, nodes_per_plane) that some particle touches."""
     heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
     touched = np.zeros(shape, bool)
