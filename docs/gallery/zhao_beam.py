@@ -127,7 +127,7 @@ def draw(found: dict[str, Any], known: dict[str, Any]) -> Path:
             Series("magneticMPM", x, published["magneticMPM"], "^", "#AA3377"),
         ],
         PICTURE,
-        x_label="field against the magnetisation (mT)",
+        x_label="field opposite to the magnetization (mT)",
         y_label="deflection of the tip over the length",
         title="Zhao's beam",
     )
