@@ -36,14 +36,6 @@ def ball(centre: tuple[float, float, float], radius: float, rings: int = 12) -> 
 
 
 def turned(mesh: Mesh, axis: tuple[float, float, float], angle: float) -> Mesh:
-<<<<<<< HEAD
-    """The mesh rotated about the origin (Rodrigues' formula)."""
-    k = np.array(axis) / np.linalg.norm(axis)
-    K = np.cross(np.eye(3), k)
-    R = np.eye(3) + np.sin(angle) * -K + (1 - np.cos(angle)) * K @ K
-    return Mesh(mesh.vertices @ R.T, mesh.faces)
-=======
     """The mesh rotated about an axis through the origin, by an angle in rad."""
     rotation = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis))
     return Mesh(rotation.apply(mesh.vertices), mesh.faces)
->>>>>>> 7d20b7c (Rotations of field sources by scipy)
