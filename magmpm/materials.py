@@ -14,10 +14,6 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.jit import compiled
 
-# Vacuum permeability, T m/A, as the SI defined it until 2019. scipy.constants.mu_0, which is measured since then, is less by 1.3e-10 of it;
-# remanences are known to some 1e-2, and the references that results are compared with use this value.
-MU0 = 4e-7 * np.pi
-
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 
 

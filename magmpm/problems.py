@@ -16,8 +16,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
+from magmpm.fields.dipole import MU0
 from magmpm.inputs.csv_tables import read_centreline
-from magmpm.materials import MU0, young_modulus
+from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 
 SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that are made here

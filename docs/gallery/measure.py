@@ -19,7 +19,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import self_contact
 from magmpm.effects.acting import ONLY_IN_MOTION
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene

@@ -16,12 +16,12 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
 from magmpm.effects.estimates import shift_by_field
 from magmpm.effects.hooks import register
+from magmpm.fields.dipole import MU0
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.kernels import curvature as curvature_at
 from magmpm.fields.kernels import gradient as gradient_at
 from magmpm.fields.kernels import pull as pull_at
 from magmpm.fields.schedule import records as field_records
-from magmpm.materials import MU0
 
 DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
 

@@ -26,8 +26,7 @@ from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects.base import Advice, Effect, MarkedParticles, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.fields.dipole import K
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0, K
 
 MOST = 3000  # blocks: a refresh takes some 0.2 s then
 TOUCHING = 0.151  # cubes face to face act on each other by so much less than dipoles: (1/2 - 3/2 of the 2 x 1 x 1 prism's demagnetising

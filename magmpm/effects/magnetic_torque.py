@@ -16,11 +16,11 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
 from magmpm.effects.estimates import shift_by_field
 from magmpm.effects.hooks import NO_DATA, register
+from magmpm.fields.dipole import MU0
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.kernels import field as field_at
 from magmpm.fields.schedule import places
 from magmpm.fields.schedule import records as field_records
-from magmpm.materials import MU0
 
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
 VARYING = np.dtype([("turns", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE

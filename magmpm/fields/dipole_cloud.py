@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
-from magmpm.fields.dipole import POINT, K
+from magmpm.fields.dipole import MU0, POINT, K
 from magmpm.fields.magnets import Solid
-from magmpm.materials import MU0
 
 MAX_DIPOLES = 1000  # a magnet: some 40 microseconds a particle
 

@@ -29,7 +29,8 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.fields import outside_field as fields
-from magmpm.materials import MU0, poisson_ratio, young_modulus
+from magmpm.fields.dipole import MU0
+from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod.kernels import frames_of, relax
 from magmpm.scene import Scene
 

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from magmpm.dynamics.time_loop import begin, interval, move
-from magmpm.materials import MU0, young_modulus
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.materials import MU0, young_modulus
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 
 G, RATIO, DENSITY, REMANENCE = 120e3, 20.0, 1882.0, 0.1  # Pa, K/G, kg/m^3, T

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.statics.layout import StaticModel
 
 LINEAR_STIFFNESS = 5.0  # times G, from docs/design.md; not imported from the model, which is compared with it

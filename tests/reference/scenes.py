@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.materials import MU0, young_modulus
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 
 X = (1.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ import pytest
 from reference.in_motion import advance, free_rod, quantities, set_off
 
 from magmpm.dynamics import mass as inertia
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 
 FORMULATIONS = ["total", "updated"]
 BODY = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}

@@ -11,7 +11,7 @@ from reference.scenes import rod_scene
 
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.scene import Scene
 from magmpm.simulate import run
 

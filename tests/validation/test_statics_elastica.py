@@ -13,7 +13,8 @@ from reference.scenes import BR, G, field_for_load, rod_scene
 from scipy.optimize import fsolve
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from magmpm.materials import MU0, neo_hookean_reference
+from magmpm.fields.dipole import MU0
+from magmpm.materials import neo_hookean_reference
 from magmpm.model import build
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import factor, solve

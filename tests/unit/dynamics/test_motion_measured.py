@@ -14,7 +14,7 @@ from reference.scenes import rod_scene
 from magmpm.bodies.grid import spline_weights
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene

@@ -13,7 +13,7 @@ from reference.scenes import rod_scene
 from magmpm.effects import acting as effects
 from magmpm.effects import gravity, hooks, magnetic_torque
 from magmpm.effects.hooks import add_energy, add_force, add_stress, add_tangent
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.model import build
 from magmpm.simulate import run
 from magmpm.statics.energy import Energy

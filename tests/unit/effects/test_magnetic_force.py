@@ -14,7 +14,7 @@ from reference.taylor import slopes
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks, magnetic_force, magnetic_torque
 from magmpm.errors import InputError, SolveError
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run

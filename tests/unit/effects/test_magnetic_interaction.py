@@ -13,7 +13,7 @@ from magmpm.effects import acting as effects
 from magmpm.effects import magnetic_interaction as interaction
 from magmpm.effects.base import MarkedParticles
 from magmpm.errors import InputError
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.simulate import run

@@ -9,7 +9,8 @@ from reference.scenes import BR, G, field_for_load, rod_scene
 from reference.taylor import convergence_order, slopes
 from scipy.spatial.transform import Rotation
 
-from magmpm.materials import MU0, poisson_ratio, young_modulus
+from magmpm.fields.dipole import MU0
+from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod.cosserat import RodModel, rod_model, solve_rod, solve_rod_model
 from magmpm.rod.kernels import _derivatives, _energy, _turn
 from magmpm.scene import Scene

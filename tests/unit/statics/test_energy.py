@@ -11,7 +11,7 @@ from reference.scenes import G, rod_scene
 from reference.taylor import slopes
 from scipy.spatial.transform import Rotation
 
-from magmpm.materials import MU0
+from magmpm.fields.dipole import MU0
 from magmpm.model import build
 from magmpm.statics.block_cholesky import multiply, to_dense
 from magmpm.statics.energy import Energy
