@@ -25,8 +25,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.scene import Scene
 
-Index = NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class Model:
@@ -37,7 +35,7 @@ class Model:
     particles: Particles
     shear: Array  # (n,) Pa
     bulk: Array  # (n,) Pa
-    magnet: Array  # (n, 3) T, remanence in the undeformed body; a fourth column where an effect marks particles (effects.marked)
+    remanence: Array  # (n, 3) T, in the undeformed body; a fourth column where an effect marks particles (effects.marked)
     density: Array  # (n,) kg/m^3
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
     modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see bodies.volume_modes
@@ -98,7 +96,7 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
         particles=particles,
         shear=shear[of],
         bulk=(shear * ratio)[of],
-        magnet=effects.marked(scene, particles, remanence[of, None] * shape.magnetization(particles)),
+        remanence=effects.marked(scene, particles, remanence[of, None] * shape.magnetization(particles)),
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=effects.collect(scene),
         modes=volume_modes(particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
@@ -115,4 +113,4 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
 
 def kernel_arguments(model: Model) -> tuple[Any, ...]:
     """What every particle loop takes after the layout and the splines, in the kernels' order."""
-    return model.shear, model.bulk, model.modes, model.effects, model.magnet, model.density
+    return model.shear, model.bulk, model.modes, model.effects, model.remanence, model.density

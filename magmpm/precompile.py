@@ -327,7 +327,7 @@ def _measured(small: Scene) -> None:
     energies.effect_energies(model, x, F, 0.0)
     watchdog.look(model, x, np.zeros_like(x))
     strain_of(model, x, F)
-    FrameArrays(x, model.magnet[:, :3]).of(x, x, F, P)
+    FrameArrays(x, model.remanence[:, :3]).of(x, x, F, P)
 
 
 _STATIC: dict[str, Callable[[Scene], None]] = {

@@ -189,7 +189,7 @@ def _particles(model: Model, position: Array, F: Array, time: float | None) -> d
         "particle_segment": particles.segment,
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.region_means(model, position),
-        "segment_remanence": measures.region_means(model, np.einsum("nij,nj->ni", F, model.magnet[:, :3])),
+        "segment_remanence": measures.region_means(model, np.einsum("nij,nj->ni", F, model.remanence[:, :3])),
         "field": outside,
         "particles": len(position),
         "section": model.section,

@@ -1,4 +1,4 @@
-"""The one alias for arrays of floats."""
+"""Types of arrays, by what they hold."""
 
 from __future__ import annotations
 
@@ -6,3 +6,4 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]

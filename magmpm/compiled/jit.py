@@ -5,6 +5,8 @@
   magmpm.compiled.cache.
 * Arithmetic may be contracted and reassociated, but NaN and infinity keep their meaning in comparisons: write ``x < np.inf``.
   ``np.isfinite(x)`` is always true, since Numba makes it of x - x, which reassociation takes for zero.
+* Kernels take records (NamedTuples of arrays) as arguments, but they assign to arrays of a record only in functions that they call: what a
+  parallel function assigns to a record's field itself, Numba takes for dead code, and leaves out.
 * Division by zero gives inf, as in NumPy, and is caught by the checks on the result: inside a parallel loop an exception
   would be lost.
 """

@@ -6,9 +6,11 @@ from itertools import combinations, product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from magmpm.bodies.grid import spline_weights
-from magmpm.compiled.arrays import Array
+from magmpm.bodies.grid import ClampPlane, spline_weights
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.drift_correction import INTERVAL, Anchor
 from magmpm.dynamics.particle_groups import slab_edges
@@ -16,11 +18,10 @@ from magmpm.dynamics.steps import Look, at_step
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.kernels import apic_step as kernels
-from magmpm.kernels import multi_grid_contact as meeting
-from magmpm.kernels.watch import BROKEN, WHY, unlimited
-from magmpm.model import Index, Model
+from magmpm.kernels import multi_grid_contact
+from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
+from magmpm.model import Model
 
-WIDTH = 8
 SLAB = 4  # cells: particles that have drifted by up to one cell since they were sorted still touch no other slab of their colour
 MARGIN = 2  # cells around the body
 NODES_MOST = 60_000_000  # 4 GB of grid
@@ -40,7 +41,7 @@ class UpdatedMotion:
         self.anchor: Anchor | None = Anchor(model)  # None: F is what the steps make of it
         self.since = 0  # steps since F was last relaxed
         self.component = model.scene.body.shape.components(model.particles)  # one grid each
-        self.curve = meeting.distances()
+        self.curve = multi_grid_contact.distances()
         self.lag, self._last = 0.0, model.effects  # s that velocities are behind the places; effects at the time of the places
         self.watch = unlimited()
         n = len(model.density)
@@ -59,7 +60,7 @@ class UpdatedMotion:
         self.L = _blocks((C if L is None else L).reshape(-1, 9), source) if self.keeps_gradient else np.zeros(0)
         self.volume = np.where(order >= 0, model.particles.volume[source], 0.0)
         self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
-        self.magnet = _blocks(model.magnet, source)
+        self.remanence = _blocks(model.remanence, source)
         self.stiffness = np.full(len(order), np.nan)
         self.particle = order
 
@@ -68,7 +69,7 @@ class UpdatedMotion:
         row = self.rows()
         order, source = self._fit(self._places())
         rows = row[source]
-        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "magnet": self.model.magnet.shape[1]}
+        columns = {"x": 3, "v": 3, "C": 9, "F": 9, "remanence": self.model.remanence.shape[1]}
         columns |= dict.fromkeys(("shear", "bulk", "density", "stiffness"), 1)
         for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
             moved = np.empty(width * len(rows))
@@ -97,24 +98,18 @@ class UpdatedMotion:
                 f"the box around the particles has {' x '.join(map(str, self.shape))} nodes for each of {grids} components; "
                 "a particle has flown off, or the components are too many"
             )
-        self.low, self.origin = low, model.grid.origin + low * h
-        self.along = (int(self.shape[1] * self.shape[2]), int(self.shape[2]))
+        self.low = low
         free = np.flatnonzero(~model.held)  # what is held has no rows: its nodes are at rest, it moves nothing and does not move
         nodes = int(np.prod(self.shape))
         order, self.slab_first, component = self._sorted((cell - low)[free], self.component[free])
-        self.lift = float(nodes) * component
+        self.lift = (nodes * component).astype(np.float64)
         order = np.where(order >= 0, free[order], -1)
         if self.anchor is not None:
             self.touching = self.anchor.touching(cell - low, self.shape)
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
-        self.momentum, self.velocity = np.zeros(4 * grids * nodes + 8), np.zeros(4 * grids * nodes + 8)
-        self.fixed, self.weight = self._held_nodes(nodes, grids)
-        self.planes, self.shared = self._reached(cell - low)
-        self.mirrors = self._mirrors()
-        self.nodes_place = self._nodes_place() if has_hook("node", model.effects) else np.zeros((1, 3))
-        self.clamp = int(-low[0]) * self.along[0] if model.clamped_face else -1
-        self.slab = tuple(np.zeros(len(self.slab_first) - 1) for _ in range(4))  # smallest det F, stiffness, its change, cells moved
+        self.grid, self.weight, self.shared = self._new_grid(cell - low, grids)
+        self.slabs, self.moved = new_slabs(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
         self.drift = 0.0
         return order, source
 
@@ -136,6 +131,23 @@ class UpdatedMotion:
         padded[row] = order
         return padded, first[::grids].astype(np.int64), np.repeat(np.arange(len(counts)) % grids, blocks)
 
+    def _new_grid(self, cell: Index, grids: int) -> tuple[kernels.Grid, Array, Index]:
+        """The grids' nodes for particles at cells (n, 3); held mass (`_held_nodes`); where components may meet (`_reached`)."""
+        model, h, nodes = self.model, self.model.grid.spacing, int(np.prod(self.shape))
+        origin = model.grid.origin + self.low * h
+        planes, shared = self._reached(cell)
+        fixed, weight = self._held_nodes(origin, grids)
+        mirrors, next_to_faces = self._mirrors(fixed)
+        grid = kernels.Grid(
+            origin, h, *self._along(), nodes, np.zeros(4 * grids * nodes + 8), np.zeros(4 * grids * nodes + 8), planes, fixed, mirrors,
+            next_to_faces, model.plane_strain, self._nodes_place(origin) if has_hook("node", model.effects) else np.zeros(3),
+        )  # fmt: skip
+        return grid, weight, shared
+
+    def _along(self) -> tuple[int, int]:
+        """Nodes from one to the next along x and y."""
+        return int(self.shape[1] * self.shape[2]), int(self.shape[2])
+
     def _reached(self, cell: Index) -> tuple[Index, Index]:
         """Planes of nodes, of all components' grids in turn, that may get mass until particles at cells (n, 3) are sorted again;
         and the box (2, 3) of nodes, from the first to one past the last, that two components may both reach: empty where none can meet.
@@ -154,44 +166,54 @@ class UpdatedMotion:
         inside = np.array([np.min([low for low, _ in shared], axis=0), np.max([high for _, high in shared], axis=0)])
         return planes, np.clip(inside, 1, self.shape - 1)  # slopes look at a node's neighbours
 
-    def _held_nodes(self, nodes: int, grids: int) -> tuple[np.ndarray, Array]:
+    def _held_nodes(self, origin: Array, grids: int) -> tuple[NDArray[np.int8], Array]:
         """(grids nodes,) 1 where a held particle of the grid's component has weight; and, if components can meet, the held mass, kg."""
+        nodes, along = int(np.prod(self.shape)), self._along()
         fixed, weight = np.zeros(grids * nodes, np.int8), np.zeros(grids * nodes if grids > 1 else 0)
         held = np.flatnonzero(self.model.held)
         if len(held):
-            s = (self.model.particles.position[held] - self.origin) / self.model.grid.spacing
-            first = s.astype(np.int64) @ np.array([*self.along, 1]) + nodes * self.component[held]
+            s = (self.model.particles.position[held] - origin) / self.model.grid.spacing
+            first = s.astype(np.int64) @ np.array([*along, 1]) + nodes * self.component[held]
             mass, N = self.model.density[held] * self.model.particles.volume[held], spline_weights(s - np.floor(s))
             for a, b, c in product(range(3), repeat=3):
-                node = first + a * self.along[0] + b * self.along[1] + c
+                node = first + a * along[0] + b * along[1] + c
                 fixed[node] = 1
                 if len(weight):
                     np.add.at(weight, node, mass * N[:, 0, a] * N[:, 1, b] * N[:, 2, c])
         return fixed, weight
 
-    def _mirrors(self) -> Index:
+    def _mirrors(self, fixed: NDArray[np.int8]) -> tuple[Index, int]:
         """(pairs, 2) nodes on either side of a face that is at rest, the outer one first: it moves as the inner one does, backwards.
 
-        So the face is at rest, and nothing more (basis.clamp_first_node). Nodes inside a face are free, though a held part touches them.
+        So the face is at rest, and nothing more (bodies.grid.clamp_first_node). And how many of the pairs, the first, are next to a
+        face: behind the base's, all nodes mirror those before it, or are fixed. Nodes inside a face are free, though a held part touches
+        them: `fixed` is changed.
         """
-        found = [np.zeros((0, 2), np.int64)]
-        number = np.arange(len(self.fixed)).reshape(-1, *self.shape)  # of every component's grid
-        for plane in self.model.planes:
+        model, found = self.model, [np.zeros((0, 2), np.int64)]
+        number = np.arange(len(fixed)).reshape(-1, *self.shape)  # of every component's grid
+        for plane in (*model.planes, *([ClampPlane(0, True, 0)] if model.clamped_face else [])):
             inner, axis = plane.cell + 1 - int(self.low[plane.axis]), 1 + plane.axis
             pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=axis)
             pairs = np.moveaxis(pair, axis, -1).reshape(-1, 2)
-            if self.model.held.any():
-                pairs = pairs[(self.fixed[pairs] != 0).all(axis=1)]
+            if model.held.any():
+                pairs = pairs[(fixed[pairs] != 0).all(axis=1)]
             found.append(pairs)
+        next_to_faces = sum(len(pairs) for pairs in found)
+        for outer in range(-int(self.low[0]) if model.clamped_face else 0):
+            inner = 1 - 2 * int(self.low[0]) - outer
+            if inner < self.shape[0]:
+                found.append(np.stack([number[:, outer], number[:, inner]], axis=-1).reshape(-1, 2))
+            else:
+                fixed[number[:, outer]] = 1
         mirrors = np.concatenate(found)
-        if self.model.held.any():
-            self.fixed[mirrors[:, 1]] = 0
-        return mirrors
+        if model.held.any():
+            fixed[mirrors[:, 1]] = 0
+        return mirrors, next_to_faces
 
-    def _nodes_place(self) -> Array:
+    def _nodes_place(self, origin: Array) -> Array:
         h = self.model.grid.spacing
-        axes = [self.origin[a] + h[a] * (np.arange(self.shape[a]) - 0.5) for a in range(3)]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        axes = [origin[a] + h[a] * (np.arange(self.shape[a]) - 0.5) for a in range(3)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).ravel()
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s), stopping early where a sort is due. Returns steps taken and whether the motion broke."""
@@ -213,13 +235,13 @@ class UpdatedMotion:
     def _steps(
         self, steps: int, dt: float, effects: tuple[Any, ...], x: Array, v: Array, C: Array, L: Array, F: Array
     ) -> tuple[int, float]:
+        state = kernels.State(x, v, C, L, F, self.stiffness)
+        particles = kernels.Particles(self.slab_first, self.lift, self.volume, self.shear, self.bulk, self.density, self.remanence)
+        low, high = self.shared
+        contact = multi_grid_contact.Contact(bool((low < high).all()), low, high, self.weight, self.curve)
         taken, drift = kernels.advance(
-            steps, dt, self.origin, self.model.grid.spacing, *self.along, int(np.prod(self.shape)), self.slab_first, self.lift,
-            x, v, C, L, F, self.volume, self.shear, self.bulk, self.magnet,
-            self.density, effects, self.momentum, self.velocity, self.planes, self.fixed, self.weight, self.shared, self.curve,
-            self.nodes_place, self.clamp, self.mirrors,
-            self.model.plane_strain, self.stiffness, self.watch, *self.slab, self.drift,
-        )  # fmt: skip
+            steps, dt, self.grid, contact, particles, state, effects, self.watch, self.slabs, self.moved, self.drift
+        )
         return int(taken), float(drift)
 
     def _kick(self, dt: float, effects: tuple[Any, ...]) -> tuple[Array, Array]:
@@ -268,7 +290,7 @@ class UpdatedMotion:
         for name, value in kept.items():
             if name != "field":
                 setattr(self, name, value.copy() if name in ("x", "v", "C", "L", "F", "stiffness") else value)
-        self.momentum[:] = 0.0
+        self.grid.momentum[:] = 0.0
         if self.anchor is not None:
             self.anchor.field[:] = anchor
 

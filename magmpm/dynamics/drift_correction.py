@@ -23,10 +23,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.kernels import reference_fit as kernels
-from magmpm.model import Index, Model
+from magmpm.model import Model
 
 INTERVAL = 512  # steps from one fit to the next
 SPAN = 1024.0  # steps in which they go 1 - 1/e of the way; a third of it is stable as well

@@ -41,7 +41,7 @@ def elastic_energy(model: Model, F: Array, averaged: bool) -> float:
 def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...], P: Array) -> None:
     """P (n, 3, 3) Pa += what the effects `named` add to the stress."""
     if has_hook("stress", named):
-        _add_stress(named, model.magnet, model.density, x, F, P)
+        _add_stress(named, model.remanence, model.density, x, F, P)
 
 
 def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, float]:
@@ -53,7 +53,7 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
             found[key] = effects.shared_energy(named, model, x, F)
         elif named and has_hook("energy", named):
             each = np.empty(len(x))
-            _energies(named, model.magnet, model.density, x, F, each)
+            _energies(named, model.remanence, model.density, x, F, each)
             found[key] = float(np.sum(each * model.particles.volume))
     return found
 
@@ -76,12 +76,12 @@ def _elastic(F, J, change, shear, bulk, volume, P):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _add_stress(named, magnet, density, x, F, P):  # type: ignore[no-untyped-def]
+def _add_stress(named, remanence, density, x, F, P):  # type: ignore[no-untyped-def]
     for p in prange(len(x)):
-        add_stress(named, 0, magnet[p], density[p], x[p], F[p], P[p])
+        add_stress(named, 0, remanence[p], density[p], x[p], F[p], P[p])
 
 
 @kernel
-def _energies(named, magnet, density, x, F, each):  # type: ignore[no-untyped-def]
+def _energies(named, remanence, density, x, F, each):  # type: ignore[no-untyped-def]
     for p in prange(len(x)):
-        each[p] = add_energy(named, 0, magnet[p], density[p], x[p], F[p])
+        each[p] = add_energy(named, 0, remanence[p], density[p], x[p], F[p])

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
-from magmpm.model import Index, Model
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.simd import WIDTH
+from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
+from magmpm.model import Model
 
-WIDTH = 8
 ALIKE = 12  # decimals
 
 
@@ -17,30 +18,20 @@ ALIKE = 12  # decimals
 class Packed:
     """Groups of eight particles of one cell and one material, cells sorted by slab; the nodes of the whole grid, x slowest.
 
-    A last group that is not full repeats its first particle with volume 0. SI; shapes as in kernels.total_lagrangian_step.advance, and
-    particle (groups, 8): which particle a lane holds, -1 where it is a repetition.
+    A last group that is not full repeats its first particle with volume 0. particle (groups, 8): which particle of the model a lane
+    holds, -1 where it is a repetition; node_mass (nodes,) kg.
     """
 
+    cells: Cells
+    particles: Particles
+    nodes: Nodes
     particle: Index
-    slab_first: Index
-    cell_group: Index
-    cell_node: Index
-    cell_shear: Array
-    cell_bulk: Array
-    along: tuple[int, int]  # nodes from one to the next along x and y
-    pattern: Index  # (groups,) index in `splines` where a group's begin
-    splines: Array  # (patterns 18 8,)
-    volume: Array
-    moments: Index  # (groups,) index in `modes` where a group's begin
-    modes: Array  # (patterns modes 8,)
-    mode_count: int
-    magnet: Array
-    density: Array
-    reference: Array
-    node_mass: Array  # (nodes,) kg
-    node_place: Array  # (nodes, 3) m
-    inverse_mass: Array  # (3 nodes,) 1/kg
-    active: Index
+    node_mass: Array
+
+    @property
+    def node_place(self) -> Array:
+        """Of the nodes in the undeformed body, (nodes, 3) m."""
+        return self.nodes.place.reshape(-1, 3)
 
 
 def slab_edges(cells: int, least: int) -> Index:
@@ -91,28 +82,28 @@ def pack(model: Model) -> Packed:
     base = first @ np.array([*strides, 1])
     mass, inverse, place = _nodes(model, weights, base, strides)
     slab_of_cell = slab[order[starts]]
-    return Packed(
-        particle=np.where(real, particle, -1),
+    cells = Cells(
         slab_first=np.searchsorted(slab_of_cell, np.arange(slab_of_cell.max() + 2)).astype(np.int64),
-        cell_group=cell_group.astype(np.int64),
-        cell_node=base[order[starts]],
-        cell_shear=model.shear[order[starts]],
-        cell_bulk=model.bulk[order[starts]],
-        along=strides,
+        first_group=cell_group.astype(np.int64),
+        first_node=base[order[starts]],
+        shear=model.shear[order[starts]],
+        bulk=model.bulk[order[starts]],
+        along_x=strides[0],
+        along_y=strides[1],
+    )
+    particles = Particles(
         pattern=pattern,
         splines=kinds.ravel(),
-        volume=volume,
         moments=moments,
         modes=modes.ravel(),
         mode_count=count,
-        magnet=_lanes(model.magnet, particle),
-        density=model.density[particle],
-        reference=_lanes(model.particles.position, particle),
-        node_mass=mass,
-        node_place=place,
-        inverse_mass=inverse,
-        active=np.flatnonzero(mass > 0).astype(np.int64),
+        volume=volume.ravel(),
+        density=model.density[particle].ravel(),
+        remanence=_lanes(model.remanence, particle).ravel(),
+        reference=_lanes(model.particles.position, particle).ravel(),
     )
+    nodes = Nodes(active=np.flatnonzero(mass > 0).astype(np.int64), inverse_mass=inverse, place=place.ravel())
+    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass)
 
 
 def _lanes(values: Array, particle: Index) -> Array:

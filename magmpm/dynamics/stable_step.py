@@ -150,7 +150,7 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
 
 def body_step(motion: TotalMotion) -> float:
     """2 / omega of the body's fastest oscillation about its present shape, s."""
-    inverse = motion.packed.inverse_mass
+    inverse = motion.packed.nodes.inverse_mass
     free = np.flatnonzero(inverse > 0)
     root = np.sqrt(inverse[free])
     scale = 1e-6 * float(motion.model.grid.spacing.min())

@@ -6,6 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -129,8 +130,9 @@ def memory(motion: TotalMotion | UpdatedMotion) -> int:
     """
     parts_of = (getattr(motion, "packed", None), getattr(motion, "anchor", None))
     owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
-    parts = [part for owner in owners for part in vars(owner).values()]
-    arrays = {id(part): part.nbytes for part in parts if isinstance(part, np.ndarray)}
+    values = [value for owner in owners for value in vars(owner).values()]
+    records = [value for value in values if hasattr(value, "_fields")]  # of arrays, as the kernels take them
+    arrays = {id(part): part.nbytes for part in [*values, *chain(*records)] if isinstance(part, np.ndarray)}
     return max(sum(arrays.values()), GROWTH * len(motion.model.density))
 
 

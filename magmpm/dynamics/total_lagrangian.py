@@ -11,7 +11,7 @@ from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Look, at_step
 from magmpm.kernels import total_lagrangian_step as kernels
-from magmpm.kernels.watch import BROKEN, WHY, unlimited
+from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
 
@@ -25,8 +25,8 @@ class TotalMotion:
         self.packed = pack(model)
         nodes = len(self.packed.node_mass)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
-        self.slab = tuple(np.zeros(len(self.packed.slab_first) - 1) for _ in range(3))  # smallest det F, stiffness, its change
-        self.stiffness = np.full(self.packed.volume.size, np.nan)
+        self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
+        self.stiffness = np.full(self.packed.particle.size, np.nan)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
         self.lag = 0.0  # s that velocities are behind the displacements: half a step of the last advance
@@ -48,13 +48,8 @@ class TotalMotion:
         p = self.packed
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
-        return int(
-            kernels.advance(
-                steps, dt, p.slab_first, p.cell_group, p.cell_node, p.cell_shear, p.cell_bulk, *p.along, p.pattern, p.splines,
-                p.volume, p.moments, p.modes, p.mode_count, p.magnet, p.density, p.reference, effects, p.active, p.inverse_mass,
-                p.node_place, u, v, force, stiffness, watch, *self.slab,
-            )
-        )  # fmt: skip
+        state = kernels.State(u, v, force, stiffness)
+        return int(kernels.advance(steps, dt, p.cells, p.particles, p.nodes, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
         """Of the nodes (3 nodes,) m/s, at the time of their displacements.
@@ -76,10 +71,8 @@ class TotalMotion:
     def _look(self, v: Array) -> Look:
         p, n = self.packed, len(self.model.density)
         position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-        kernels.at_particles(
-            self.u, v, self.model.particles.position, p.cell_group, p.cell_node, *p.along, p.pattern, p.splines, p.particle,
-            position, velocity, deformation,
-        )  # fmt: skip
+        rest = self.model.particles.position
+        kernels.at_particles(p.cells, p.particles, p.particle, self.u, v, rest, position, velocity, deformation)
         kinetic = 0.5 * float(np.repeat(p.node_mass, 3) @ v**2)
         return Look(position, velocity, deformation, kinetic)
 
@@ -124,7 +117,7 @@ class TotalMotion:
     @property
     def unknowns(self) -> int:
         """Components of nodes that can move."""
-        return int(np.count_nonzero(self.packed.inverse_mass))
+        return int(np.count_nonzero(self.packed.nodes.inverse_mass))
 
     def state(self) -> dict[str, Array]:
         """What `restore` needs."""

@@ -132,7 +132,7 @@ def _refreshed(named: Records) -> list[tuple[type[Effect], NDArray[Any]]]:
 
 
 def _particles(body: Any) -> MarkedParticles:
-    return MarkedParticles(body.magnet[:, -1], body.particles.segment, body.particles.volume, body.magnet[:, :3])
+    return MarkedParticles(body.remanence[:, -1], body.particles.segment, body.particles.volume, body.remanence[:, :3])
 
 
 def feels_itself(scene: SceneLike) -> bool:

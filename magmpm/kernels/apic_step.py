@@ -15,15 +15,18 @@ Sources: Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); Steffen, Kirby, Be
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, kernel, prange
 from magmpm.compiled.simd import (
     flag_unless_positive,
     floor,
     four,
     halves,
-    highest,
     larger,
     load,
     load_rows,
@@ -43,18 +46,19 @@ from magmpm.kernels.particle_group import (
     add_effects,
     any_effect,
     determinant,
+    group_room,
     neo_hookean,
     stiffest_in_space,
     touches,
 )
-from magmpm.kernels.watch import BROKEN, WHY, stops
+from magmpm.kernels.watch import BROKEN, WHY, clear, see, stops
 
 ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 of place, 4 unused
 DRIFT = 0.95  # cells a particle may move before it must be sorted again; less than 1
 
 
 @compiled
-def _splines(x, block, axis, origin, cells, h):  # type: ignore[no-untyped-def]
+def _splines(x, block, axis, origin, cells, h):
     """Of eight particles along an axis: first node; three splines N; three N d, d the node's place less the particle's (m); slopes (1/m).
 
     cells: 1 / h.
@@ -68,36 +72,91 @@ def _splines(x, block, axis, origin, cells, h):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _locate(x, block, origin, h, along_x, along_y, lift, rows):  # type: ignore[no-untyped-def]
-    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z.
-
-    lift: nodes before the grid of the block's piece.
-    """
+def _locate(block, grid, particles, state, rows):
+    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z."""
+    x, origin, h, lift = state.x, grid.origin, grid.spacing, particles.lift[block]
     i, a0, a1, a2, a3, a4, a5, a6, a7, a8 = _splines(x, block, 0, origin, 1.0 / h[0], h[0])
     j, b0, b1, b2, b3, b4, b5, b6, b7, b8 = _splines(x, block, 1, origin, 1.0 / h[1], h[1])
     k, c0, c1, c2, c3, c4, c5, c6, c7, c8 = _splines(x, block, 2, origin, 1.0 / h[2], h[2])
-    first = i * float(along_x) + j * float(along_y) + k + lift
+    first = i * float(grid.along_x) + j * float(grid.along_y) + k + lift
     store_rows(rows, 32, ROW, first, a0, a1, a2, a3, a4, a5, a6)
     store_rows(rows, 40, ROW, a7, a8, b0, b1, b2, b3, b4, b5)
     store_rows(rows, 48, ROW, b6, b7, b8, c0, c1, c2, c3, c4)
     store_rows(rows, 56, ROW, c5, c6, c7, c8, c8, c8, c8, c8)
 
 
+class Grid(NamedTuple):
+    """Nodes of a box, z fastest, a grid for each component of the body: k grids of `nodes` each, one after the other.
+
+    origin, spacing (3,) m; along_x, along_y: nodes from one to the next along x and y; momentum, velocity (4 k nodes + 8,): mass kg and
+    momentum N s of each node, empty between steps, and nothing and velocity m/s.
+    planes: those of the k grids that may get mass; fixed (k nodes,): 1 for nodes kept at rest; mirrors (pairs, 2): nodes outside and inside
+    of faces at rest, the first `next_to_faces` of them neighbors; flat: nothing moves along y; place (3 nodes,) m, where an effect changes
+    nodes.
+    """
+
+    origin: Array
+    spacing: Array
+    along_x: int
+    along_y: int
+    nodes: int
+    momentum: Array
+    velocity: Array
+    planes: Index
+    fixed: NDArray[np.int8]
+    mirrors: Index
+    next_to_faces: int
+    flat: bool
+    place: Array
+
+
+class Particles(NamedTuple):
+    """Particles in blocks of eight, flat, sorted by slab and component of the body; padding has no volume.
+
+    slab_first (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of the block's component; volume m^3,
+    shear, bulk Pa, density kg/m^3 (n,); remanence (3 n,) T, or (4 n,) where an effect marks particles (effects.marked).
+    """
+
+    slab_first: Index
+    lift: Array
+    volume: Array
+    shear: Array
+    bulk: Array
+    density: Array
+    remanence: Array
+
+
+class State(NamedTuple):
+    """What steps change, in blocks of eight: x m, v m/s (3 n,), C (APIC's) and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
+
+    L is written and read only where an effect has a rate stress; else it may be empty. stiffness: the last step's
+    (particle_group.stiffest_in_space over density), NaN before the first.
+    """
+
+    x: Array
+    v: Array
+    C: Array
+    L: Array
+    F: Array
+    stiffness: Array
+
+
 @inlined
-def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, out):  # type: ignore[no-untyped-def]
+def _prepare(block, step, dt, particles, state, effects, work, out):
     """What a block of eight particles gives to its nodes, into out (8 ROW,): seven rows of four each.
 
     Returns its det F, and its stiffness over its density, m^2/s^2.
 
     out: [m, m v + dt f], [0, column k of m C] for k = x, y, z, and [0, column k of dt V P F^T].
     """
-    P, f, dF, velocity, place, room = work
-    at = 72 * block
-    J, K = determinant(F, at), load(bulk, 8 * block)
+    F, P, dF, place, velocity, f, _ = work
+    x, v, C, at = state.x, state.v, state.C, 72 * block
+    J, K = determinant(F, at), load(particles.bulk, 8 * block)
     pressure = (J - 1.0) * K
-    scale, I1, _ = neo_hookean(F, at, J, load(shear, 8 * block), pressure, P)
-    stiff = stiffest_in_space(J, scale, I1, pressure, K) / load(density, 8 * block)
-    V = load(volume, 8 * block)
+    scale, I1, _ = neo_hookean(F, at, J, load(particles.shear, 8 * block), pressure, P)
+    density = load(particles.density, 8 * block)
+    stiff = stiffest_in_space(J, scale, I1, pressure, K) / density
+    V = load(particles.volume, 8 * block)
     f[:] = 0.0
     if any_effect(effects):
         for i in range(3):
@@ -107,11 +166,11 @@ def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, densit
             for k in range(3 if has_rate_stress(effects) else 0):
                 rate = splat(0.0)
                 for m in range(3):
-                    rate = rate + load(L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
+                    rate = rate + load(state.L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
-        touched = has_contact(effects) and touches(effects, step, block, place, volume)
-        add_effects(effects, step, dt, block, F, at, P, dF, place, velocity, f, touched, room, magnet, density, volume)
-    mass, zero = load(density, 8 * block) * V, splat(0.0)
+        touched = has_contact(effects) and touches(effects, step, block, place, particles.volume)
+        add_effects(effects, step, dt, block, at, touched, particles, work)
+    mass, zero = density * V, splat(0.0)
     push = V * dt
     p0 = mass * load(v, 24 * block) + push * load(f, 0)
     p1 = mass * load(v, 24 * block + 8) + push * load(f, 8)
@@ -130,7 +189,7 @@ def _prepare(block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, densit
 
 
 @compiled
-def _stress_column(k, scale, F, at, P):  # type: ignore[no-untyped-def]
+def _stress_column(k, scale, F, at, P):
     """Column k of scale P F^T, of a block of eight particles."""
     a, b, c = load(F, at + 24 * k), load(F, at + 24 * k + 8), load(F, at + 24 * k + 16)
     t0 = load(P, 0) * a + load(P, 8) * b + load(P, 16) * c
@@ -140,14 +199,14 @@ def _stress_column(k, scale, F, at, P):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add(grid, k, low, high):  # type: ignore[no-untyped-def]
+def _add(grid, k, low, high):
     """Adds two registers, three nodes' worth, to a row of nodes."""
     store(grid, k, load(grid, k) + low)
     store(grid, k + 8, load(grid, k + 8) + high)
 
 
 @compiled
-def _scatter(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
+def _scatter(grid, along_x, along_y, rows):
     """Adds mass and momentum of a block's particles (rows (8 ROW,)) to their 27 nodes.
 
     Node (i, j, k) gets N_i N_j N_k (base + sum over axes q d) - t . grad(N_i N_j N_k), written as A_i N_j + B_j N_i with rows of k in
@@ -191,7 +250,7 @@ def _scatter(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _gather(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
+def _gather(grid, along_x, along_y, h, rows):
     """Velocities and their gradients of a block's particles, into rows (8 ROW,): seven rows of four, the first of each unused.
 
     v; C by column: sum of N v d 4/h^2; L by column: sum of v grad N.
@@ -229,11 +288,9 @@ def _gather(grid, along_x, along_y, h, rows):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _move(block, dt, h, rows, x, v, C, L, F, keep):  # type: ignore[no-untyped-def]
-    """x += dt v and F <- (I + dt L) F for a block of eight particles, with v, C and L from rows. Returns the cells each one moves.
-
-    keep: whether L is kept, for the next step's stress.
-    """
+def _move(block, dt, h, rows, state, keep):
+    """x += dt v and F <- (I + dt L) F for a block of eight particles, with v, C and L from rows. Returns the cells each one moves."""
+    x, v, C, L, F, _ = state
     _, v0, v1, v2, _, c00, c10, c20 = load_rows(rows, 0, ROW)
     _, c01, c11, c21, _, c02, c12, c22 = load_rows(rows, 8, ROW)
     at, first = 72 * block, 24 * block
@@ -260,41 +317,24 @@ def _move(block, dt, h, rows, x, v, C, L, F, keep):  # type: ignore[no-untyped-d
 
 
 @inlined
-def _update_node(n, step, dt, momentum, velocity, fixed, place, effects, still):  # type: ignore[no-untyped-def]
-    """Velocity of a node that has mass, from its momentum; both are emptied for the next step."""
-    mass, free = momentum[4 * n], fixed[n] == 0
+def _update_node(n, step, dt, grid, effects, still):
+    """Velocity of a node that has mass, from its momentum, which is emptied for the next step."""
+    momentum, velocity = grid.momentum, grid.velocity
+    mass, free = momentum[4 * n], grid.fixed[n] == 0
     for i in range(1, 4):
         velocity[4 * n + i] = momentum[4 * n + i] / mass if free else 0.0
     if has_node(effects) and free:
-        change_node(effects, step, row(place, 3 * n % len(place)), row(still, 0), row(velocity, 4 * n + 1), dt)
+        change_node(effects, step, row(grid.place, 3 * n % len(grid.place)), row(still, 0), row(velocity, 4 * n + 1), dt)
     for i in range(4):
         momentum[4 * n + i] = 0.0
+    if grid.flat:
+        velocity[4 * n + 2] = 0.0
 
 
 @compiled
-def _fold(momentum, clamp, along_x):  # type: ignore[no-untyped-def]
-    """A clamped face: momentum of the plane of nodes before it (first node `clamp`) is taken from the plane after it."""
-    for n in range(along_x):
-        before, after = 4 * (clamp + n), 4 * (clamp + along_x + n)
-        momentum[after] += momentum[before]
-        for i in range(1, 4):
-            momentum[after + i] -= momentum[before + i]
-
-
-@compiled
-def _mirror(velocity, clamp, along_x):  # type: ignore[no-untyped-def]
-    """A clamped face: velocities before it are the mirror, with the other sign, of those after it: the face is at rest."""
-    for plane in range(clamp // along_x + 1):
-        before, after = clamp - plane * along_x, clamp + (plane + 1) * along_x
-        for n in range(along_x):
-            for i in range(1, 4):
-                velocity[4 * (before + n) + i] = -velocity[4 * (after + n) + i]
-
-
-@compiled
-def _fold_pairs(momentum, mirrors):  # type: ignore[no-untyped-def]
-    """Faces at rest elsewhere: momentum of the outer node of each pair (pairs, 2) is taken from the inner one."""
-    for pair in range(len(mirrors)):
+def _fold(momentum, mirrors, count):
+    """Faces at rest: momentum of the outer node of each of the first `count` pairs (pairs, 2) is taken from the inner one."""
+    for pair in range(count):
         outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
         momentum[inner] += momentum[outer]
         for i in range(1, 4):
@@ -302,8 +342,8 @@ def _fold_pairs(momentum, mirrors):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
-    """The outer node of each pair moves as the inner one, backwards."""
+def _mirror(velocity, mirrors):
+    """The outer node of each pair moves as the inner one, backwards: the face between them is at rest."""
     for pair in range(len(mirrors)):
         outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
         for i in range(1, 4):
@@ -311,77 +351,77 @@ def _mirror_pairs(velocity, mirrors):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def advance(
-    steps, dt, origin, h, along_x, along_y, nodes, slab_first, lift, x, v, C, L, F, volume, shear, bulk, magnet, density, effects,
-    momentum, velocity, planes, fixed, weight, shared, curve, place, clamp, mirrors, flat,
-    stiffness, watch, slab_low, slab_high, slab_change, fast, drift,
-):  # fmt: skip
+def particles_to_grid(step, dt, grid, particles, state, effects, slabs):
+    """P2G: mass, momentum, and the momentum that stress and loads add in dt (s), of all particles to the nodes. Slabs: kernels.watch."""
+    count = len(particles.slab_first) - 1
+    for color in range(2):
+        for half in prange((count + 1 - color) // 2):
+            slab = 2 * half + color
+            work, rows = group_room(state.F), np.empty(8 * ROW)
+            least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+            for block in range(particles.slab_first[slab], particles.slab_first[slab + 1]):
+                J, stiff = _prepare(block, step, dt, particles, state, effects, work, rows)
+                least, bad = smaller(J, least), flag_unless_positive(J, bad)
+                high = larger(stiff, high)
+                change = larger(magnitude(stiff - load(state.stiffness, 8 * block)), change)
+                store(state.stiffness, 8 * block, stiff)
+                _locate(block, grid, particles, state, rows)
+                _scatter(grid.momentum, grid.along_x, grid.along_y, rows)
+            see(slabs, slab, least, bad, high, change)
+
+
+@kernel
+def update_grid(step, dt, grid, contact, effects):
+    """Grid update: velocities of the nodes from their momentum, where components meet, faces are at rest, and effects change nodes."""
+    _fold(grid.momentum, grid.mirrors, grid.next_to_faces)
+    if contact.may_meet:
+        meet(grid.momentum, grid.fixed, contact, grid.spacing, (grid.along_x, grid.along_y, 1), grid.nodes)
+    still, along_x = np.zeros(3), grid.along_x
+    for k in prange(len(grid.planes)):
+        for n in range(grid.planes[k] * along_x, (grid.planes[k] + 1) * along_x):
+            if grid.momentum[4 * n] > 0.0:  # of others no particle reads the velocity
+                _update_node(n, step, dt, grid, effects, still)
+    _mirror(grid.velocity, grid.mirrors)
+
+
+@kernel
+def grid_to_particles(dt, grid, particles, state, keep, moved):
+    """G2P: velocities of all particles from the nodes', with which they move and their F grows for dt (s).
+
+    keep: whether L is kept, for the next step's stress; moved (slabs,): largest move along an axis, in cells.
+    """
+    for slab in prange(len(particles.slab_first) - 1):
+        rows = np.empty(8 * ROW)
+        slow, bad = splat(0.0), splat(0.0)
+        for block in range(particles.slab_first[slab], particles.slab_first[slab + 1]):
+            _locate(block, grid, particles, state, rows)
+            _gather(grid.velocity, grid.along_x, grid.along_y, grid.spacing, rows)
+            for part in _move(block, dt, grid.spacing, rows, state, keep):
+                slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is no number
+        moved[slab] = -lowest(slow) if total(bad) == 0.0 else np.inf
+
+
+@compiled
+def advance(steps, dt, grid, contact, particles, state, effects, watch, slabs, moved, drift):
     """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
 
-    Flat arrays in blocks of eight particles, x, v (3 n,), C (APIC's), L = dv/dx (9 n,) 1/s and F (9 n,) changed in place; volume, shear,
-    bulk, density (n,), magnet (3 n,). L is written and read only where an effect has a rate stress; else it may be empty. slab_first
-    (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of its piece: each piece of the body has a grid of `nodes`,
-    k in all; momentum, velocity (4 k nodes + 8,), momentum empty; planes: those of the k grids, one after the other, that may get mass;
-    fixed (k nodes,), weight (k nodes,) kg: nodes kept at rest, and mass of what is held; shared (2, 3): the box of nodes where pieces may
-    meet (kernels.multi_grid_contact, which knows curve); place (nodes, 3) m; clamp: first node of the plane before the clamped face, or -1;
-    mirrors (pairs, 2): nodes outside and inside of other faces at rest; flat: nothing moves along y; stiffness (n,) m^2/s^2: the last
-    step's, NaN before the first; watch, slab_ (slabs,): as of kernels.total_lagrangian_step.advance; fast (slabs,): largest move along an
-    axis in cells a step; drift: cells that particles may have moved since they were sorted.
+    State and Grid are changed in place; contact: multi_grid_contact.Contact; watch, slabs: see kernels.watch; moved (slabs,); drift: cells
+    that particles may have moved since they were sorted.
     Returns steps taken and drift; the watch says why they ended: BROKEN also where a particle crosses a cell in one step.
     """
-    slabs, meeting = len(slab_first) - 1, (shared[0] < shared[1]).all()
-    still, strides, flat_place = np.zeros(3), (along_x, along_y, 1), place.reshape(-1)
     for step in range(steps):
-        for colour in range(2):
-            for half in prange((slabs + 1 - colour) // 2):
-                slab = 2 * half + colour
-                work = (np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(24), np.empty(24))
-                rows = np.empty(8 * ROW)
-                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
-                for block in range(slab_first[slab], slab_first[slab + 1]):
-                    J, stiff = _prepare(
-                        block, step, dt, x, v, C, L, F, volume, shear, bulk, magnet, density, effects, work, rows,
-                    )  # fmt: skip
-                    least, bad = smaller(J, least), flag_unless_positive(J, bad)
-                    high = larger(stiff, high)
-                    change = larger(magnitude(stiff - load(stiffness, 8 * block)), change)
-                    store(stiffness, 8 * block, stiff)
-                    _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
-                    _scatter(momentum, along_x, along_y, h, rows)
-                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
-                slab_high[slab], slab_change[slab] = highest(high), highest(change)
-        if stops(watch, slab_low, slab_high, slab_change):
-            momentum[:] = 0.0
+        particles_to_grid(step, dt, grid, particles, state, effects, slabs)
+        if stops(watch, slabs):
+            clear(grid.momentum)
             return step, drift
-        if clamp >= 0:
-            _fold(momentum, clamp, along_x)
-        _fold_pairs(momentum, mirrors)
-        if meeting:
-            meet(momentum, weight, fixed, nodes, shared[0], shared[1], strides, h, curve)
-        for k in prange(len(planes)):
-            for n in range(planes[k] * along_x, (planes[k] + 1) * along_x):
-                if momentum[4 * n] > 0.0:  # of others no particle reads the velocity
-                    _update_node(n, step, dt, momentum, velocity, fixed, flat_place, effects, still)
-                    if flat:
-                        velocity[4 * n + 2] = 0.0
-        if clamp >= 0:
-            _mirror(velocity, clamp, along_x)
-        _mirror_pairs(velocity, mirrors)
-        for slab in prange(slabs):
-            rows = np.empty(8 * ROW)
-            slow, bad = splat(0.0), splat(0.0)
-            for block in range(slab_first[slab], slab_first[slab + 1]):
-                _locate(x, block, origin, h, along_x, along_y, lift[block], rows)
-                _gather(velocity, along_x, along_y, h, rows)
-                for part in _move(block, dt, h, rows, x, v, C, L, F, has_rate_stress(effects)):
-                    slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is no number
-            fast[slab] = -lowest(slow) if total(bad) == 0.0 else np.inf
+        update_grid(step, dt, grid, contact, effects)
+        grid_to_particles(dt, grid, particles, state, has_rate_stress(effects), moved)
         most = 0.0
-        for slab in range(slabs):
-            if not fast[slab] <= DRIFT:
+        for slab in range(len(moved)):
+            if not moved[slab] <= DRIFT:
                 watch[WHY] = BROKEN
                 return step + 1, drift
-            most = max(most, fast[slab])
+            most = max(most, moved[slab])
         drift += most
         if drift > DRIFT:
             return step + 1, drift
@@ -389,7 +429,7 @@ def advance(
 
 
 @kernel
-def rearrange(rows, width, old, new):  # type: ignore[no-untyped-def]
+def rearrange(rows, width, old, new):
     """Rows of `width` values in another order: new row r is the old one rows[r] (n,); old, new flat in blocks of eight."""
     for block in prange(len(rows) // 8):
         for lane in range(8):

@@ -53,7 +53,7 @@ def _volume_change(J, p, modes, c):
 
 
 @kernel
-def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density, x, F, energy, low, high):
+def cell_energy(cell_first, volume, shear, bulk, modes, effects, remanence, density, x, F, energy, low, high):
     """Potential energy of each cell into energy (cells,) J; smallest and largest det F of its particles into low, high (cells,).
 
     modes (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see bodies.volume_modes.
@@ -70,7 +70,7 @@ def cell_energy(cell_first, volume, shear, bulk, modes, effects, magnet, density
             W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
             if len(c) == 0:
                 W += volume_energy(J, bulk[p])
-            total += volume[p] * (W + add_energy(effects, 0, magnet[p], density[p], x[p], F[p]))
+            total += volume[p] * (W + add_energy(effects, 0, remanence[p], density[p], x[p], F[p]))
         for k in range(len(c)):  # K/2 (J - 1)^2 of the projection: the modes are orthogonal
             total += 0.5 * bulk[first] * c[k] ** 2
         energy[cell], low[cell], high[cell] = total, lowest, highest
@@ -121,7 +121,7 @@ def _scatter_vector(plane, rows, r, residual):
 
 @kernel
 def scatter_residual(
-    slab_first, cell_first, cell_plane, cell_row, weights, slopes, volume, shear, bulk, modes, effects, magnet, density, x, F,
+    slab_first, cell_first, cell_plane, cell_row, weights, slopes, volume, shear, bulk, modes, effects, remanence, density, x, F,
     residual,
 ):  # fmt: skip
     """Gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
@@ -141,8 +141,8 @@ def scatter_residual(
                     cofactor(F[p], cof)
                     stress(F[p], cof, J, shear[p], pressure, P)
                     f[:] = 0.0
-                    add_stress(effects, 0, magnet[p], density[p], x[p], F[p], P)
-                    add_force(effects, 0, magnet[p], density[p], x[p], F[p], f)
+                    add_stress(effects, 0, remanence[p], density[p], x[p], F[p], P)
+                    add_force(effects, 0, remanence[p], density[p], x[p], F[p], f)
                     _particle_gradients(weights[p], slopes[p], G)
                     _add_residual(weights[p], G, P, f, volume[p], r)
                 _scatter_vector(cell_plane[cell], cell_row[cell], r, residual)
@@ -202,7 +202,7 @@ def _cell_tangent(
     bulk,
     modes,
     effects,
-    magnet,
+    remanence,
     density,
     x,
     F,
@@ -228,15 +228,15 @@ def _cell_tangent(
         stress(F[p], cof, J, shear[p], pressure, P)
         tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
         f[:] = 0.0
-        add_stress(effects, 0, magnet[p], density[p], x[p], F[p], P)
-        add_tangent(effects, 0, magnet[p], density[p], x[p], F[p], A)
-        add_force(effects, 0, magnet[p], density[p], x[p], F[p], f)
+        add_stress(effects, 0, remanence[p], density[p], x[p], F[p], P)
+        add_tangent(effects, 0, remanence[p], density[p], x[p], F[p], A)
+        add_force(effects, 0, remanence[p], density[p], x[p], F[p], f)
         _particle_gradients(weights[p], slopes[p], G[q : q + 3])
         _add_residual(weights[p], G[q : q + 3], P, f, volume[p], r)
         _particle_products(q, volume[p], A, G, T)
         if any_softening(effects):
             H[:], M[:] = 0.0, 0.0
-            add_softening(effects, 0, magnet[p], density[p], x[p], F[p], H, M)
+            add_softening(effects, 0, remanence[p], density[p], x[p], F[p], H, M)
             _particle_softening(q, volume[p], weights[p], H, M, G, T)
         for k in range(3 if len(c) > 0 else 0):
             for node in range(STENCIL):
@@ -310,7 +310,7 @@ def _scatter_matrix(plane, rows, split, K, panels):
 
 @kernel
 def scatter_tangent(
-    slab_first, cell_first, cell_plane, cell_row, split, most, weights, slopes, volume, shear, bulk, modes, effects, magnet,
+    slab_first, cell_first, cell_plane, cell_row, split, most, weights, slopes, volume, shear, bulk, modes, effects, remanence,
     density, x, F, fortran, residual, panels,
 ):  # fmt: skip
     """Residual (as scatter_residual) and tangent: second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
@@ -331,7 +331,7 @@ def scatter_tangent(
             K, r = np.empty((STENCIL, 3, 3, STENCIL)), np.empty((STENCIL, 3))
             for cell in range(slab_first[slab], slab_first[slab + 1]):
                 _cell_tangent(
-                    cell_first[cell], cell_first[cell + 1], weights, slopes, volume, shear, bulk, modes, effects, magnet,
+                    cell_first[cell], cell_first[cell + 1], weights, slopes, volume, shear, bulk, modes, effects, remanence,
                     density, x, F, fortran, work, K, r,
                 )  # fmt: skip
                 _scatter_vector(cell_plane[cell], cell_row[cell], r, residual)

@@ -10,9 +10,11 @@ Smith, CMAME 362 (2020) 112859 (why pieces would feel each other at a distance u
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 
 CLOSE = 0.5  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)
@@ -28,7 +30,7 @@ def filling(distance: Array) -> Array:
 
 
 @compiled
-def share(mass, rise):  # type: ignore[no-untyped-def]
+def share(mass, rise):
     """q of `distances`: mass at a node, rise of mass in a cell."""
     return (mass / (mass + rise)) ** (1.0 / 3.0)
 
@@ -44,7 +46,7 @@ def distances(points: int = 65) -> Array:
 
 
 @compiled
-def _slope(momentum, weight, node, strides, h, out):  # type: ignore[no-untyped-def]
+def _slope(momentum, weight, node, strides, h, out):
     """Slope (3,) of a piece's mass at a node, kg/m, into out; returns the node's distance from the piece's surface as q of `distances`."""
     rise = 0.0  # a cell
     for axis in range(3):
@@ -56,7 +58,7 @@ def _slope(momentum, weight, node, strides, h, out):  # type: ignore[no-untyped-
 
 
 @compiled
-def _read(curve, q):  # type: ignore[no-untyped-def]
+def _read(curve, q):
     """The distance, in cells, at q of `distances`."""
     at = q * (len(curve) - 1)
     k = min(int(at), len(curve) - 2)
@@ -64,7 +66,7 @@ def _read(curve, q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):  # type: ignore[no-untyped-def]
+def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):
     """Two pieces at a node: rows `one` and `other` of the grid. slopes (2, 3): room to work in."""
     a, b = 4 * one, 4 * other
     still_a, still_b = fixed[one] != 0, fixed[other] != 0
@@ -86,13 +88,27 @@ def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):  # ty
         momentum[a + i], momentum[b + i] = common * momentum[a], common * momentum[b]
 
 
-@kernel
-def meet(momentum, weight, fixed, nodes, low, high, strides, h, curve):  # type: ignore[no-untyped-def]
-    """All pieces, each with a grid of a box of `nodes`, at the nodes from low to high (3,), exclusive, along the axes.
+class Contact(NamedTuple):
+    """What components need to meet. may_meet: whether any two can; low, high (3,): the box of nodes that two may reach, exclusive.
 
-    momentum (4 pieces nodes,): mass and momentum; weight, fixed (pieces nodes,): mass of what is held there, and whether that keeps the
-    node at rest. Masses are not changed, so planes of nodes may be done at the same time. strides (3,): from node to node along the axes.
+    weight (components nodes,) kg: mass of what is held, or (0,) with one component; curve: `distances`.
     """
+
+    may_meet: bool
+    low: Index
+    high: Index
+    weight: Array
+    curve: Array
+
+
+@kernel
+def meet(momentum, fixed, contact, h, strides, nodes):
+    """All components, each with a grid of a box of `nodes`, at the nodes where they may meet.
+
+    momentum (4 components nodes,): mass and momentum; fixed (components nodes,): whether what is held there keeps the node at rest.
+    Masses are not changed, so planes of nodes may be done at the same time. strides (3,): from node to node along the axes; h (3,) m.
+    """
+    low, high, weight, curve = contact.low, contact.high, contact.weight, contact.curve
     every = len(fixed)
     for plane in prange(low[0], high[0]):
         slopes = np.empty((2, 3))

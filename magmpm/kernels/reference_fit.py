@@ -14,14 +14,14 @@ from magmpm.materials import determinant
 
 
 @compiled
-def _splines(t, N, S):  # type: ignore[no-untyped-def]
+def _splines(t, N, S):
     """The three splines N (3,) at t of a cell, 0 to 1, and their slopes S (3,) by t."""
     N[0], N[1], N[2] = 0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t
     S[0], S[1], S[2] = t - 1.0, 1.0 - 2.0 * t, t
 
 
 @compiled
-def _weights(a, b, c, out):  # type: ignore[no-untyped-def]
+def _weights(a, b, c, out):
     """out (27,): products of three times three times three numbers."""
     for i in range(3):
         for j in range(3):
@@ -30,7 +30,7 @@ def _weights(a, b, c, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _sum(a, b):  # type: ignore[no-untyped-def]
+def _sum(a, b):
     total = 0.0
     for k in range(27):
         total += a[k] * b[k]
@@ -38,7 +38,7 @@ def _sum(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def interpolate(cell_first, node, low, per, rest, field, out):  # type: ignore[no-untyped-def]
+def interpolate(cell_first, node, low, per, rest, field, out):
     """out (n, 3): a nodal field (nodes, 3) at the particles."""
     for cell in prange(len(cell_first) - 1):
         N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
@@ -54,7 +54,7 @@ def interpolate(cell_first, node, low, per, rest, field, out):  # type: ignore[n
 
 
 @kernel
-def moments(slab_first, cell_first, node, low, per, rest, volume, density, values, out):  # type: ignore[no-untyped-def]
+def moments(slab_first, cell_first, node, low, per, rest, volume, density, values, out):
     """out (nodes, 3) += sum over particles of m N values (n, 3). slab_first (slabs + 1,): first cells; every second slab shares no node."""
     slabs = len(slab_first) - 1
     for colour in range(2):
@@ -77,14 +77,14 @@ def moments(slab_first, cell_first, node, low, per, rest, volume, density, value
 
 
 @compiled
-def _determinant(F, at):  # type: ignore[no-untyped-def]
+def _determinant(F, at):
     """det of the matrix in one lane of a block, its first entry at `at`."""
     a, b, c, d, e, f, g, h, i = F[at], F[at + 8], F[at + 16], F[at + 24], F[at + 32], F[at + 40], F[at + 48], F[at + 56], F[at + 64]
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 @kernel
-def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, pressed, torn, part, row, x, F):  # type: ignore[no-untyped-def]
+def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, pressed, torn, part, row, x, F):
     """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
 
     modes (n, 0) or (n, 4): bodies.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone

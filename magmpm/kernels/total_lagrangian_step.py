@@ -3,23 +3,25 @@
 Every step, particles gather displacement and deformation gradient from the grid's coefficients (G2P) and scatter the force of their
 stress back (P2G), cell by cell. Splines are products of one-dimensional ones, so both are done axis by axis: 270 multiplications and
 additions in place of 486, and 18 numbers a particle in place of 108. A cell's particles lie in groups of eight lanes
-(dynamics.particle_groups). The plain formulas are in kernels.g2p and kernels.equilibrium, and in tests/reference.
+(dynamics.particle_groups). The plain formulas are in kernels.equilibrium, and in tests/reference.
 
 Flat arrays, as `simd.load` takes them: field (3 nodes,) a value per node and component; splines (patterns 18 8,) values then slopes,
-each axis by node; per_particle (groups 8,), magnet (groups 3 8,).
+each axis by node; per_particle (groups 8,), remanence (groups 3 8,).
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.jit import compiled, inlined, kernel, prange
 from magmpm.compiled.simd import (
+    WIDTH,
     flag_unless_positive,
-    highest,
     larger,
     load,
-    lowest,
     magnitude,
     smaller,
     splat,
@@ -29,15 +31,20 @@ from magmpm.compiled.simd import (
 )
 from magmpm.compiled.simd_views import row
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
-from magmpm.kernels.particle_group import add_effects, any_effect, determinant, neo_hookean, stiffest, touches
-from magmpm.kernels.watch import stops
-
-LANES = 8
-SPLINES = 18 * LANES  # floats of a group's splines
+from magmpm.kernels.particle_group import (
+    add_effects,
+    any_effect,
+    determinant,
+    group_room,
+    neo_hookean,
+    stiffest,
+    touches,
+)
+from magmpm.kernels.watch import clear, see, stops
 
 
 @compiled
-def gather(field, node, along_x, along_y, splines, first, gradient, to, value, at):  # type: ignore[no-untyped-def]
+def gather(field, node, along_x, along_y, splines, first, gradient, to, value, at):
     """Gradient (9 8,) and value (3 8,) of a nodal field (3 nodes,) at a group of particles, from indices `to` and `at` on.
 
     node: the cell's first node; along_x, along_y: nodes from one to the next along x and y; first: of the group in splines.
@@ -73,7 +80,7 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
 
 
 @compiled
-def gather_value(field, node, along_x, along_y, splines, first, value):  # type: ignore[no-untyped-def]
+def gather_value(field, node, along_x, along_y, splines, first, value):
     """Value (3 8,) alone of a nodal field at a group of particles; arguments as of `gather`."""
     zero = splat(0.0)
     u0, u1, u2 = zero, zero, zero
@@ -92,7 +99,7 @@ def gather_value(field, node, along_x, along_y, splines, first, value):  # type:
 
 
 @compiled
-def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):  # type: ignore[no-untyped-def]
+def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
     """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - load (3 8,) N; both times the particles' volumes."""
     t00, t01, t02 = load(stress, 0), load(stress, 8), load(stress, 16)
     t10, t11, t12 = load(stress, 24), load(stress, 32), load(stress, 40)
@@ -130,7 +137,7 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
 
 
 @compiled
-def _project(modes, at, group, first, count, volume, J, c):  # type: ignore[no-untyped-def]
+def _project(modes, at, group, first, count, volume, J, c):
     """c (modes,) += moments of J - 1 over a group (bodies.volume_modes), whose modes are from index `at` on."""
     change = load(volume, 8 * group) * (load(J, first) - 1.0)
     for k in range(count):
@@ -138,7 +145,7 @@ def _project(modes, at, group, first, count, volume, J, c):  # type: ignore[no-u
 
 
 @compiled
-def _projected(modes, at, count, c):  # type: ignore[no-untyped-def]
+def _projected(modes, at, count, c):
     """J - 1 of a group as its cell's modes see it."""
     value = splat(0.0)
     for k in range(count):
@@ -146,105 +153,186 @@ def _projected(modes, at, count, c):  # type: ignore[no-untyped-def]
     return value
 
 
-@kernel
-def advance(
-    steps, dt, slab_first, cell_group, cell_node, cell_shear, cell_bulk, along_x, along_y, pattern, splines, volume, moments, modes, count,
-    magnet, density, reference, effects, active, inverse_mass, place, u, v, force, stiffness, watch, slab_low, slab_high, slab_change,
-):  # fmt: skip
-    """Take `steps` steps of dt (s): v += dt f / m, then u += dt v, on the nodes `active`; u, v, force (3 nodes,) are changed in place.
+class Cells(NamedTuple):
+    """Cells that hold particles, by slabs of at least two planes of cells: every second slab shares no node with another.
 
-    slab_first (slabs + 1,) first cell of each slab of two planes of cells, of alternating colours; cell_group (cells + 1,) first group
-    of each cell; cell_node (cells,); pattern, moments (groups,): where a group's splines and modes begin, as many groups have the same;
-    count: modes of the volume part, 0 or 4; density, volume (groups, 8); magnet, reference
-    (groups, 3, 8); inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest; place (nodes, 3) m; stiffness (groups 8,) m^2/s^2:
-    the last step's (lanes.stiffest over density), NaN before the first; watch: see dynamics.step_watch; slab_ (slabs,): smallest det F,
-    largest stiffness and largest change of it of each slab.
+    slab_first (slabs + 1,) first cell of each slab; first_group (cells + 1,) first group of particles of each cell; first_node (cells,);
+    shear, bulk (cells,) Pa; along_x, along_y: nodes from one to the next along x and y.
+    """
+
+    slab_first: Index
+    first_group: Index
+    first_node: Index
+    shear: Array
+    bulk: Array
+    along_x: int
+    along_y: int
+
+
+class Particles(NamedTuple):
+    """Particles in groups of eight, flat: of a lane that holds none, the volume is 0.
+
+    pattern, moments (groups,): where a group's splines and modes begin, as many groups have the same; splines (patterns 18 8,); modes
+    (patterns modes 8,) of the volume part (model.volume_modes), mode_count 0 or 4; volume m^3, density kg/m^3 (groups 8,); remanence
+    (groups 3 8,) T, or (groups 4 8,) where an effect marks particles (effects.marked); reference (groups 3 8,) m: places in the
+    undeformed body.
+    """
+
+    pattern: Index
+    splines: Array
+    moments: Index
+    modes: Array
+    mode_count: int
+    volume: Array
+    density: Array
+    remanence: Array
+    reference: Array
+
+
+class Nodes(NamedTuple):
+    """Nodes of the whole grid, x slowest. active: those that have mass; inverse_mass (3 nodes,) 1/kg, 0 where a component is held at
+    rest; place (3 nodes,) m."""
+
+    active: Index
+    inverse_mass: Array
+    place: Array
+
+
+class State(NamedTuple):
+    """What steps change. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2: the last step's
+    (particle_group.stiffest over density), NaN before the first."""
+
+    u: Array
+    v: Array
+    force: Array
+    stiffness: Array
+
+
+class CellRoom(NamedTuple):
+    """Where the particles of one cell are worked on: F (groups 9 8,), det F (groups 8,), u (groups 3 8,) m, moments of det F - 1 (4,)."""
+
+    F: Array
+    J: Array
+    u: Array
+    c: Array
+
+
+@inlined
+def grid_to_particles(cell, cells, particles, state, room, least, bad):
+    """Displacement, F and det F of a cell's particles from those of the nodes, and the cell's moments of det F - 1, into room.
+
+    Returns lanes: the smallest det F so far, and 1 where some det F was 0 or less, or no number.
+    """
+    first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
+    F, J, u, c = room
+    c[:] = 0.0
+    for group in range(first, last):
+        at = 72 * (group - first)
+        gather(state.u, node, cells.along_x, cells.along_y, particles.splines, particles.pattern[group], F, at, u, at // 3)
+        for i in range(3):
+            store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
+        det = determinant(F, at)
+        store(J, 8 * (group - first), det)
+        least, bad = smaller(det, least), flag_unless_positive(det, bad)
+        _project(particles.modes, particles.moments[group], group, 8 * (group - first), particles.mode_count, particles.volume, J, c)
+    return least, bad
+
+
+@inlined
+def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change):
+    """Stress and loads of a cell's particles, and their force on the cell's nodes, added to state.force.
+
+    Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
+    """
+    first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
+    along_x, along_y, splines = cells.along_x, cells.along_y, particles.splines
+    _, P, dF, x, rate, f, spare = work
+    for group in range(first, last):
+        at, pattern = 72 * (group - first), particles.pattern[group]
+        det = load(room.J, 8 * (group - first))
+        swollen = det - 1.0
+        if particles.mode_count > 0:
+            swollen = _projected(particles.modes, particles.moments[group], particles.mode_count, room.c)
+        pressure = swollen * cells.bulk[cell]
+        scale, I1, I2 = neo_hookean(room.F, at, det, cells.shear[cell], pressure, P)
+        stiff = stiffest(det, scale, I1, I2, pressure, cells.bulk[cell]) / load(particles.density, 8 * group)
+        high = larger(stiff, high)
+        change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
+        store(state.stiffness, 8 * group, stiff)
+        f[:] = 0.0
+        if any_effect(effects):
+            for i in range(3):
+                store(x, 8 * i, load(room.u, at // 3 + 8 * i) + load(particles.reference, 24 * group + 8 * i))
+            touched = has_contact(effects) and touches(effects, step, group, x, particles.volume)
+            if has_rate_stress(effects):
+                gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
+            elif touched:
+                gather_value(state.v, node, along_x, along_y, splines, pattern, rate)
+            add_effects(effects, step, dt, group, at, touched, particles, work)
+        V = load(particles.volume, 8 * group)
+        for i in range(9):
+            store(P, 8 * i, load(P, 8 * i) * V)
+        for i in range(3):
+            store(f, 8 * i, load(f, 8 * i) * V)
+        scatter(state.force, node, along_x, along_y, splines, pattern, P, f, spare)
+    return high, change
+
+
+@inlined
+def update_grid(node, step, dt, nodes, state, effects):
+    """v += dt f / m, then u += dt v, of one node."""
+    n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
+    for i in range(3):
+        v[n + i] += dt * inverse_mass[n + i] * force[n + i]
+        force[n + i] = 0.0
+    if has_node(effects):
+        change_node(effects, step, row(nodes.place, n), row(u, n), row(v, n), dt)
+    for i in range(3):
+        u[n + i] += dt * v[n + i]
+
+
+@kernel
+def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
+    """Take `steps` steps of dt (s) of Cells, Particles and Nodes; State is changed in place. watch, slabs: see kernels.watch.
+
     Returns the number of steps taken: fewer where the watch says why.
     """
-    slabs = len(slab_first) - 1
-    flat_volume, flat_density = volume.reshape(-1), density.reshape(-1)
-    flat_reference, flat_magnet, flat_place = reference.reshape(-1), magnet.reshape(-1), place.reshape(-1)
-    most = 1
-    for cell in range(len(cell_node)):
-        most = max(most, cell_group[cell + 1] - cell_group[cell])
+    count, most = len(cells.slab_first) - 1, 1
+    for cell in range(len(cells.first_node)):
+        most = max(most, cells.first_group[cell + 1] - cells.first_group[cell])
     for step in range(steps):
-        for colour in range(2):
-            for half in prange((slabs + 1 - colour) // 2):
-                slab = 2 * half + colour
-                F, J, c = np.empty(72 * most), np.empty(8 * most), np.empty(4)
-                P, f, dF, rate, work = np.empty(72), np.empty(24), np.empty(72), np.empty(24), np.empty(72)
-                value, x = np.empty(24 * most), np.empty(24)
+        for color in range(2):
+            for half in prange((count + 1 - color) // 2):
+                slab = 2 * half + color
+                room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
+                work = group_room(room.F)
                 least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
-                for cell in range(slab_first[slab], slab_first[slab + 1]):
-                    first, last, node = cell_group[cell], cell_group[cell + 1], cell_node[cell]
-                    c[:] = 0.0
-                    for group in range(first, last):
-                        at = 72 * (group - first)
-                        gather(u, node, along_x, along_y, splines, pattern[group], F, at, value, at // 3)
-                        for i in range(3):
-                            store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
-                        det = determinant(F, at)
-                        store(J, 8 * (group - first), det)
-                        least, bad = smaller(det, least), flag_unless_positive(det, bad)
-                        _project(modes, moments[group], group, 8 * (group - first), count, flat_volume, J, c)
-                    for group in range(first, last):
-                        at = 72 * (group - first)
-                        det = load(J, 8 * (group - first))
-                        swollen = det - 1.0 if count == 0 else _projected(modes, moments[group], count, c)
-                        pressure = swollen * cell_bulk[cell]
-                        scale, I1, I2 = neo_hookean(F, at, det, cell_shear[cell], pressure, P)
-                        stiff = stiffest(det, scale, I1, I2, pressure, cell_bulk[cell]) / load(flat_density, 8 * group)
-                        high = larger(stiff, high)
-                        change = larger(magnitude(stiff - load(stiffness, 8 * group)), change)
-                        store(stiffness, 8 * group, stiff)
-                        f[:] = 0.0
-                        if any_effect(effects):
-                            for i in range(3):
-                                moved = load(value, at // 3 + 8 * i) + load(flat_reference, 24 * group + 8 * i)
-                                store(x, 8 * i, moved)
-                            touched = has_contact(effects) and touches(effects, step, group, x, flat_volume)
-                            if has_rate_stress(effects):
-                                gather(v, node, along_x, along_y, splines, pattern[group], dF, 0, rate, 0)
-                            elif touched:
-                                gather_value(v, node, along_x, along_y, splines, pattern[group], rate)
-                            add_effects(
-                                effects, step, dt, group, F, at, P, dF, x, rate, f, touched, work,
-                                flat_magnet, flat_density, flat_volume,
-                            )  # fmt: skip
-                        V = load(flat_volume, 8 * group)
-                        for i in range(9):
-                            store(P, 8 * i, load(P, 8 * i) * V)
-                        for i in range(3):
-                            store(f, 8 * i, load(f, 8 * i) * V)
-                        scatter(force, node, along_x, along_y, splines, pattern[group], P, f, work)
-                slab_low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
-                slab_high[slab], slab_change[slab] = highest(high), highest(change)
-        if stops(watch, slab_low, slab_high, slab_change):
-            force[:] = 0.0
+                for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                    least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
+                    high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
+                see(slabs, slab, least, bad, high, change)
+        if stops(watch, slabs):
+            clear(state.force)
             return step
-        for k in prange(len(active)):
-            n = 3 * active[k]
-            for i in range(3):
-                v[n + i] += dt * inverse_mass[n + i] * force[n + i]
-                force[n + i] = 0.0
-            if has_node(effects):
-                change_node(effects, step, row(flat_place, n), row(u, n), row(v, n), dt)
-            for i in range(3):
-                u[n + i] += dt * v[n + i]
+        for k in prange(len(nodes.active)):
+            update_grid(nodes.active[k], step, dt, nodes, state, effects)
     return steps
 
 
 @kernel
-def at_particles(
-    u, v, reference, cell_group, cell_node, along_x, along_y, pattern, splines, particle, position, velocity, deformation
-):  # type: ignore[no-untyped-def]
-    """Position and velocity (n, 3), F (n, 3, 3) of the particles; u, v (3 nodes,); particle (groups, 8): -1 for an empty lane."""
-    for cell in prange(len(cell_node)):
+def at_particles(cells, particles, particle, u, v, reference, position, velocity, deformation):
+    """Position and velocity (n, 3), F (n, 3, 3) of the particles of a model, with their places `reference` (n, 3) in the undeformed body.
+
+    u, v (3 nodes,); particle (groups, 8): which particle a lane holds, -1 for none.
+    """
+    along_x, along_y, splines = cells.along_x, cells.along_y, particles.splines
+    for cell in prange(len(cells.first_node)):
         gradient, moved, speed = np.empty(72), np.empty(24), np.empty(24)
-        for group in range(cell_group[cell], cell_group[cell + 1]):
-            gather(u, cell_node[cell], along_x, along_y, splines, pattern[group], gradient, 0, moved, 0)
-            gather_value(v, cell_node[cell], along_x, along_y, splines, pattern[group], speed)
-            for lane in range(LANES):
+        node = cells.first_node[cell]
+        for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
+            gather(u, node, along_x, along_y, splines, particles.pattern[group], gradient, 0, moved, 0)
+            gather_value(v, node, along_x, along_y, splines, particles.pattern[group], speed)
+            for lane in range(WIDTH):
                 p = particle[group, lane]
                 if p >= 0:
                     for i in range(3):

@@ -25,11 +25,11 @@ Numbers = NDArray[np.float32]
 class FrameArrays:
     """Arrays of one frame, filled again for each.
 
-    reference: (n, 3) m, of the undeformed body; magnet: (n, 3) T, its remanence.
+    reference: (n, 3) m, of the undeformed body; remanence: (n, 3) T, its remanence.
     """
 
-    def __init__(self, reference: Array, magnet: Array) -> None:
-        self.reference, self.magnet = np.ascontiguousarray(reference), np.ascontiguousarray(magnet)
+    def __init__(self, reference: Array, remanence: Array) -> None:
+        self.reference, self.remanence = np.ascontiguousarray(reference), np.ascontiguousarray(remanence)
         n = len(reference)
         sizes = {"Points": 3, **QUANTITIES}
         self.arrays: dict[str, Numbers] = {
@@ -41,20 +41,21 @@ class FrameArrays:
 
         x, v: (n, 3), m and m/s; F: (n, 3, 3); P: (n, 3, 3) Pa, first Piola-Kirchhoff stress.
         """
-        _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.magnet, *self.arrays.values())
+        points, *others = self.arrays.values()
+        points[:] = x
+        _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.remanence, *others)
         return self.arrays
 
 
 @compiled
-def _fill(x, v, F, P, reference, magnet, points, displacement, velocity, stress, mises, magnetisation, det):  # type: ignore[no-untyped-def]
+def _fill(x, v, F, P, reference, remanence, displacement, velocity, stress, mises, magnetisation, det):  # type: ignore[no-untyped-def]
     cauchy = np.empty((3, 3))
     for p in range(len(x)):
         J = materials.determinant(F[p])
         for i in range(3):
-            points[p, i] = x[p, i]
             displacement[p, i] = x[p, i] - reference[p, i]
             velocity[p, i] = v[p, i]
-            magnetisation[p, i] = F[p, i, 0] * magnet[p, 0] + F[p, i, 1] * magnet[p, 1] + F[p, i, 2] * magnet[p, 2]
+            magnetisation[p, i] = F[p, i, 0] * remanence[p, 0] + F[p, i, 1] * remanence[p, 1] + F[p, i, 2] * remanence[p, 2]
             for j in range(3):
                 cauchy[i, j] = (P[p, i, 0] * F[p, j, 0] + P[p, i, 1] * F[p, j, 1] + P[p, i, 2] * F[p, j, 2]) / J
                 stress[p, 3 * i + j] = cauchy[i, j]

@@ -42,7 +42,7 @@ _OVERHEAD = (
 class MotionWriter:
     """Writes a motion frame by frame into a folder; a context manager, though every frame is whole on disk by itself.
 
-    model: anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment (n,), magnet (n, 3) T, and
+    model: anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment (n,), remanence (n, 3) T, and
     optionally scene, which is stored for the pictures. quantities: names from QUANTITIES [all]. max_disk: bytes that the motion's
     files may take. resume_at: s, time of a checkpoint: frames after it are dropped and the motion goes on, so that its files hold
     what an unbroken run's do; resume_frames: how many there must be up to then, each with its energies, and with contacts of the effects
@@ -69,8 +69,8 @@ class MotionWriter:
         if unknown:
             raise InputError(f"quantities: received {unknown[0]!r}; must be among {', '.join(QUANTITIES)}")
         particles = model.particles
-        reference, magnet = np.array(particles.position, dtype=float), np.array(model.magnet[:, :3], dtype=float)
-        self._arrays = FrameArrays(reference, magnet)
+        reference, remanence = np.array(particles.position, dtype=float), np.array(model.remanence[:, :3], dtype=float)
+        self._arrays = FrameArrays(reference, remanence)
         self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
         if resume_at is not None:
             self._must_exist()
@@ -86,7 +86,7 @@ class MotionWriter:
         static = {
             "part": np.asarray(particles.segment, dtype=np.int32),
             "volume": np.asarray(particles.volume, dtype=np.float32),
-            "remanence": magnet.astype(np.float32),
+            "remanence": remanence.astype(np.float32),
             "reference": reference.astype(np.float32),
         }
         self._tell_about(model)

@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
+from magmpm.compiled.arrays import Index
 from magmpm.errors import SceneError
-from magmpm.model import Index
 from magmpm.statics.layout import StaticModel, make_layout
 
 MOST_MEMORY = 4e9  # bytes of the factored tangent
@@ -63,7 +63,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         slopes=np.ascontiguousarray(model.slopes[of][:, axes]),
         shear=model.shear[of],
         bulk=model.bulk[of],
-        magnet=np.ascontiguousarray(model.magnet[of][:, axes]),
+        remanence=np.ascontiguousarray(model.remanence[of][:, axes]),
         density=model.density[of],
         modes=volume_modes(particles, ratio) if model.modes.shape[1] else model.modes,
         held=model.held[of],

@@ -13,10 +13,9 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
-from magmpm.model import Index
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.rules import NO_ENERGY
 from magmpm.statics.axis_order import arranged

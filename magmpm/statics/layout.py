@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
-from magmpm.model import Index, Model
+from magmpm.compiled.arrays import Array, Index
+from magmpm.model import Model
 from magmpm.statics.block_cholesky import split_plane
 
 

@@ -39,7 +39,7 @@ def _resonance(scene: Scene) -> float:
 
     def moment() -> np.ndarray:
         _, _, F = motion.particles()
-        found: np.ndarray = model.particles.volume @ np.einsum("nij,nj->ni", F, model.magnet[:, :3]) / MU0
+        found: np.ndarray = model.particles.volume @ np.einsum("nij,nj->ni", F, model.remanence[:, :3]) / MU0
         return found
 
     begun, m, B = energy(motion, 0.0), moment(), turning.at(place, 0.0)[0]

@@ -30,7 +30,7 @@ def at_rest(scene: Scene) -> tuple[Motion, float, float]:
 def throw(motion: Motion, velocity: Affine) -> None:
     """Give the undeformed body velocity(x) (m, 3) m/s at points x (m, 3) m."""
     if isinstance(motion, TotalMotion):
-        free = motion.packed.inverse_mass > 0
+        free = motion.packed.nodes.inverse_mass > 0
         motion.v[:] = np.where(free, velocity(motion.packed.node_place).ravel(), 0.0)
         return
     x = motion.model.particles.position
@@ -42,7 +42,7 @@ def throw(motion: Motion, velocity: Affine) -> None:
 def stretch(motion: Motion, by: float) -> None:
     """Put the body, at rest, `by` times as large as it is."""
     if isinstance(motion, TotalMotion):
-        free = motion.packed.inverse_mass > 0
+        free = motion.packed.nodes.inverse_mass > 0
         motion.u[:] = np.where(free, (by - 1.0) * motion.packed.node_place.ravel(), 0.0)
         return
     n = len(motion.model.density)

@@ -123,7 +123,7 @@ class Point:
 
     def __init__(self, one: Acting, rng: np.random.Generator) -> None:
         model = one.model
-        p = int(rng.choice(np.flatnonzero(model.magnet[:, :3].any(axis=1) & ~model.held)))
-        self.magnet, self.rho = model.magnet[p], model.density[p]
+        p = int(rng.choice(np.flatnonzero(model.remanence[:, :3].any(axis=1) & ~model.held)))
+        self.magnet, self.rho = model.remanence[p], model.density[p]
         self.x = model.particles.position[p] + 3e-4 * rng.standard_normal(3)
         self.F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))

@@ -73,9 +73,9 @@ def particle_forces(
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
         rho, f, contact = model.density[p], np.zeros(3), np.zeros(3)
-        call(model, "stress", model.magnet[p], rho, x[p], F[p], P[p], step=step)
+        call(model, "stress", model.remanence[p], rho, x[p], F[p], P[p], step=step)
         call(model, "rate_stress", rho, F[p], dF[p], P[p], step=step)
-        call(model, "force", model.magnet[p], rho, x[p], F[p], f, step=step)
+        call(model, "force", model.remanence[p], rho, x[p], F[p], f, step=step)
         call(model, "contact", x[p], v[p], rho * volume, dt, contact, step=step)
         force[p] = volume * f + contact
     return P, force

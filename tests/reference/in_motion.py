@@ -39,7 +39,7 @@ def set_off(scene: Scene, velocity: Velocity) -> tuple[Motion, float]:
     moved = begin(build(scene))
     motion = moved.motion
     if isinstance(motion, TotalMotion):
-        free = motion.packed.inverse_mass > 0
+        free = motion.packed.nodes.inverse_mass > 0
         motion.v[:] = np.where(free, velocity(motion.packed.node_place).ravel(), 0.0)
     else:
         x = motion.model.particles.position

@@ -40,7 +40,7 @@ def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
     X = X[np.hypot(X[:, 1], X[:, 2]) < DIAMETER / 2]
     segment = (X[:, 0] * segments / LENGTH).astype(np.int32)
     particles = SimpleNamespace(position=X, volume=np.full(len(X), spacing**3), segment=segment)
-    return SimpleNamespace(particles=particles, magnet=0.138 * np.eye(3)[segment % 2], scene=None)
+    return SimpleNamespace(particles=particles, remanence=0.138 * np.eye(3)[segment % 2], scene=None)
 
 
 def bending(

@@ -103,7 +103,7 @@ class Reference:
         J = np.linalg.det(F)
         W = model.shear / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3)
         B, g = loads(model)
-        W -= np.einsum("i,nij,nj->n", B / MU0, F, model.magnet) + model.density * ((model.particles.position + u) @ g)
+        W -= np.einsum("i,nij,nj->n", B / MU0, F, model.remanence) + model.density * ((model.particles.position + u) @ g)
         return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
     def residual(self, c: np.ndarray) -> np.ndarray:
@@ -118,7 +118,7 @@ class Reference:
         pressure = self.volume_stiffness() @ (J - 1) / V
         P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (pressure * J)[:, None, None] * H
         B, weight = loads(model)
-        P -= np.einsum("i,nj->nij", B / MU0, model.magnet)
+        P -= np.einsum("i,nj->nij", B / MU0, model.remanence)
         f = model.density[:, None] * weight
         out = np.einsum("n,nkj,jna->ak", V, P, self.dN) - np.einsum("n,nk,na->ak", V, f, self.N)
         return out.reshape(c.shape)

@@ -67,7 +67,7 @@ def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
     model = build(sloped(0.0, "total"))
     motion = begin(model).motion
     assert isinstance(motion, TotalMotion)
-    motion.v.reshape(-1, 3)[:, 0] = 0.1 * (motion.packed.inverse_mass.reshape(-1, 3)[:, 0] > 0)
+    motion.v.reshape(-1, 3)[:, 0] = 0.1 * (motion.packed.nodes.inverse_mass.reshape(-1, 3)[:, 0] > 0)
     stopped, later = (
         mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.036, 0.045], motion)
     )

@@ -41,7 +41,7 @@ def test_a_field_turns_a_free_body(formulation: str) -> None:
     impulse, size = np.zeros(3), 0.0
     for _ in range(400):
         _, _, F = motion.particles()
-        torque = model.particles.volume @ np.cross(np.einsum("nij,nj->ni", F, model.magnet), B) / MU0
+        torque = model.particles.volume @ np.cross(np.einsum("nij,nj->ni", F, model.remanence), B) / MU0
         impulse, size = impulse + dt * torque, size + dt * np.linalg.norm(torque)
         advance(motion, 1, dt)
     now = quantities(motion)

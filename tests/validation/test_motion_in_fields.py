@@ -39,7 +39,7 @@ def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
     pushed, turned, size = np.zeros(3), np.zeros(3), np.zeros(2)
     for step in range(200):
         x, _, F = motion.particles()
-        m = np.einsum("nij,nj->ni", F, model.magnet) / MU0
+        m = np.einsum("nij,nj->ni", F, model.remanence) / MU0
         f = np.einsum("nji,nj->ni", source.gradient(x), m)
         force, torque = V @ f, V @ (np.cross(x, f) + np.cross(m, source.at(x)))
         pushed, turned = pushed + dt * force, turned + dt * torque
@@ -65,9 +65,9 @@ def test_segments_that_pull_each_other_move_no_centre(formulation: str) -> None:
     for _ in range(8):
         x, _, F = motion.particles()
         effects.refresh(model.effects, model, x, F)
-        load = model.effects[1].reshape(-1, 6)[model.magnet[:, 3].astype(int)]
+        load = model.effects[1].reshape(-1, 6)[model.remanence[:, 3].astype(int)]
         force = model.particles.volume[:, None] * load[:, 3:]
-        torque = model.particles.volume[:, None] * np.cross(np.einsum("nij,nj->ni", F, model.magnet[:, :3]), load[:, :3])
+        torque = model.particles.volume[:, None] * np.cross(np.einsum("nij,nj->ni", F, model.remanence[:, :3]), load[:, :3])
         exchanged += 64 * dt * float(np.abs(force).sum())
         turned += 64 * dt * float(np.abs(torque).sum())
         advance(motion, 64, dt)

@@ -50,7 +50,8 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
     assert isinstance(motion, TotalMotion)
     height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)
     peak = 0.01 * LENGTH * frequency
-    motion.v[2::3] = np.where(motion.packed.inverse_mass[2::3] > 0, peak / 2 * cantilever_mode(motion.packed.node_place[:, 0], LENGTH), 0)
+    free = motion.packed.nodes.inverse_mass[2::3] > 0
+    motion.v[2::3] = np.where(free, peak / 2 * cantilever_mode(motion.packed.node_place[:, 0], LENGTH), 0)
     times = np.linspace(0, 2 * 2 * np.pi / frequency, 81)[1:]
     heights = np.array([height(moment.x) for moment in follow(model, times, motion)])
 

@@ -35,7 +35,7 @@ def test_settled_total_formulation_is_statics() -> None:
     assert far.max() < 0.2e-2 * LENGTH
     energy = moved.energies["elastic"] + moved.energies["magnetic_torque"]
     rest = moved.motion.model.particles
-    unloaded = -float(np.array(field) @ (moved.motion.model.magnet.T @ rest.volume)) / (4e-7 * np.pi)
+    unloaded = -float(np.array(field) @ (moved.motion.model.remanence.T @ rest.volume)) / (4e-7 * np.pi)
     assert energy - unloaded == pytest.approx(still.energy, rel=1e-3)
 
 

@@ -96,9 +96,9 @@ def test_a_profile_turns_at_every_particle() -> None:
     model = build(scene)
     angle = np.pi / 2 - 2 * np.pi * model.particles.position[:, 0] / L
     want = 0.1 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
-    np.testing.assert_allclose(model.magnet, want, atol=1e-15)
+    np.testing.assert_allclose(model.remanence, want, atol=1e-15)
     assert len(scene.regions()) == 8
-    mean = measures.region_means(model, model.magnet)
+    mean = measures.region_means(model, model.remanence)
     # Mean over an eighth of a turn: sin(pi/8)/(pi/8) = 0.974 of the region's own direction.
     np.testing.assert_allclose(mean, 0.974 * scene.region_remanence(), atol=0.002)
 

@@ -49,7 +49,7 @@ def touching(model: Model, x: np.ndarray) -> None:
 def test_total(model: Model, rng: np.random.Generator) -> None:
     reference, motion = Total.of(model), TotalMotion(model)
     c, v = np.zeros((2, *reference.X.shape))
-    on = motion.packed.inverse_mass.reshape(-1, 3).all(axis=1)
+    on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
     c[on], v[on] = 3e-5 * rng.standard_normal((on.sum(), 3)), rng.standard_normal((on.sum(), 3))
     motion.restore({"u": c.ravel(), "v": v.ravel()})
     touching(model, motion.particles()[0])

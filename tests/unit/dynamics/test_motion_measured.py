@@ -44,7 +44,7 @@ def energies(model: Model, moved: SimulationState, averaged: bool) -> dict[str, 
         volume = float(V @ (model.bulk * change**2)) / 2
     shape = float(V @ (model.shear * (J ** (-2 / 3) * I1 - 3))) / 2
     B = FIELD * moved.time / RISE
-    magnetic = -float(V @ np.einsum("i,nij,nj->n", B, F, model.magnet)) / MU0
+    magnetic = -float(V @ np.einsum("i,nij,nj->n", B, F, model.remanence)) / MU0
     return {"elastic": shape + volume, "magnetic_torque": magnetic}
 
 
@@ -57,7 +57,7 @@ def test_stress_field_and_energies_are_those_of_the_moment(formulation: str, tmp
     B = FIELD * moved.time / RISE
     averaged = formulation == "total"
     of = model if averaged else replace(model, modes=np.zeros((len(model.density), 0)))
-    magnetic = -np.einsum("i,nj->nij", B, model.magnet) / MU0
+    magnetic = -np.einsum("i,nj->nij", B, model.remanence) / MU0
     elastic = elastic_stress(of, moved.F)
     np.testing.assert_allclose(moved.P, elastic + magnetic, rtol=0, atol=1e-10 * np.abs(elastic).max())  # sums of about ten products
     assert np.abs(magnetic).max() > 0.05 * np.abs(elastic).max(), "to leave it out would be seen"

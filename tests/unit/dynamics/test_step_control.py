@@ -42,7 +42,7 @@ def strained(motion: TotalMotion | UpdatedMotion, rng: np.random.Generator) -> N
     """Random strains of about ten percent, different for each particle."""
     model = motion.model
     if isinstance(motion, TotalMotion):
-        motion.u[:] = 5e-5 * rng.standard_normal(len(motion.u)) * (motion.packed.inverse_mass > 0)
+        motion.u[:] = 5e-5 * rng.standard_normal(len(motion.u)) * (motion.packed.nodes.inverse_mass > 0)
     else:
         n = len(model.density)
         F = np.eye(3) + 0.1 * rng.standard_normal((n, 3, 3))

@@ -210,8 +210,8 @@ def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(key: str, r
     slope = 0.0
     for p, volume in enumerate(model.particles.volume):
         P, f = np.zeros((3, 3)), np.zeros(3)
-        hook(model.effects, "stress")(model.magnet[p], model.density[p], x[p], F[p], P)
-        hook(model.effects, "force")(model.magnet[p], model.density[p], x[p], F[p], f)
+        hook(model.effects, "stress")(model.remanence[p], model.density[p], x[p], F[p], P)
+        hook(model.effects, "force")(model.remanence[p], model.density[p], x[p], F[p], f)
         slope += volume * float(np.sum(P * dF[p]) - f @ dx[p])
     energy = [effects.shared_energy(model.effects, model, x + t * dx, F + t * dF) for t in STEPS]
     E = effects.shared_energy(model.effects, model, x, F)

@@ -118,7 +118,7 @@ def test_the_file_brakes_in_a_compiled_kernel(
     for loads in (model.effects, ()):
         total, motion = Total.of(replace(model, effects=loads)), TotalMotion(model)
         c, v = np.zeros((2, *total.X.shape))
-        on = motion.packed.inverse_mass.reshape(-1, 3).all(axis=1)
+        on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
         v[on] = np.random.default_rng(5).standard_normal((on.sum(), 3))
         motion.restore({"u": c.ravel(), "v": v.ravel()})
         for _ in range(3):

@@ -117,9 +117,9 @@ def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Genera
     c = 2e-5 * rng.standard_normal(loaded.shape)
     x, F, V = loaded.at(c).position, loaded.at(c).F, model.particles.volume
     source = SCENE.outside_field()
-    B, G, m = source.at(x), source.gradient(x), np.einsum("nij,nj->ni", F, model.magnet) / MU0
+    B, G, m = source.at(x), source.gradient(x), np.einsum("nij,nj->ni", F, model.remanence) / MU0
     f = np.einsum("nji,nj->ni", G, m)
-    per_particle = [parts(model.effects, x[p], F[p])[2] * (np.linalg.norm(model.magnet[p]) > 0) for p in range(3)]
+    per_particle = [parts(model.effects, x[p], F[p])[2] * (np.linalg.norm(model.remanence[p]) > 0) for p in range(3)]
     assert np.isfinite(per_particle).all()
     W = -V @ np.einsum("ni,ni->n", B, m)
     assert loaded.at(c).energy - bare.at(c).energy == pytest.approx(W, rel=1e-9)

@@ -34,7 +34,7 @@ def scene(directions: list[tuple[float, float, float]], *, across: int = 3, **mo
 def acting(model: Model, x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
     """Places, moments, volumes, segments, fields and forces of the blocks."""
     p = model.particles
-    X, M, V, of = interaction.dipoles(MarkedParticles(model.magnet[:, 3], p.segment, p.volume, model.magnet[:, :3]), x, F)
+    X, M, V, of = interaction.dipoles(MarkedParticles(model.remanence[:, 3], p.segment, p.volume, model.remanence[:, :3]), x, F)
     B, f = np.zeros_like(X), np.zeros_like(X)
     interaction._act(X, M, np.cbrt(V), of, B, f)
     return X, M, V, of, B, f
@@ -100,8 +100,8 @@ def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
     force, spin = np.zeros((len(V), 3)), np.zeros((len(V), 3))
     for p in range(len(V)):
         P = np.zeros((3, 3))
-        interaction.force(record[0], data, model.magnet[p], 0.0, x[p], F[p], force[p])
-        interaction.stress(record[0], data, model.magnet[p], 0.0, x[p], F[p], P)
+        interaction.force(record[0], data, model.remanence[p], 0.0, x[p], F[p], force[p])
+        interaction.stress(record[0], data, model.remanence[p], 0.0, x[p], F[p], P)
         tau = -P @ F[p].T  # its skew part is the torque density, see magnetic_torque
         spin[p] = [tau[2, 1] - tau[1, 2], tau[0, 2] - tau[2, 0], tau[1, 0] - tau[0, 1]]
     total = V[:, None] * (np.cross(x, force) + spin)
@@ -176,8 +176,8 @@ def test_one_magnetised_segment_is_alone() -> None:
 def test_blocks_are_whole_cells_of_one_segment() -> None:
     """Every magnetized particle has one; a block is no larger than a segment, and no longer than two of its own widths."""
     model = build(scene([X, (0, 0, 0), Z], cells=4, across=2))
-    block, p = model.magnet[:, 3], model.particles
-    assert np.all((block >= 0) == model.magnet[:, :3].any(axis=1))
+    block, p = model.remanence[:, 3], model.particles
+    assert np.all((block >= 0) == model.remanence[:, :3].any(axis=1))
     for k in np.unique(block[block >= 0]):
         own = block == k
         assert len(np.unique(p.segment[own])) == 1

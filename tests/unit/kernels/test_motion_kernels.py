@@ -39,7 +39,7 @@ def test_total(loads: str, averaged: bool, rng: np.random.Generator) -> None:
         model = replace(model, modes=np.zeros((len(model.density), 0)))
     reference, motion = Total.of(model), TotalMotion(model)
     c, v = np.zeros((2, *reference.X.shape))
-    on = motion.packed.inverse_mass.reshape(-1, 3).all(axis=1)
+    on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
     c[on], v[on] = 3e-5 * rng.standard_normal((on.sum(), 3)), rng.standard_normal((on.sum(), 3))
     motion.restore({"u": c.ravel(), "v": v.ravel()})
     for _ in range(STEPS):
@@ -112,7 +112,7 @@ def test_a_particle_turned_inside_out_stops_the_motion(kind: type[TotalMotion] |
     model = model_of()
     motion = kind(model)
     if isinstance(motion, TotalMotion):
-        motion.u[:] = np.random.default_rng(0).standard_normal(len(motion.u)) * (motion.packed.inverse_mass > 0) * 5e-3
+        motion.u[:] = np.random.default_rng(0).standard_normal(len(motion.u)) * (motion.packed.nodes.inverse_mass > 0) * 5e-3
     else:
         n = len(model.density)
         F = np.tile(np.diag([1.0, 1.0, -0.1]), (n, 1, 1))
@@ -125,7 +125,7 @@ def test_no_number_stops_the_motion(kind: type[TotalMotion] | type[UpdatedMotion
     """NaN is detected by the watchdog and never writes to memory outside the grid."""
     motion = kind(model_of())
     if isinstance(motion, TotalMotion):
-        motion.v[3 * motion.packed.active[5]] = np.nan
+        motion.v[3 * motion.packed.nodes.active[5]] = np.nan
     else:
         motion.v[12] = np.nan
     taken, broken = motion.advance(5, 1e-9, ())
@@ -148,7 +148,7 @@ def test_sorting_gives_the_bits_that_placing_gives(rng: np.random.Generator) -> 
     motions[1].restore(motions[1].state())
     for motion in motions:
         motion.advance(60, 2e-6, model.effects)
-    for name in ("x", "v", "C", "F", "magnet", "volume", "shear", "bulk", "density", "particle"):
+    for name in ("x", "v", "C", "F", "remanence", "volume", "shear", "bulk", "density", "particle"):
         assert np.array_equal(getattr(motions[0], name), getattr(motions[1], name)), name
 
 
@@ -157,7 +157,7 @@ def test_sorting_keeps_what_segments_that_act_on_each_other_need() -> None:
     model = build(rod_scene(length=8e-3, directions=[(1, 0, 0), (0, 0, 1)]).with_effects(magnetic_interaction={}))
     motion = UpdatedMotion(model)
     for _ in range(2):
-        np.testing.assert_array_equal(motion._in_order(motion.magnet, 4), model.magnet)
+        np.testing.assert_array_equal(motion._in_order(motion.remanence, 4), model.remanence)
         motion.sort()
 
 

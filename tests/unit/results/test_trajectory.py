@@ -63,7 +63,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
             "velocity": moment.v,
             "cauchy_stress": cauchy.reshape(-1, 9),
             "von_mises": motions.von_mises(cauchy),
-            "magnetisation": np.einsum("nij,nj->ni", moment.F, model.magnet),
+            "magnetisation": np.einsum("nij,nj->ni", moment.F, model.remanence),
             "det_F": J,
         }
         assert frame.quantities.keys() == wanted.keys()

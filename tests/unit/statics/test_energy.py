@@ -117,7 +117,7 @@ def test_torque_is_the_magnets(rng: np.random.Generator, locking: str) -> None:
     point = energy.at(c)
     r = energy.residual(point).reshape(-1, 3)
     arm = (coordinates(model) + c.reshape(coordinates(model).shape)).reshape(-1, 3)
-    torque = np.cross(np.einsum("nij,nj->ni", point.F, model.magnet), FIELD) / MU0
+    torque = np.cross(np.einsum("nij,nj->ni", point.F, model.remanence), FIELD) / MU0
     expected = -model.particles.volume @ torque
     found = np.cross(arm, r)
     np.testing.assert_allclose(found.sum(axis=0), expected, rtol=0, atol=1e-13 * np.abs(found).sum())

@@ -42,7 +42,7 @@ def test_one_arrow_for_each_magnetized_part_along_its_magnetization(motion: Moti
 def test_a_magnetization_that_turns_gets_several_arrows(tmp_path: Path) -> None:
     model = motions.body(segments=1)
     angle = 2 * np.pi * model.particles.position[:, 0] / motions.LENGTH
-    model.magnet = 0.1 * np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
+    model.remanence = 0.1 * np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
     motions.write(MotionWriter(tmp_path, model), motions.bending(model, [0.0]))
     arrows = MotionRenderer(Motion.load(tmp_path)).snapshot(0).arrows
     assert len(arrows) == 8
