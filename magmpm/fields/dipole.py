@@ -23,7 +23,7 @@ POINT = 1e-6  # m, radius of a dipole that is given none
 
 
 @compiled
-def value(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
+def value(data, at, y0, y1, y2):
     """B (3), T."""
     x, y, z = y0 - data[at], y1 - data[at + 1], y2 - data[at + 2]
     m0, m1, m2, a = data[at + 3], data[at + 4], data[at + 5], data[at + 6]
@@ -37,7 +37,7 @@ def value(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def gradient(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
+def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m: 3 k/r^5 (m_i d_j + d_i m_j + (m . d) (delta_ij - 5 d_i d_j/r^2))."""
     x, y, z = y0 - data[at], y1 - data[at + 1], y2 - data[at + 2]
     m0, m1, m2, a = data[at + 3], data[at + 4], data[at + 5], data[at + 6]
@@ -61,7 +61,7 @@ def gradient(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def curvature(data, at, y0, y1, y2, n0, n1, n2):  # type: ignore[no-untyped-def]
+def curvature(data, at, y0, y1, y2, n0, n1, n2):
     """Second derivatives xx, yy, zz, xy, xz, yz of n . B.
 
     3 k/r^5 [ m_i n_j + n_i m_j + (m . n) delta_ij - 5/r^2 ((m . d)(n_i d_j + d_i n_j) + (n . d)(m_i d_j + d_i m_j)

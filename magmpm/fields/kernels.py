@@ -30,7 +30,7 @@ DIPOLE = dipole.SIZE
 
 
 @compiled
-def _inward(place, x0, x1, x2):  # type: ignore[no-untyped-def]
+def _inward(place, x0, x1, x2):
     """R^T v."""
     R = place.frame
     return (
@@ -41,7 +41,7 @@ def _inward(place, x0, x1, x2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _outward(place, y0, y1, y2):  # type: ignore[no-untyped-def]
+def _outward(place, y0, y1, y2):
     """R v."""
     R = place.frame
     return (
@@ -52,14 +52,14 @@ def _outward(place, y0, y1, y2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _local(place, x):  # type: ignore[no-untyped-def]
+def _local(place, x):
     """The point in the sources' frame."""
     o = place.origin
     return _inward(place, x[0] - o[0], x[1] - o[1], x[2] - o[2])
 
 
 @compiled
-def field(place, data, x):  # type: ignore[no-untyped-def]
+def field(place, data, x):
     """B (3) at x (3,) m, T."""
     y0, y1, y2 = _local(place, x)
     b0, b1, b2 = 0.0, 0.0, 0.0
@@ -76,7 +76,7 @@ def field(place, data, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _local_gradient(data, y0, y1, y2):  # type: ignore[no-untyped-def]
+def _local_gradient(data, y0, y1, y2):
     """dB0_i/dy_j (9) in the sources' frame, T/m."""
     a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     at = 2
@@ -92,7 +92,7 @@ def _local_gradient(data, y0, y1, y2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pull(place, data, x, m0, m1, m2):  # type: ignore[no-untyped-def]
+def pull(place, data, x, m0, m1, m2):
     """(grad B)^T m (3), the gradient of m . B: the force on a moment m (A m^2), N."""
     y0, y1, y2 = _local(place, x)
     n0, n1, n2 = _inward(place, m0, m1, m2)
@@ -107,7 +107,7 @@ def pull(place, data, x, m0, m1, m2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def gradient(place, data, x, G):  # type: ignore[no-untyped-def]
+def gradient(place, data, x, G):
     """G (3, 3) += dB_i/dx_j, T/m."""
     y0, y1, y2 = _local(place, x)
     local = _local_gradient(data, y0, y1, y2)
@@ -122,7 +122,7 @@ def gradient(place, data, x, G):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def curvature(place, data, x, m0, m1, m2, scale, H):  # type: ignore[no-untyped-def]
+def curvature(place, data, x, m0, m1, m2, scale, H):
     """H (3, 3) += scale d^2(m . B)/dx_i dx_j, with m in A m^2: N/m."""
     y0, y1, y2 = _local(place, x)
     n0, n1, n2 = _inward(place, m0, m1, m2)
@@ -145,14 +145,14 @@ def curvature(place, data, x, m0, m1, m2, scale, H):  # type: ignore[no-untyped-
 
 
 @compiled
-def fields_at(place, data, x, B):  # type: ignore[no-untyped-def]
+def fields_at(place, data, x, B):
     """B (n, 3) T at points x (n, 3) m."""
     for p in range(len(x)):
         B[p, 0], B[p, 1], B[p, 2] = field(place, data, x[p])
 
 
 @compiled
-def gradients_at(place, data, x, G):  # type: ignore[no-untyped-def]
+def gradients_at(place, data, x, G):
     """G (n, 3, 3) = dB_i/dx_j T/m at points x (n, 3) m."""
     for p in range(len(x)):
         G[p] = 0.0

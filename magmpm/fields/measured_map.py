@@ -1,16 +1,25 @@
-"""CSV tables of fields: a map measured on a regular grid, and a schedule in time. Units stand in the header: x_mm, Bz_mT, time_ms."""
+"""Measured fields: a map on a regular grid with its settings, and a schedule in time, from CSV tables.
+
+Units stand in the header: x_mm, Bz_mT, time_ms.
+"""
 
 from __future__ import annotations
 
+import base64
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import show
 from magmpm.inputs.csv_tables import Line, TableError, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
+from magmpm.inputs.settings import Settings, fault, folder_of, from_file
+from magmpm.inputs.vectors import Point
 
 MAX_NODES = 500_000
 MAX_ROWS = 100_000
@@ -18,7 +27,7 @@ FEWEST = 4  # nodes along each axis of a map: a cubic spline needs as many
 SAME = 1e-4  # of the spacing: two coordinates closer than this are one plane of the grid
 _MAP = {name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names}
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
-_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as sources.Keyframe has them
+_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as over_time.Keyframe has them
 _FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
 _MEASURED = (-100.0, 100.0, "-100 T", "100 T")  # no magnet or coil that a robot is near has more: a larger value is a mistaken unit
 _BOUNDS = {
@@ -30,6 +39,49 @@ _BOUNDS = {
 _MAP_BOUNDS = {**dict.fromkeys(("Bx", "By", "Bz"), _MEASURED), **dict.fromkeys("xyz", _PLACE)}
 _START_MAP = "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid point"
 _START_SCHEDULE = "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
+
+
+class Grid3(Settings):
+    """A field on a regular grid, as a map is kept once it is read: SI, the values as base64 of little-endian doubles."""
+
+    lower: tuple[float, float, float]
+    spacing: tuple[float, float, float]
+    shape: tuple[int, int, int]
+    values: str
+
+    def array(self) -> Array:
+        """Values (N, M, K, 3) T."""
+        return np.frombuffer(base64.b64decode(self.values), "<f8").reshape(*self.shape, 3)
+
+
+def _read_map(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, (Mapping, Grid3)) and not from_file(info):
+        return value
+    if not isinstance(value, (str, Path)):
+        raise fault("must be the path of a CSV table", "write, say, `table: ../measured/magnet.csv`")
+    try:
+        lower, spacing, values = read_map(folder_of(info) / value)
+    except TableError as error:
+        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
+    text = base64.b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode()
+    return Grid3(
+        lower=tuple(lower.tolist()), spacing=tuple(spacing.tolist()), shape=values.shape[:3], values=text
+    )
+
+
+class Map(Settings):
+    """A measured or computed field on a regular grid."""
+
+    table: Annotated[Grid3, BeforeValidator(_read_map), WithJsonSchema({"type": "string"})] = Field(
+        description="Path, relative to this file, of a CSV table with columns x, y, z, Bx, By, Bz, each with its unit in the header: "
+        "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT.",
+        examples=["../measured/magnet.csv"],
+    )
+    position: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given.",
+        examples=[["0 mm", "0 mm", "0 mm"]],
+    )
 
 
 def read_map(path: Path | str) -> tuple[Array, Array, Array]:

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.fields.kernels import PLACE
-from magmpm.fields.sources import FieldSource, Keyframe, OverTime
+from magmpm.fields.over_time import Keyframe, OverTime
+from magmpm.fields.sources import FieldSource
 
 DTYPE = np.dtype(PLACE)
 
 
 def places(field: FieldSource, times: Array | None = None, strength: float = 1.0) -> NDArray[np.void]:
-    """Records (k,) of fields.evaluate.PLACE at times (k,) s, or (1,) at the end of the schedule; `strength` scales all."""
+    """Records (k,) of fields.kernels.PLACE at times (k,) s, or (1,) at the end of the schedule; `strength` scales all."""
     times = np.array([end_time(field)]) if times is None else np.atleast_1d(np.asarray(times, dtype=float))
     over = field.over_time
     if over is None:

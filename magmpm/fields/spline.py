@@ -59,7 +59,7 @@ def packed(lower: Array, spacing: Array, values: Array) -> Array:
 
 
 @compiled
-def _cell(data, at, axis, y):  # type: ignore[no-untyped-def]
+def _cell(data, at, axis, y):
     """Cell, and place in it (0 to 1), of a coordinate."""
     s = (y - data[at + axis]) * data[at + 3 + axis]
     last = data[at + 6 + axis] - 1.0
@@ -69,7 +69,7 @@ def _cell(data, at, axis, y):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _weight(i, t):  # type: ignore[no-untyped-def]
+def _weight(i, t):
     """Cubic B-spline i of a cell's four at t."""
     if i == 0:
         return (1.0 - t) ** 3 / 6.0
@@ -81,7 +81,7 @@ def _weight(i, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _slope(i, t):  # type: ignore[no-untyped-def]
+def _slope(i, t):
     """Its derivative with respect to t."""
     if i == 0:
         return -0.5 * (1.0 - t) ** 2
@@ -93,7 +93,7 @@ def _slope(i, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _bend(i, t):  # type: ignore[no-untyped-def]
+def _bend(i, t):
     """Its second derivative."""
     if i == 0:
         return 1.0 - t
@@ -105,13 +105,13 @@ def _bend(i, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def size_of(data, at):  # type: ignore[no-untyped-def]
+def size_of(data, at):
     """How many floats the table that begins at `at` takes."""
     return HEADER + 4 * int(data[at + 6] + 2) * int(data[at + 7] + 2) * int(data[at + 8] + 2)
 
 
 @compiled
-def value(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
+def value(data, at, y0, y1, y2):
     """B (3) at a point of the table's frame, T."""
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
@@ -128,7 +128,7 @@ def value(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def gradient(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
+def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m."""
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
@@ -156,14 +156,14 @@ def gradient(data, at, y0, y1, y2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _within(data, at, axis, y):  # type: ignore[no-untyped-def]
+def _within(data, at, axis, y):
     """1 inside the box along an axis, 0 beyond: there the value no longer changes."""
     s = (y - data[at + axis]) * data[at + 3 + axis]
     return 1.0 if 0.0 <= s <= data[at + 6 + axis] - 1.0 else 0.0
 
 
 @compiled
-def curvature(data, at, y0, y1, y2, m0, m1, m2):  # type: ignore[no-untyped-def]
+def curvature(data, at, y0, y1, y2, m0, m1, m2):
     """Second derivatives xx, yy, zz, xy, xz, yz of m . B, T/m^2 times the unit of m."""
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)

@@ -61,10 +61,21 @@ class Angles(Settings):
     )
 
 
+def _not_zero(direction: Vector) -> Vector:
+    if not any(direction):
+        raise fault("must not be zero: it is a direction", "write, say, [0, 0, 1]")
+    return direction
+
+
 if TYPE_CHECKING:
     Direction = Vector
+    Axis = Vector
+    FluxVector = Vector
+    Point = Vector
 else:
     _number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+    _flux = Annotated[float, Quantity("flux density", at_least="-20 T", at_most="20 T")]
+    _coordinate = Annotated[float, Quantity("length", at_least="-100 m", at_most="100 m")]
     Direction = Annotated[
         Annotated[Angles, Tag("angles")]
         | Annotated[
@@ -75,3 +86,6 @@ else:
         Discriminator(lambda value: "angles" if isinstance(value, (Mapping, Angles)) else "vector"),
         AfterValidator(_unit_vector),
     ]
+    Axis = Annotated[Direction, AfterValidator(_not_zero)]
+    FluxVector = Annotated[tuple[_flux, _flux, _flux], three("[0 mT, 6 mT, 8 mT]")]
+    Point = Annotated[tuple[_coordinate, _coordinate, _coordinate], three("[60 mm, 0 mm, 0 mm]")]

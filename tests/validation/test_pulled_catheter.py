@@ -12,7 +12,7 @@ import pytest
 from reference.scenes import rod_scene
 
 from magmpm.errors import InputError, SolveError
-from magmpm.fields.sources import Grid3
+from magmpm.fields.measured_map import Grid3
 from magmpm.model import build
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene, load_scene

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from magmpm.errors import InputError
 from magmpm.fields.measured_map import _BOUNDS
-from magmpm.fields.sources import Keyframe
+from magmpm.fields.over_time import Keyframe
 from magmpm.inputs.csv_tables import read_centreline, write_centreline
 from magmpm.inputs.settings import read_yaml
 from magmpm.scene import (
