@@ -88,27 +88,21 @@ def signs(snapshots: Sequence[Snapshot], seen: Sequence[tuple[View, float]] = ()
     though none of the snapshots has any.
     """
     first = snapshots[0]
-    entries: list[Sign] = []
     held = np.zeros(len(first.magnetized), dtype=bool) if first.held is None else first.held
-    if (first.magnetized & ~held).any():
-        used = min(int(first.magnetized.sum()), len(style.SEGMENTS))
-        entries.append(Sign("swatch", style.SEGMENTS[:used], "magnetic"))
-    if not (first.magnetized | held).all():
-        entries.append(Sign("swatch", (style.UNMAGNETIZED,), "unmagnetized"))
-    if held.any():
-        entries.append(Sign("swatch", (style.HELD,), "held"))
-    if any(len(s.arrows) for s in snapshots):
-        entries.append(Sign("arrow", (style.MAGNETIZATION,), "magnetization"))
-    if any(len(s.axis) > 1 for s in snapshots):
-        entries.append(Sign("line", (style.INK,), "axis"))
-    if first.target is not None:
-        entries.append(Sign("dot", (style.TARGET,), first.target_name))
-    if first.ground is not None:
-        entries.append(Sign("swatch", (style.GROUND_SHADOW,), "ground"))
-    if touching or any(len(s.pushes) for s in snapshots):
-        entries.append(Sign("arrow", (style.CONTACT,), "contact force"))
-    elif any(len(s.contact) for s in snapshots):
-        entries.append(Sign("dot", (style.CONTACT,), "contact"))
+    used = min(int(first.magnetized.sum()), len(style.SEGMENTS))
+    pushed = touching or any(len(s.pushes) for s in snapshots)
+    known = [
+        ((first.magnetized & ~held).any(), Sign("swatch", style.SEGMENTS[:used], "magnetic")),
+        (not (first.magnetized | held).all(), Sign("swatch", (style.UNMAGNETIZED,), "unmagnetized")),
+        (held.any(), Sign("swatch", (style.HELD,), "held")),
+        (any(len(s.arrows) for s in snapshots), Sign("arrow", (style.MAGNETIZATION,), "magnetization")),
+        (any(len(s.axis) > 1 for s in snapshots), Sign("line", (style.INK,), "axis")),
+        (first.target is not None, Sign("dot", (style.TARGET,), first.target_name)),
+        (first.ground is not None, Sign("swatch", (style.GROUND_SHADOW,), "ground")),
+        (pushed, Sign("arrow", (style.CONTACT,), "contact force")),
+        (not pushed and any(len(s.contact) for s in snapshots), Sign("dot", (style.CONTACT,), "contact")),
+    ]
+    entries = [sign for is_drawn, sign in known if is_drawn]
     obstacles = [o for s in snapshots for o in s.obstacles if not seen or any(in_view(o, *view) for view in seen)]
     colors = {o.name: o.color for o in obstacles if o.name}
     # What may come into the picture comes last, and moves no other entry.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
@@ -13,51 +15,40 @@ FLAT = 0.15  # neighbors whose thickness is less than this share of their width 
 class Binding:
     """Moves points with the particles around them: an affine fit to the nearest ones, exact for affine motion."""
 
-    def __init__(self, points: np.ndarray, reference: np.ndarray) -> None:
-        """points (m, 3) m and particles reference (n, 3) m in the undeformed body."""
-        tree = cKDTree(reference)
-        left = np.arange(len(points))
-        rows, columns, values = [], [], []
-        for count in NEIGHBORS:
-            count = min(count, len(reference))
-            last = count in (NEIGHBORS[-1], len(reference))
-            found = tree.query(points[left], k=count)
-            distance, near = (np.asarray(a).reshape(len(left), count) for a in found)
-            value, flat = _affine(points[left], reference[near], distance)
-            # Where the nearest particles lie nearly in a plane, more of them are taken.
-            good = ~flat | last
-            rows.append(np.repeat(left[good], count))
-            columns.append(near[good].ravel())
-            values.append(value[good].ravel())
-            left = left[~good]
-            if not len(left):
-                break
-        entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-        self._matrix = sparse.csr_matrix(entries, shape=(len(points), len(reference)))
+    def __init__(
+        self, points: np.ndarray, reference: np.ndarray, of_point: np.ndarray | int = 0, of_particle: np.ndarray | int = 0
+    ) -> None:
+        """points (m, 3) m and particles reference (n, 3) m in the undeformed body.
+
+        of_point (m,), of_particle (n,): the connected component of each. Components that touch do not pull each other's surface.
+        """
+        of_point, of_particle = np.broadcast_to(of_point, len(points)), np.broadcast_to(of_particle, len(reference))
+        found = []
+        for component in np.unique(of_point):
+            at, of = np.flatnonzero(of_point == component), np.flatnonzero(of_particle == component)
+            found += [(at[row], of[column], value) for row, column, value in _fits(points[at], reference[of])]
+        rows, columns, values = (np.concatenate(entries) for entries in zip(*found))
+        self._matrix = sparse.csr_matrix((values, (rows, columns)), shape=(len(points), len(reference)))
 
     def at(self, position: np.ndarray) -> np.ndarray:
         """Where the points are, (m, 3) m, when the particles are at position (n, 3) m."""
         return np.asarray(self._matrix @ np.asarray(position, dtype=float))
 
 
-class PartedBinding:
-    """A Binding for each connected component, so that components that touch do not pull each other's surface."""
-
-    def __init__(self, points: np.ndarray, of_point: np.ndarray, reference: np.ndarray, of_particle: np.ndarray) -> None:
-        """As for Binding; of_point (m,), of_particle (n,): the component of each."""
-        self._count = len(points)
-        self._components = [
-            (at, of, Binding(points[at], reference[of]))
-            for component in np.unique(of_point)
-            for at, of in [(np.flatnonzero(of_point == component), np.flatnonzero(of_particle == component))]
-        ]
-
-    def at(self, position: np.ndarray) -> np.ndarray:
-        """Where the points are, (m, 3) m, when the particles are at position (n, 3) m."""
-        moved = np.empty((self._count, 3))
-        for at, of, binding in self._components:
-            moved[at] = binding.at(position[of])
-        return moved
+def _fits(points: np.ndarray, reference: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Entries of a matrix (m, n) that carries particles to points: rows, columns and values."""
+    tree = cKDTree(reference)
+    left = np.arange(len(points))
+    for count in NEIGHBORS:
+        count = min(count, len(reference))
+        distance, near = (np.asarray(a).reshape(len(left), count) for a in tree.query(points[left], k=count))
+        value, flat = _affine(points[left], reference[near], distance)
+        # Where the nearest particles lie nearly in a plane, more of them are taken.
+        good = ~flat | (count in (NEIGHBORS[-1], len(reference)))
+        yield np.repeat(left[good], count), near[good].ravel(), value[good].ravel()
+        left = left[~good]
+        if not len(left):
+            break
 
 
 def _affine(points: np.ndarray, near: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

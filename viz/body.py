@@ -11,7 +11,7 @@ from magmpm.bodies.assembly import UNITS
 from magmpm.bodies.surface_mesh import unpack_mesh
 from magmpm.scene import Scene
 from viz import style
-from viz.binding import Binding, PartedBinding
+from viz.binding import Binding
 from viz.meshes import Surface, bar, creased, refined, tube
 from viz.particle_surface import around_particles, connected_components, spacing
 
@@ -39,7 +39,7 @@ class Body:
         self.thickness = float(np.clip(sides[1], 0.06 * self.length, 0.12 * self.length))
         self._remanence = np.asarray(remanence, dtype=float)
 
-    def _bound(self, scene: Scene | None) -> tuple[Surface, Binding | PartedBinding]:
+    def _bound(self, scene: Scene | None) -> tuple[Surface, Binding]:
         """The surface, and what moves it."""
         known = None if scene is None else _known_shape(scene, self.size)
         if known is not None and self._plane_strain:
@@ -50,13 +50,13 @@ class Body:
             return known, Binding(known.points, self.reference)
         if scene is not None and scene.body.parts is not None:
             whole = _meshes(scene, self.size)
-            return whole, PartedBinding(whole.points, whole.part_of_point, self.reference, self.part)
+            return whole, Binding(whole.points, self.reference, whole.part_of_point, self.part)
         component = connected_components(self.reference, self.size)
         members = [component == k for k in range(int(component.max()) + 1)]
         surfaces = [around_particles(self.reference[of], self.volume[of], self.part[of]) for of in members]
         whole = Surface.joined(surfaces)
         of_point = np.repeat(np.arange(len(surfaces)), [len(s.points) for s in surfaces])
-        return whole, PartedBinding(whole.points, of_point, self.reference, component)
+        return whole, Binding(whole.points, self.reference, of_point, component)
 
     def points(self, position: np.ndarray) -> np.ndarray:
         """The surface's points (m, 3) m when the particles are at position (n, 3) m."""

@@ -42,7 +42,7 @@ class MatplotlibCanvas:
 
 
 class MatplotlibPanel:
-    """A viz.drawing.PanelCanvas in the figure."""
+    """A panel of the figure; what its methods do, viz.drawing.PanelCanvas says."""
 
     def __init__(self, figure: Figure, place: Panel, view: View) -> None:
         self.view = view
@@ -58,7 +58,6 @@ class MatplotlibPanel:
     def balls(
         self, points: np.ndarray, width: float, colors: str | np.ndarray, layer: Layer, *, lit: bool = True, rim: bool = False
     ) -> None:
-        """Discs of that width (m) at points (n, 3) m; rim: with white around them."""
         flat = self.view.project(points)
         order = np.argsort(flat[:, 2], kind="stable")
         edge = 0.2 * width * self._scale if rim else 0.0
@@ -73,11 +72,9 @@ class MatplotlibPanel:
         )
 
     def flat(self, points: np.ndarray, triangles: np.ndarray, color: str, layer: Layer) -> None:
-        """Triangles (m, 3) between points (n, 3) m, without light or shade."""
         self._polygons(self.view.project(points)[:, :2][triangles], color, layer.order)
 
     def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
-        """Obstacles and body, lit: one heap of triangles, or obstacles in front of and behind the particles."""
         body, colors = snapshot.body, snapshot.colors
         solids = [(Surface(o.points, o.triangles, np.full(len(o.triangles), o.hollow)), style.rgb(o.color)) for o in obstacles]
         if isinstance(body, Particles):
@@ -93,7 +90,6 @@ class MatplotlibPanel:
         self._shaded(Surface.joined([shape, *(solid for solid, _ in solids)]), colors, BODY.order)
 
     def lines(self, segments: np.ndarray, color: str, width: float, layer: Layer) -> None:
-        """Straight lines between points (n, 2, 3) m; width in pixels of a page 900 pixels high."""
         flat = self.view.project(segments.reshape(-1, 3))[:, :2].reshape(-1, 2, 2)
         lines = LineCollection(list(flat), colors=color, linewidths=width * self._line_unit, zorder=layer.order)
         self._axes.add_collection(lines, autolim=False)

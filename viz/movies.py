@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,17 +85,21 @@ def movie(
 def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: np.ndarray, fps: float | None = None) -> Movie:
     """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
     path, fps = _ready(path), fps or rate(len(numbers))
-
-    def images(some: Iterable[int]) -> Iterator[np.ndarray]:
-        return (image(int(k)) for k in some)
-
     if path.suffix == ".gif":
         few = chosen(len(numbers), _GIF_FRAMES)
         each = len(numbers) / fps / len(few)
-        return _write_gif(images(numbers[few]), path, [each] * (len(few) - 1) + [_HOLD])
+        return _write_gif((image(int(k)) for k in numbers[few]), path, [each] * (len(few) - 1) + [_HOLD])
     first = image(int(numbers[0]))
-    shown = _held(itertools.chain([first], images(numbers[1:])), round(_HOLD * fps))
-    return _write_mp4(shown, path, round(fps), (first.shape[1], first.shape[0]))
+
+    def shown() -> Iterator[np.ndarray]:
+        last = first
+        yield first
+        for k in numbers[1:]:
+            last = image(int(k))
+            yield last
+        yield from itertools.repeat(last, round(_HOLD * fps))
+
+    return _write_mp4(shown(), path, round(fps), (first.shape[1], first.shape[0]))
 
 
 def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, numbers: Sequence[int]) -> list[Path]:
@@ -134,19 +138,8 @@ def _faded(stills: list[np.ndarray], fps: int) -> Iterator[np.ndarray]:
             for k in range(1, steps):
                 share = k / steps
                 yield ((1 - share) * before + share * still + 0.5).astype(np.uint8)
-        for _ in range(round((_LAST_SHAPE if number == len(stills) - 1 else _SHAPE) * fps)):
-            yield still
+        yield from itertools.repeat(still, round((_LAST_SHAPE if number == len(stills) - 1 else _SHAPE) * fps))
         before = still
-
-
-def _held(images: Iterator[np.ndarray], times: int) -> Iterator[np.ndarray]:
-    """The images, the last one so many times more."""
-    image = None
-    for image in images:
-        yield image
-    for _ in range(times if image is not None else 0):
-        assert image is not None
-        yield image
 
 
 def _even(size: tuple[int, int]) -> None:
@@ -170,16 +163,8 @@ def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: int, size: tuple[i
 
     unfinished = path.with_name(f"{path.stem}.part.mp4")
     options = ["-crf", "20", "-preset", "veryfast", "-threads", "1", "-movflags", "+faststart", *_LEAN]
-    writer = write_frames(
-        str(unfinished),
-        size,
-        fps=fps,
-        codec="libx264",
-        pix_fmt_out="yuv420p",
-        macro_block_size=2,
-        quality=None,
-        output_params=options,
-    )
+    kind: Any = {"codec": "libx264", "pix_fmt_out": "yuv420p", "macro_block_size": 2, "quality": None}
+    writer = write_frames(str(unfinished), size, fps=fps, output_params=options, **kind)
     try:
         writer.send(None)
         for frame in frames:

@@ -49,43 +49,25 @@ def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarr
     Source: S. F. F. Gibson, Constrained elastic surface nets, MICCAI 1998.
     """
     inside = values > level
-    cells = tuple(n - 1 for n in values.shape)
-    total, count = np.zeros((*cells, 3)), np.zeros(cells, dtype=int)
+    around, crossings = [], []
     for axis in range(3):
-        others = [i for i in range(3) if i != axis]
-        for corner in np.ndindex(2, 2):
-            first = [slice(0, n) for n in cells]
-            for i, c in zip(others, corner):
-                first[i] = slice(c, c + cells[i])
-            second = list(first)
-            second[axis] = slice(1, 1 + cells[axis])
-            a, b = values[tuple(first)], values[tuple(second)]
-            cut = inside[tuple(first)] != inside[tuple(second)]
-            total[..., axis] += np.divide(level - a, b - a, out=np.zeros(cells), where=cut)
-            for i, c in zip(others, corner):
-                total[..., i] += c * cut
-            count += cut
-    has = count > 0
-    number = np.full(cells, -1)
-    number[has] = np.arange(np.count_nonzero(has))
-    points = np.argwhere(has) + total[has] / count[has][:, None]
-    quads = np.vstack([_quads(inside, number, axis) for axis in range(3)])
+        low, high = (tuple(slice(k, n - 1 + k) if i == axis else slice(None) for i, n in enumerate(values.shape)) for k in (0, 1))
+        edge = np.argwhere(inside[low] != inside[high])
+        a, b, material_below = (of[tuple(edge.T)] for of in (values[low], values[high], inside[low]))
+        crossing = edge.astype(float)
+        crossing[:, axis] += (level - a) / (b - a)
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        cells = edge[:, None] - np.array([u + v, v, 0 * u, u])  # the four around each edge
+        around.append(np.where(material_below[:, None, None], cells, cells[:, ::-1]))  # the surface faces away from the material
+        crossings.append(crossing)
+    cells, crossing = np.vstack(around), np.vstack(crossings)
+    shape = tuple(n - 1 for n in values.shape)
+    valid: np.ndarray = np.all((cells >= 0) & (cells < shape), axis=2)
+    key = np.where(valid, np.ravel_multi_index(tuple(np.moveaxis(cells, 2, 0)), shape, mode="clip"), -1)
+    number = np.unique(key[valid], return_inverse=True)[1]
+    owner = np.nonzero(valid)[0]
+    count = np.bincount(number)
+    points = np.stack([np.bincount(number, crossing[owner, i]) / count for i in range(3)], axis=1)
+    key[valid] = number
+    quads = key[valid.all(axis=1)]
     return points, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-
-
-def _quads(inside: np.ndarray, number: np.ndarray, axis: int) -> np.ndarray:
-    """Corners (q, 4) of a quadrilateral around each lattice edge along an axis that the surface crosses."""
-    u, v = (axis + 1) % 3, (axis + 2) % 3
-    low, high = (tuple(slice(k, n - 1 + k) if i == axis else slice(None) for i, n in enumerate(inside.shape)) for k in (0, 1))
-    crossing = np.argwhere(inside[low] != inside[high])
-    crossing = crossing[(crossing[:, [u, v]] > 0).all(axis=1)]
-    crossing = crossing[(crossing[:, [u, v]] < [number.shape[u], number.shape[v]]).all(axis=1)]
-    corners = []
-    for du, dv in ((-1, -1), (0, -1), (0, 0), (-1, 0)):
-        cell = crossing.copy()
-        cell[:, u] += du
-        cell[:, v] += dv
-        corners.append(number[tuple(cell.T)])
-    quad = np.stack(corners, axis=1)
-    outward = inside[low][tuple(crossing.T)]  # material below: the surface faces up the axis
-    return np.where(outward[:, None], quad, quad[:, ::-1])

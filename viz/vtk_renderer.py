@@ -83,7 +83,7 @@ class VtkCanvas:
 
 
 class VtkPanel:
-    """A viz.drawing.PanelCanvas in the window."""
+    """A panel of the window; what its methods do, viz.drawing.PanelCanvas says."""
 
     def __init__(self, place: Panel, view: View, reach: float, page_height: int, thin: float) -> None:
         self.view = view
@@ -117,7 +117,6 @@ class VtkPanel:
     def balls(
         self, points: np.ndarray, width: float, colors: str | np.ndarray, layer: Layer, *, lit: bool = True, rim: bool = False
     ) -> None:
-        """Balls of that width (m) at points (n, 3) m; rim: with white around them."""
         lifted = self._lifted(points, layer)
         if rim:
             self._dots(self.view.lift(lifted, -width), 1.4 * width, "#FFFFFF", lit=False)
@@ -125,11 +124,9 @@ class VtkPanel:
         self._dots(lifted if lit else self.view.lift(lifted, 2 * width), width, colors, lit)
 
     def flat(self, points: np.ndarray, triangles: np.ndarray, color: str, layer: Layer) -> None:
-        """Triangles (m, 3) between points (n, 3) m, without light or shade."""
         self._actor(pv.PolyData.from_regular_faces(self._lifted(points, layer), triangles), color, lit=False)
 
     def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
-        """Obstacles and body, lit."""
         for o in obstacles:
             self._solid(o.points, o.triangles, o.color).SetFrontfaceCulling(o.hollow)
         body, colors = snapshot.body, snapshot.colors
@@ -142,7 +139,6 @@ class VtkPanel:
         look.SetSpecularPower(18)
 
     def lines(self, segments: np.ndarray, color: str, width: float, layer: Layer) -> None:
-        """Straight lines between points (n, 2, 3) m; width in pixels of a page 900 pixels high."""
         lines = pv.line_segments_from_points(self._lifted(segments.reshape(-1, 3), layer))
         self._actor(lines, color, lit=False).GetProperty().SetLineWidth(width * self._line_unit)
 

@@ -152,10 +152,13 @@ class Renderer:
         function must be of a module's top level, as viz.plots' are. Raises RenderError.
         """
         with self._lock:
-            try:
-                return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
-            except WorkerDied:
-                return self._restarted(function, *args)
+            for _ in range(2):
+                try:
+                    return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
+                except WorkerDied as death:
+                    self._drop_worker()
+                    problem = f"the drawing process {death} twice on the same picture"
+            raise RenderError(problem)
 
     def rest(self) -> None:
         """End the process to free its memory; the next picture starts it again, in about a second."""
@@ -183,29 +186,20 @@ class Renderer:
             except RenderError as error:
                 if self.backend == "matplotlib":
                     raise
-                return self._drawn_by_matplotlib(error, draw, *args)
+                return self._drawn_by_matplotlib(error, *args)
             self._failures = 0
             return answer
 
-    def _restarted(self, function: Callable[..., Any], *args: Any) -> Any:
-        """The same request to a new worker; a second death is a RenderError."""
-        self._drop_worker()
-        try:
-            return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
-        except WorkerDied as death:
-            self._drop_worker()
-            raise RenderError(f"the drawing process {death} twice on the same picture") from None
-
-    def _drawn_by_matplotlib(self, error: RenderError, function: Callable[..., Any], *args: Any) -> Any:
-        """The request to a matplotlib worker, after PyVista's failed with that error."""
+    def _drawn_by_matplotlib(self, error: RenderError, *args: Any) -> Any:
+        """The picture by a matplotlib worker, after PyVista's failed with that error."""
         self._failures += 1
         if self._failures >= MOST_FAILURES:
             self._fall_back(GAVE_UP.format(reason=error))
-            return self.run(function, *args)
+            return self.run(draw, *args)
         spare = Worker("matplotlib")
         try:
             spare.wait_ready(self._start_timeout)
-            return spare.request(function, *args, timeout=self._frame_timeout)
+            return spare.request(draw, *args, timeout=self._frame_timeout)
         except WorkerDied as death:
             raise RenderError(f"PyVista: {error}; matplotlib: the drawing process {death}") from None
         finally:

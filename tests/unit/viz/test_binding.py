@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from reference import motions
 
-from viz.binding import Binding, PartedBinding, gradients
+from viz.binding import Binding, gradients
 from viz.meshes import bar, tube
 from viz.particle_surface import connected_components
 
@@ -53,6 +53,6 @@ def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
     of = connected_components(both, 1.0)
     np.testing.assert_array_equal(of, np.repeat([0, 1], len(cube)))
     points = np.array([[5.5, 2.0, 2.0], [8.5, 2.0, 2.0]])
-    binding = PartedBinding(points, np.array([0, 1]), both, of)
+    binding = Binding(points, both, np.array([0, 1]), of)
     moved = np.where(of[:, None] == 0, both, both + np.array([0.0, 0.0, 7.0]))
     np.testing.assert_allclose(binding.at(moved), points + np.array([[0, 0, 0], [0, 0, 7.0]]), atol=1e-6)
