@@ -79,7 +79,7 @@ def climb(
     Raises InputError for fewer than two different cell sizes, or ones the scene refuses; SolveError from a solve passes through.
     """
     cells = sorted(set(cells))
-    if scene.body.parts is not None:
+    if scene.body.shape.line is None:
         raise InputError("accuracy compares centrelines, and a body of STL parts has none; give a scene of a catheter or a strip")
     if len(cells) < 2:
         raise InputError(

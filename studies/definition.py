@@ -250,7 +250,7 @@ def _place(document: Document, *key: str) -> str:
 def _check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
     strip = scene.body.strip
-    if scene.body.parts is not None:
+    if scene.body.shape.line is None:
         rule = "a study compares centrelines, and a body of STL parts has none"
         remedy = "name a scene of a catheter or a strip"
     elif strip is not None and strip.magnetization_profile is not None and file.vary.magnetization is not None:

@@ -145,23 +145,17 @@ class Parts(BodyShape):
     @property
     def length(self) -> float:
         """Longest side of the box around the parts, m."""
-        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes])
-        return float(np.ptp(vertices, axis=0).max()) * UNITS[self.unit]
+        return float(np.ptp(self._corners(), axis=0).max()) * UNITS[self.unit]
 
     def box(self) -> tuple[Vector, Vector]:
         """Lower and upper corner of the box around the parts, m."""
-        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes]) * UNITS[self.unit]
-        (x0, y0, z0), (x1, y1, z1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+        (x0, y0, z0), (x1, y1, z1) = (self._corners() * UNITS[self.unit]).tolist()
         return (x0, y0, z0), (x1, y1, z1)
 
-    def near(self, reach: float) -> list[tuple[str, str, float]]:
-        """Names of parts that lie nearer to each other than `reach` (m) and do not touch, with the gap (m) between their boxes."""
-        least, gaps = TOUCHING * self.length, self._gaps()
-        found = []
-        for (i, one), (j, other) in itertools.combinations(enumerate(self.regions()), 2):
-            if least < gaps[i, j] < reach and not (one.held and other.held):
-                found.append((one.name, other.name, float(gaps[i, j])))
-        return found
+    def _corners(self) -> Array:
+        """Lower and upper corner of the box around the parts, (2, 3) in their unit."""
+        vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes])
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     def _gaps(self) -> Array:
         """Between the parts' boxes, (parts, parts) m."""
@@ -233,12 +227,13 @@ class Parts(BodyShape):
         return connected_components(self._gaps() <= TOUCHING * self.length, particles.cell, particles.segment)
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
-        """Of parts that are near but do not touch, which one grid moves as one."""
-        cell = self.cell_size(cells_across)
+        """Of parts that are near each other and do not touch, by the boxes around them: one grid moves them as one."""
+        cell, gaps, regions = self.cell_size(cells_across), self._gaps(), self.regions()
         return [
-            f"body.parts: {one} and {other} are {1e3 * gap:.3g} mm apart, less than two cells of {1e3 * cell:.3g} mm: "
-            "they move as if joined, unless self_contact is named"
-            for one, other, gap in (self.near(2 * cell) if one_grid else [])
+            f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "
+            f"{1e3 * cell:.3g} mm: they move as if joined, unless self_contact is named"
+            for i, j in itertools.combinations(range(len(regions)), 2)
+            if one_grid and TOUCHING * self.length < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
         ]
 
 

@@ -18,7 +18,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Quantity, fault
 from magmpm.inputs.vectors import Vector
 
-THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` tells of walls thinner than a cell
+THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a cell
 
 
 class Catheter(StraightBody):

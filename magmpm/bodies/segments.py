@@ -104,7 +104,7 @@ class StraightBody(BodyShape):
 
     @property
     def base(self) -> Vector:
-        """Centre of its base face, m."""
+        """Center of its base face, m."""
         return (0.0, 0.0, 0.0)
 
     @property

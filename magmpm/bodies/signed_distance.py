@@ -120,7 +120,7 @@ def surface(vertices: Array, faces: Faces, spacing: float) -> Table:
 
 
 @compiled
-def to_triangles(points, corners):  # type: ignore[no-untyped-def]
+def to_triangles(points, corners):
     """Distance (n,) m of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
     found = np.full(len(points), np.inf)
     for k in range(len(points)):
@@ -130,7 +130,7 @@ def to_triangles(points, corners):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _to_triangle(x, a, b, c):  # type: ignore[no-untyped-def]
+def _to_triangle(x, a, b, c):
     """Distance of point x from the triangle a b c. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
     ab, ac, ap = b - a, c - a, x - a
     d1, d2 = np.dot(ab, ap), np.dot(ac, ap)
@@ -158,7 +158,7 @@ def _to_triangle(x, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _near_triangles(corners, origin, spacing, band, values):  # type: ignore[no-untyped-def]
+def _near_triangles(corners, origin, spacing, band, values):
     """values (nx, ny, nz): smallest distance to a triangle of corners (m, 3, 3), where less than what stands there."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     x = np.empty(3)
@@ -181,7 +181,7 @@ def _near_triangles(corners, origin, spacing, band, values):  # type: ignore[no-
 
 
 @compiled
-def _crossings(corners, origin, spacing, inside):  # type: ignore[no-untyped-def]
+def _crossings(corners, origin, spacing, inside):
     """inside (nx, ny, nz): whether a line from the point along +z crosses the triangles an odd number of times."""
     for t in range(len(corners)):
         a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
@@ -206,7 +206,7 @@ def _crossings(corners, origin, spacing, inside):  # type: ignore[no-untyped-def
 
 
 @compiled
-def value(p, q, r, spacing, rows, columns, coefficients):  # type: ignore[no-untyped-def]
+def value(p, q, r, spacing, rows, columns, coefficients):
     """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
     than the last by as much. rows, columns: points along y and z; coefficients flat.
 

@@ -94,7 +94,7 @@ class Strip(StraightBody):
 
     @property
     def base(self) -> Vector:
-        """Centre of its base face, m."""
+        """Center of its base face, m."""
         return self.position
 
     @property
@@ -190,7 +190,7 @@ class Strip(StraightBody):
         a_turn = max(3, round(self.length / self.thickness * cells_across)) / turns
         if a_turn < REGIONS_A_PERIOD:
             raise fault(
-                f"a turn of the magnetisation must be at least {REGIONS_A_PERIOD} cells long, and is {a_turn:.3g}",
+                f"a turn of the magnetization must be at least {REGIONS_A_PERIOD} cells long, and is {a_turn:.3g}",
                 f"raise cells_across to {int(np.ceil(cells_across * REGIONS_A_PERIOD / a_turn))}, or turn less often",
                 ("resolution", "cells_across"),
             )
