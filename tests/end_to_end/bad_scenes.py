@@ -43,6 +43,7 @@ solver:
 resolution: {cells_across: 4, particles_per_cell: 2}
 """
 
+DAMAGE = ("", " ", "\t", "\n", ":", "-", "[", "]", "{", "}", "'", '"', "#", "&a", "*a")  # what a file is damaged with, to see what is said
 TABLE = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,38,0,9\n"
 
 

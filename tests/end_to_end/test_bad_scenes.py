@@ -6,7 +6,7 @@ import random
 from pathlib import Path
 
 import pytest
-from bad_scenes import CASES, GOOD, BadScene, expected, write
+from bad_scenes import CASES, DAMAGE, GOOD, BadScene, expected, write
 
 from magmpm.errors import InputError, NotThereYet
 from magmpm.scene import load_scene
@@ -42,45 +42,8 @@ def test_damaged_files_never_crash(tmp_path: Path) -> None:
     """A good file with random damage gives a scene or an InputError, nothing else."""
     rng = random.Random(1)
     path = tmp_path / "probe.yaml"
-    pieces = [
-        "",
-        " ",
-        "\t",
-        "\n",
-        ":",
-        "-",
-        "[",
-        "]",
-        "{",
-        "}",
-        "'",
-        '"',
-        "#",
-        "&a",
-        "*a",
-        "!",
-        "|",
-        "%",
-        "~",
-        "é",
-        "\0",
-    ]
-    pieces += [
-        "null",
-        "true",
-        ".nan",
-        "1e999",
-        "-1",
-        "0",
-        "9" * 400,
-        "[]",
-        "{}",
-        "<<: *a",
-        "mm",
-        "T",
-        "---\n",
-        "? ",
-    ]
+    pieces = [*DAMAGE, "!", "|", "%", "~", "é", "\0", "null", "true", ".nan", "1e999", "-1", "0", "9" * 400, "[]", "{}"]
+    pieces += ["<<: *a", "mm", "T", "---\n", "? "]
     messages = []
     for _ in range(400):
         text = GOOD

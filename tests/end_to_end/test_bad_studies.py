@@ -7,6 +7,7 @@ import random
 from pathlib import Path
 
 import pytest
+from bad_scenes import DAMAGE
 from bad_studies import CASES, FILES, BadStudy, write
 
 from magmpm.cli.main import main
@@ -95,27 +96,7 @@ def test_bad_options_end_with_status_2(
 def test_damaged_files_never_crash(tmp_path: Path) -> None:
     """Good files with random damage give a study or an InputError, nothing else."""
     rng = random.Random(5)
-    pieces = [
-        "",
-        " ",
-        "\t",
-        "\n",
-        ":",
-        "-",
-        "[",
-        "]",
-        "{",
-        "}",
-        "'",
-        '"',
-        "#",
-        "&a",
-        "*a",
-        "1e999",
-        ".nan",
-        "\0",
-        "é",
-    ]
+    pieces = [*DAMAGE, "1e999", ".nan", "\0", "é"]
     for _ in range(300):
         write_good(tmp_path)
         path = tmp_path / rng.choice(list(FILES))

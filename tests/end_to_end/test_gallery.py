@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from PIL import Image
+from reference.modules import module_of
 
 ROOT = Path(__file__).parents[2]
 SCENE = """\
@@ -27,13 +26,7 @@ resolution: {cells_across: 2}
 
 @pytest.fixture(scope="module")
 def build() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("gallery_build", ROOT / "docs/gallery/build.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs/gallery/build.py", "gallery_build")
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -12,6 +10,7 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
+from reference.modules import module_of
 
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
@@ -23,13 +22,7 @@ SCENES = ROOT / "data/scenes/gallery"
 
 @pytest.fixture(scope="module")
 def measure() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("gallery_measure", ROOT / "docs/gallery/measure.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs/gallery/measure.py", "gallery_measure")
 
 
 def scene(name: str, **changes: Any) -> Scene:
@@ -171,11 +164,7 @@ def test_the_walking_strip_of_the_gallery(measure: ModuleType, tmp_path: Path) -
 
 
 def test_the_walking_field_is_what_its_script_writes(tmp_path: Path) -> None:
-    spec = importlib.util.spec_from_file_location("make_walking_field", SCENES / "make_walking_field.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = module_of(SCENES / "make_walking_field.py", "make_walking_field", kept=False)
     for name, begin in (("walking_field", 180), ("walking_field_back", 270)):
         written = (SCENES / f"{name}.csv").read_text(encoding="utf-8").splitlines()
         assert written[1:] == module.rows(begin, 225)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
-import importlib.util
 import os
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+from reference.modules import module_of
 
 from magmpm.compiled import cache as kernel_cache
 from magmpm.compiled import environment
@@ -28,12 +28,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def loaded(folder: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("doubled", folder / "doubled.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(folder / "doubled.py", "doubled", kept=False)
 
 
 def test_a_function_is_kept_and_loaded(module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
