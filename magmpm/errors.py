@@ -29,13 +29,13 @@ def dotted(at: Key) -> str:
 
 
 def undotted(key: str) -> Key:
-    """What `dotted` made: "segments[2].length" -> ("segments", 2, "length")."""
+    """The inverse of `dotted`: "segments[2].length" -> ("segments", 2, "length")."""
     parts = re.findall(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)', key)
     return tuple(int(index) if index else quoted or word for quoted, index, word in parts)
 
 
 def flow(value: Any) -> str:
-    """Plain data as one would write them on a line of YAML: {uniform: [0 mT, 6 mT, 8 mT]}."""
+    """Plain data as written on one line of YAML: {uniform: [0 mT, 6 mT, 8 mT]}."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
     if isinstance(value, (list, tuple)):
@@ -61,7 +61,7 @@ class MagmpmError(Exception):
 
 
 class InputError(MagmpmError):
-    """What the user wrote is wrong; the message names file, key, value, rule and remedy."""
+    """The input is wrong; the message names file, key, value, rule and remedy."""
 
     exit_status = 2
 
@@ -91,7 +91,7 @@ class SceneError(InputError):
 
 
 class SolveError(MagmpmError):
-    """A run that ended unstable or unconverged.
+    """A run that became unstable or did not converge.
 
     reason: what happened, in one sentence; state: the last good result, or None.
     """
@@ -105,4 +105,4 @@ class SolveError(MagmpmError):
 
 
 class BudgetError(SolveError):
-    """A run that would outgrow the disk or memory it was told to keep to; everything up to then is saved and readable."""
+    """A run that would exceed its limit of disk space or memory; everything up to then is saved and readable."""

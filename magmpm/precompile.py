@@ -53,7 +53,7 @@ _ready: set[str] = set()
 
 
 def on_stderr(line: str) -> None:
-    """A line for whoever waits."""
+    """A line for the user who waits."""
     print(f"magmpm: {line}", file=sys.stderr, flush=True)
 
 
@@ -79,7 +79,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr) -> bool:
     if marker.exists():
         return False
     with _alone(tell):
-        if marker.exists():  # whoever we waited for has made them
+        if marker.exists():  # the process we waited for has made them
             return False
         begun = time.perf_counter()
         if not _has_room():
@@ -94,21 +94,21 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr) -> bool:
 
 
 def _has_room() -> bool:
-    """Whether the cache's disk takes the kernels of a scene."""
+    """Whether the cache's disk has room for the kernels of a scene."""
     try:
         return shutil.disk_usage(_cache()).free > ROOM
     except OSError:
-        return True  # whoever writes there will see
+        return True  # the write itself will tell
 
 
 def describe(scene: Scene) -> str:
-    """What a scene's kernels are for, in a few words."""
+    """The use of a scene's kernels, in a few words."""
     solver = "statics" if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
     return f"{solver} with {' + '.join(scene.effects.named()) or 'no effects'}"
 
 
 def _kinds(scene: Scene) -> str:
-    """What tells one set of kernels from another."""
+    """Text that distinguishes one set of kernels from another."""
     about = [scene.solver.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
 
@@ -129,7 +129,7 @@ def _stamp(kinds: str) -> str:
 
 
 def _times(scene: Scene) -> NDArray[np.float64] | None:
-    """Times of which effects are asked: as a motion asks, or as statics does."""
+    """Times at which effects are evaluated: as in motion, or as in statics."""
     return None if scene.solver.dynamic is None else np.zeros(1)
 
 
@@ -146,7 +146,7 @@ def _small(scene: Scene) -> Scene:
 
 @contextmanager
 def _alone(tell: Tell) -> Iterator[None]:
-    """Only one process at a time; the lock goes with the process, however it ends. Without it where the cache can't be written."""
+    """Only one process at a time; the lock ends with the process, however it ends. No lock if the cache can't be written."""
     try:
         stream = (_cache() / LOCK).open("a")
     except OSError:
@@ -162,7 +162,7 @@ def _alone(tell: Tell) -> Iterator[None]:
 
 
 def _compiled_elsewhere(small: Scene) -> bool:
-    """Fill the disk cache from processes of their own; False where that can't be had (the kernels are then compiled here)."""
+    """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
     todo = deque(parts_of(small))
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
@@ -242,7 +242,7 @@ def formulation_of(scene: Scene) -> str:
 
 
 def solve_small(small: Scene) -> None:
-    """Solve a coarse scene: it calls every kernel; its answer is not used, and may well not exist."""
+    """Solve a coarse scene: it calls every kernel. The answer is not used, and may not exist."""
     with suppress(SolveError):
         if small.solver.dynamic is not None:
             from magmpm.dynamics.time_loop import move

@@ -79,7 +79,7 @@ def run(
 
 
 def _sound(result: Result) -> Result:
-    """The result, if all its numbers are finite. Raises SolveError: such numbers are no answer, and no file should hold them."""
+    """The result, if all its numbers are finite. Raises SolveError otherwise: such numbers are no answer and belong in no file."""
     if wrong := result.not_finite():
         raise SolveError(
             f"the solve ended with numbers that are not finite (in {', '.join(wrong)}), so there is no result; "
@@ -151,7 +151,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
 
 
 def _neighbour(model: StaticModel, start: Result | None) -> Array | None:
-    """What the neighbour's solve added to its rod's shape: nearly the same for this design."""
+    """The grid correction of a neighboring design: nearly the same for this design."""
     if start is None:
         return None
     if start.grid_correction.shape != (model.layout.planes, model.layout.m):
@@ -170,12 +170,12 @@ def _versions() -> dict[str, str]:
 
 
 def _warnings(scene: Scene) -> list[str]:
-    """What the author may not have meant, and what there is to say about the field's map."""
+    """Warnings: what the author of the scene may not have meant, and about the field's map."""
     return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
 
 
 def _particles(model: Model, position: Array, F: Array, time: float | None) -> dict[str, Any]:
-    """What every result says: the scene, and the particles as they are; the field at the body's centre and a time (s; statics: None)."""
+    """What every result holds: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
     scene, particles = model.scene, model.particles
     centre = particles.volume @ position / particles.volume.sum()
     outside = scene.outside_field().at(centre, time)[0] if scene.effects.in_a_field else np.zeros(3)
@@ -198,7 +198,7 @@ def _particles(model: Model, position: Array, F: Array, time: float | None) -> d
 
 
 def _strained(strain: Strain) -> dict[str, Any]:
-    """What every result says of its strain."""
+    """What every result holds about its strain."""
     return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
 
 

@@ -1,4 +1,4 @@
-"""What accuracy costs: one scene over a ladder of cell sizes, each with its error and its time."""
+"""The cost of accuracy: one scene solved at several cell sizes, each with its error and its time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Rung:
-    """One cell size. Errors are largest distances of the axis over the length; None where there is nothing to compare with."""
+    """One cell size. Errors are the largest distances of the axis over the length; None if there is no reference."""
 
     cells_across: int
     cell_size: float  # m
@@ -41,7 +41,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Ladder:
-    """rungs, coarse to fine; order: fitted order of convergence towards the reference where there is one, else the finest."""
+    """rungs, coarse to fine; order: fitted order of convergence towards the reference, or if there is none towards the finest."""
 
     scene: str
     length: float  # m
@@ -76,7 +76,7 @@ def climb(
 ) -> Ladder:
     """Solve the scene at each number of cells across.
 
-    Raises InputError for fewer than two different cell sizes, or ones the scene refuses; SolveError from a solve passes through.
+    Raises InputError for fewer than two different cell sizes, or sizes that the scene refuses, and SolveError if a solve fails.
     """
     cells = sorted(set(cells))
     if scene.body.shape.line is None:

@@ -1,7 +1,7 @@
-"""The scene of a study's best design as a file that runs: the study's own scene with what the study found put in.
+"""The scene of a study's best design as a file that runs: the study's own scene with the design that the study found.
 
-It is written from the scene's file, with its units and words, rather than from the numbers inside; paths in it are
-mended, because a scene's paths are relative to its own file.
+It is written from the scene's file, with its units and words, not from the numbers in memory. Its paths are adjusted, because a scene's
+paths are relative to its own file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PATHS = frozenset({"mesh", "table", "centreline", "path"})  # keys whose text na
 def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]) -> Path | None:
     """Write the scene of a design into a folder. Returns the file, or None for a study that was made in Python.
 
-    best: {number, rms_m, params} of the trial. The file is whole or not there; one that says the same is left alone.
+    best: {number, rms_m, params} of the trial. The file is written whole or not at all, and left alone if it says the same.
     """
     if study.scene_file is None:
         return None
@@ -48,7 +48,7 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
 
 
 def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
-    """What the file is, where it comes from and how it runs."""
+    """Comment lines: what the file is, where it comes from, and how to run it."""
     assert study.scene_file is not None
     made_of = _from_folder(study.scene_file, path.parent)
     return (

@@ -2,7 +2,7 @@
 
 `load_study(path)` reads a file and all it names. A study's *definition* is everything that decides which trials are
 made and how they are judged; the length of the study (`trials`, `stop`) is not part of it, so a study can be
-extended, but never quietly continued as another one.
+extended, but is never silently continued as a different one.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from magmpm.scene import Scene, load_scene
 SAMPLERS = ("tpe", "gp", "cmaes", "random")
 LATER_SAMPLERS = {"gauss-newton": "search along the sensitivities of the shape"}
 MOST_TRIALS = 1_000_000
-STRETCH = 1.1  # a target may be this much longer than the catheter's piece it belongs to
+STRETCH = 1.1  # a target may be this much longer than the part of the catheter it belongs to
 SHOWN_DIFFERENCES = 12
 
 
 class VaryMagnetization(Settings):
-    """The direction of each magnetised segment: two angles. No settings."""
+    """The direction of each magnetized segment: two angles. No settings."""
 
 
 class VaryField(Settings):
@@ -185,7 +185,7 @@ class Study:
 def load_study(path: Path | str) -> Study:
     """The study a file describes, with the scene and the target it names.
 
-    Raises InputError (NotThereYet for what a later version brings) naming file, line, key, value, rule and remedy.
+    Raises InputError (NotThereYet for what a later version brings) with file, line, key, value, rule and remedy.
     """
     document = read_yaml(path)
     _check_name(document.path)
@@ -227,7 +227,7 @@ def _check_name(path: Path) -> None:
 
 
 def check_sampler_name(name: str, place: str) -> None:
-    """Raises NotThereYet for samplers of a later version, InputError for names that are none."""
+    """Raises NotThereYet for samplers of a later version, InputError for unknown names."""
     known = f"samplers: {', '.join(SAMPLERS)}"
     if name in LATER_SAMPLERS:
         rule = f"`{name}` ({LATER_SAMPLERS[name]}) is not there yet in this version; {known}"
@@ -273,8 +273,8 @@ def _check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
 def _check_target(target: NDArray[np.float64], length: float, csv: Path, document: Document) -> None:
     """The target must belong to a catheter of this length that starts at the origin.
 
-    A silicone catheter bends but hardly stretches: points further apart than the piece of catheter between them
-    are a mistake in the table (units, columns, another catheter), which no search would ever tell.
+    A silicone catheter bends but hardly stretches. Points farther apart than the length of catheter between them show a mistake in
+    the table (units, columns, another catheter), which a search would never reveal.
     """
     place = f"{csv} (named in {_place(document, 'match', 'centreline')})"
     if target[-1, 0] > length * (1 + 1e-6):

@@ -1,4 +1,4 @@
-"""What each effect, named or not, does to a scene, from estimates of its rest; and what it costs a step."""
+"""What each effect would do to a scene, whether it is named or not, estimated at rest; and what it adds to the cost of a step."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ COARSE = 2  # cells across, of the run that stands in for a rod where the body i
 
 @dataclass(frozen=True)
 class Row:
-    """One effect. shift: m, farthest that a point of the body comes to rest from where it would without it; None: not known.
+    """One effect. shift: m, the largest change of the rest position of any point of the body due to the effect; None: unknown.
 
-    cost_percent: of a step without any effect; None for what has no part in a step, or where it was not measured. ignores: what of the
-    scene the estimate leaves out: motion, schedule (the field before its end), feed, and contact by its effects' keys.
+    cost_percent: relative to a step without any effect; None if the effect takes no part in a step or was not measured. ignores: what the
+    estimate leaves out of the scene: motion, schedule (the field before its end), feed, and contact by its effects' keys.
     """
 
     effect: str
@@ -53,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """All effects, in the order of their phases. length: the body's, m; moment: at which a field without end is taken, in words."""
+    """All effects, in the order of their phases. length: the body's, m; moment: at which an endless field is evaluated, in words."""
 
     scene: str
     length: float
@@ -65,7 +65,7 @@ class Table:
         return asdict(self)
 
     def text(self) -> str:
-        """The table for people; what the scene names is marked."""
+        """The table as text; effects that the scene names are marked."""
         lines = ["  effect                shift mm   cost %  what it does here"]
         for row in self.rows:
             shift = "-" if row.shift is None else significant(1e3 * row.shift)
@@ -142,7 +142,7 @@ class Estimates:
 
 
 def at_rest(scene: Scene) -> Scene:
-    """The scene's equilibrium: without what only motion has, and in a field that ends."""
+    """The scene as an equilibrium: without the effects that only act in motion, and in a field whose schedule ends."""
     data = stopped(scene)[0].to_si()
     data["effects"] = {key: value for key, value in data["effects"].items() if key not in ONLY_IN_MOTION}
     solver = {key: data["solver"][key] for key in ("anti_locking", "static")}
@@ -152,8 +152,8 @@ def at_rest(scene: Scene) -> Scene:
 def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None = None) -> dict[str, float]:
     """Per cent that each effect by itself adds to a step of the scene's body, at the settings the scene or else its key's example has.
 
-    In the formulation the scene would take; kernels are compiled or loaded first. An effect with no part in a step has none. only: of
-    this effect alone.
+    In the formulation that the scene would use; kernels are compiled or loaded first. An effect that takes no part in a step is left out.
+    only: this effect alone.
     """
     data = at_rest(scene).to_si()
     dynamic = getattr(scene.solver, "dynamic", None)
@@ -192,7 +192,8 @@ def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None
 def _ratio(motion: TotalMotion | UpdatedMotion, found: tuple[Array, ...], bare: TotalMotion | UpdatedMotion) -> float:
     """Time of a step with an effect over one without: the median over REPEATS pairs of short runs, one right after the other.
 
-    Other work slows both of a pair alike. Steps too short to move anything; the first ones, which may compile, are left out.
+    Other work on the machine slows both runs of a pair alike. The steps are too short to move anything; the first ones, which may compile,
+    do not count.
     """
     motion.advance(1, STILL, found)
     bare.advance(1, STILL, ())
@@ -201,7 +202,7 @@ def _ratio(motion: TotalMotion | UpdatedMotion, found: tuple[Array, ...], bare: 
 
 
 def _seconds(motion: TotalMotion | UpdatedMotion, steps: int, found: tuple[Array, ...]) -> float:
-    """Time of this processor core, on one thread: what a step asks for, however busy the machine is."""
+    """Processor time on one thread: what a step needs, however busy the machine is."""
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     try:
@@ -213,9 +214,9 @@ def _seconds(motion: TotalMotion | UpdatedMotion, steps: int, found: tuple[Array
 
 
 def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None = None) -> Table:
-    """Every effect there is, in this scene. measure: time steps with and without each; else cost_percent is None.
+    """Every available effect, in this scene. measure: time steps with and without each; otherwise cost_percent is None.
 
-    Raises InputError where a run of the scene would not begin, since the body starts in the ground, say, or outside its lumen.
+    Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """
     _refuse_bad_beginning(scene)
     body, rows = Estimates(scene), []
@@ -233,7 +234,7 @@ def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None =
 
 
 def _refuse_bad_beginning(scene: Scene) -> None:
-    """Raises InputError where an effect that the scene names can't begin, as magmpm.model.build does."""
+    """Raises InputError if an effect that the scene names can't begin, as magmpm.model.build does."""
     if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):
         bare = build(scene.model_copy(update={"effects": Effects()}))
         effects.check(replace(bare, scene=scene))
@@ -253,7 +254,7 @@ def _judged(scene: Scene, body: Estimates, key: str, kind: type[Effect]) -> tupl
 
 
 def _ignored(scene: Scene, key: str) -> tuple[str, ...]:
-    """What of a scene in motion the estimate of an effect leaves out."""
+    """What the estimate of an effect leaves out of a scene in motion."""
     if scene.solver.dynamic is None or key == "feed":
         return ()
     over, named = scene.field.over_time, scene.effects
@@ -264,7 +265,7 @@ def _ignored(scene: Scene, key: str) -> tuple[str, ...]:
 
 
 def _reason(error: MagmpmError) -> str:
-    """Why, in one line of whole words: what was found, else the rule that was broken; values received may be cut."""
+    """The reason in one line of whole words: what was found, or else the rule that was broken; received values may be cut."""
     if isinstance(error, SceneError) and error.found is not None:
         return f"{error.key}: {error.found}"
     lines = str(error).splitlines()

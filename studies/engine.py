@@ -1,7 +1,7 @@
 """The study itself: ask for a design, solve, compare, keep, until it is good enough or the trials are used up.
 
-One trial at a time, by Optuna's ask and tell. What a trial is depends on the study's definition, its seed and the
-trials before it, and on nothing else; a process may end anywhere, and the next one goes on as if nothing had been.
+One trial at a time, by Optuna's ask and tell. A trial depends only on the study's definition, its seed and the earlier trials. A process
+may end at any moment; the next one continues as if nothing had happened.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ def run_study(
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
     solve: from scene to Result; what it raises costs the trial the penalty. trials, sampler: in place of the study's; trials
-    counts all trials, those of earlier runs included, and whoever gives it gets them: the study then goes on past its
-    `stop`. An interrupt (Ctrl-C) ends it with everything finished kept.
-    Raises InputError for a changed definition, an unusable sampler or storage, and where another process writes the folder;
+    counts all trials, including those of earlier runs; if it is given, the study runs that many, past its `stop` too. After an interrupt
+    (Ctrl-C) everything finished is kept.
+    Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
@@ -138,7 +138,7 @@ class _Run:
         on_trial: Callable[[Trial], None] | None,
         stop: float | None,
     ) -> report.Ended:
-        """Runs what trials are left, or until one comes within `stop`, m. Returns why it ended."""
+        """Runs the remaining trials, or until one comes within `stop`, m. Returns why it ended."""
         while True:
             if stop is not None and self.best is not None and self.best <= stop:
                 return "stop"
@@ -152,7 +152,7 @@ class _Run:
                 return "interrupted"
 
     def one_trial(self, solve: Solve, picture: Picture | None) -> Trial:
-        """Asks for a design, solves it and tells how near it came. An interrupt puts the trial back into the queue."""
+        """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
         with storage_faults(self.url, self.timeout):
             self.kept.sampler = make_sampler(self.study.sampler, self.space, self.study.seed, self.count)
@@ -219,7 +219,7 @@ class _Run:
         )
 
     def keep_best(self, solve: Solve) -> None:
-        """Sees that OUT/best holds the best trial and its scene; solves it again where its result is not in this folder."""
+        """Makes sure that OUT/best holds the best trial and its scene; solves it again if its result is not in this folder."""
         best = report.best_trial(self.finished())
         if best is None:
             return
@@ -230,7 +230,7 @@ class _Run:
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def mend_improvements(self, solve: Solve) -> None:
-        """Solves again what can't be read of the designs that were the best so far."""
+        """Solves again those designs among the best so far that can't be read."""
         trials = {trial.number: trial for trial in self.finished()}
         for folder in sorted((self.out / records.IMPROVEMENTS).glob("[0-9]*")):
             trial = trials.get(int(folder.name)) if folder.name.isdigit() else None

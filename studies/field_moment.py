@@ -1,4 +1,4 @@
-"""A field that turns or swings without end, stopped at a moment: what equilibria of a scene in such a field are judged by."""
+"""A field that rotates or oscillates without end, stopped at one moment, so that equilibria in it can be estimated."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ ANGLES = 24  # of a turn, among which the moment is looked for
 
 
 def stopped(scene: Scene) -> tuple[Scene, str | None]:
-    """The scene with its field's endless parts stopped at their strongest, and which moment that is; as it is, None, where all ends.
+    """The scene with the endless parts of its field stopped at their strongest, and that moment in words; the scene and None if all end.
 
-    A swing is stopped where the strength is largest. A turning field is stopped at that of ANGLES where the sum of |Br x B| over the
-    segments, with B at the middle of the undeformed body, is largest. What ends is at its end, as in statics.
+    An oscillation is stopped at its largest strength. A rotating field is stopped at the angle, among ANGLES, with the largest sum of
+    |Br x B| over the segments, with B at the middle of the undeformed body. Parts that end are at their end, as in statics.
     """
     over = scene.field.over_time
     if over is None or over.endless is None:

@@ -44,7 +44,7 @@ class Gallery:
         self._store = FileSystemArtifactStore(str(out / ARTIFACTS))
 
     def add(self, trial: optuna.Trial, draw: Callable[[Path], Path]) -> str | None:
-        """Draws a trial's picture and attaches it. Returns why there is none, if there is none: that is no reason to fail."""
+        """Draws a trial's picture and attaches it. Returns the reason if there is none: a missing picture never fails a trial."""
         try:
             path = draw(self._out / PICTURES / f"trial_{trial.number:03d}.png")
             self._attach(trial, path)
@@ -81,7 +81,7 @@ def holds(folder: Path, trial: FrozenTrial) -> bool:
 
 
 def read_design(folder: Path) -> dict[str, Any]:
-    """What is said there of a design; empty where nothing readable is."""
+    """What is stored there about a design; empty if nothing is readable."""
     try:
         design = json.loads(read_regular(folder / DESIGN, MOST))
     except (OSError, ValueError):
@@ -96,7 +96,7 @@ def designs(out: Path) -> dict[int, dict[str, Any]]:
 
 
 def replace_folder(source: Path, target: Path) -> None:
-    """Makes `target` a copy of `source`, never half of one."""
+    """Makes `target` a copy of `source`; it is never left half copied."""
     part = target.with_name(f".{target.name}")
     shutil.rmtree(part, ignore_errors=True)
     shutil.copytree(source, part)

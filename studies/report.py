@@ -47,7 +47,7 @@ class StudyReport:
 
     @property
     def why(self) -> str:
-        """Why the study is not running any more, and how it goes on: one sentence."""
+        """Why the study has stopped, and how it is continued: one sentence."""
         if self.ended == "interrupted":
             return "interrupted; run the same command to go on"
         done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
@@ -81,7 +81,7 @@ def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial
 
 
 def feasible(trial: FrozenTrial) -> bool:
-    """Whether the trial's solve succeeded, rather than costing the penalty."""
+    """Whether the trial's solve succeeded and it did not get the penalty."""
     return bool(trial.user_attrs.get("feasible"))
 
 
@@ -92,7 +92,7 @@ def describe(trial: FrozenTrial) -> dict[str, Any]:
 
 
 def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
-    """Median of the trials' whole seconds, by the storage's own clock: from when a trial was asked for to when its value was kept."""
+    """Median of the trials' whole seconds, by the storage's clock: from the request for a trial until its value was stored."""
     spans = [(t.datetime_start, t.datetime_complete) for t in trials]
     seconds = [(end - begin).total_seconds() for begin, end in spans if begin is not None and end is not None]
     return statistics.median(seconds) if seconds else None

@@ -1,7 +1,7 @@
 """How the next trial is chosen, so that a study can be interrupted anywhere and still be the same study.
 
-A sampler is made afresh for every trial, seeded by the study's seed and the number of finished trials; what it
-knows of earlier trials it reads from the storage. So nothing depends on which process ran which trial.
+A sampler is created anew for every trial, seeded by the study's seed and the number of finished trials. It reads earlier trials from the
+storage, so nothing depends on which process ran which trial.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def check_available(name: str) -> None:
 
 
 def settings(name: str) -> dict[str, Any]:
-    """A sampler's settings. Part of a study's definition: another setting gives other trials."""
+    """A sampler's settings. They belong to the study's definition, because other settings give other trials."""
     if name == "tpe":
         from studies.tpe import Settings
 

@@ -1,13 +1,13 @@
 """The numbers a study searches, and the scene they stand for.
 
-Each magnetised segment has two angles that belong to the catheter rather than to the room:
+Each magnetized segment has two angles, relative to the catheter and not to the room:
 
     around: turn about the catheter's axis, from +y towards +z, -180 to 180 deg
     along:  lift from the cross-section towards the tip, -90 to 90 deg
     d = (sin along, cos along cos around, cos along sin around)
 
-`along` = 90 deg is magnetised along the axis towards the tip, 0 across it. A bent catheter's mechanics is about its axis, not
-about +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
+`along` = 90 deg is magnetized along the axis towards the tip, 0 across it. The mechanics of a bent catheter refers to its axis, not
+to +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
 A varied field has its strength and the two angles of scene files: azimuth from +x towards +y, elevation to +z.
 """
 
@@ -44,7 +44,7 @@ def angles(vector: NDArray[np.float64]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """What is varied in a scene: magnetised segments (numbers from 0, base first) and the field up to field_max T."""
+    """What is varied in a scene: magnetized segments (numbers from 0, base first) and the field up to field_max T."""
 
     scene: Scene
     segments: tuple[int, ...]
@@ -115,7 +115,7 @@ class SearchSpace:
         return {name: FloatDistribution(low, high) for name, (low, high) in self.bounds.items()}
 
     def directions(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
-        """Magnetisation of every segment of the scene, (k, 3) unit vectors or zeros, in the undeformed body."""
+        """Magnetization of every segment of the scene, (k, 3) unit vectors or zeros, in the undeformed body."""
         found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
         for i, name in zip(self.segments, self.segment_names(), strict=True):
             found[i] = direction(parameters[f"{name}_around_deg"], parameters[f"{name}_along_deg"])

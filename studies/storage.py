@@ -1,7 +1,7 @@
 """Where trials are kept: an SQLite file in the results folder unless another database is named.
 
-SQLite runs in WAL mode, so that the dashboard reads while trials are written, and waits TIMEOUT seconds for
-whoever else writes.
+SQLite runs in WAL mode, so that the dashboard can read while trials are written, and waits TIMEOUT seconds for
+other writers.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class StorageError(MagmpmError):
 
 
 def storage_url(out: Path, url: str | None) -> str:
-    """The database's URL: as given, or OUT/study.db. Raises InputError for what is no URL."""
+    """The database's URL: as given, or OUT/study.db. Raises InputError if it is not a URL."""
     if url is None:
         return f"sqlite:///{(out / DATABASE).resolve()}"
     if "://" not in url:
@@ -102,7 +102,7 @@ def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
 
 
 def _corrupt(url: str, reason: str) -> InputError:
-    """What to say of an SQLite file whose content is damaged."""
+    """The message about an SQLite file whose content is damaged."""
     from sqlalchemy.engine import make_url
 
     path = Path(str(make_url(url).database))
@@ -151,7 +151,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
 
 
 def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
-    """Sees that the file is a database that can be written, and puts it into WAL mode."""
+    """Checks that the file is a writable database, and puts it into WAL mode."""
     if path.exists() and not path.is_file():
         rule, remedy = "must be a file: an SQLite database, or one that is to become one", "name a file in it, with --storage or --out"
         raise InputError(report(f"{path}: {'a folder' if path.is_dir() else 'no regular file'}", rule=rule, remedy=remedy))
@@ -199,7 +199,7 @@ def open_study(
     url: str,
     timeout: float = TIMEOUT,
 ) -> optuna.Study:
-    """The study in its storage, new or resumed, with trials that an interruption left behind waiting to run again.
+    """The study in its storage, new or resumed, with interrupted trials queued to run again.
 
     Raises InputError, showing the difference, when the storage holds a study of this name with another definition.
     """
@@ -280,7 +280,7 @@ def _this_process(out: Path) -> dict[str, Any]:
 
 
 def _requeue(kept: optuna.Study, storage: optuna.storages.BaseStorage, out: Path) -> None:
-    """Puts trials that a killed process left running into the queue: `ask` takes them up with the same number and parameters.
+    """Queues trials that a killed process left running: `ask` takes them up with the same number and parameters.
 
     Raises StorageError when the process that runs them is alive.
     """

@@ -1,4 +1,4 @@
-"""One trial: a design's scene is solved and compared with the target. Whatever goes wrong costs the trial, not the study."""
+"""One trial: a design's scene is solved and compared with the target. Whatever goes wrong fails the trial, not the study."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Outcome:
 def penalty(scene: Scene) -> float:
     """What a failed solve counts as, m: the catheter's length.
 
-    Finite, so that samplers learn from it, and further off than designs are: a straight catheter is nearer to most targets.
+    Finite, so that samplers learn from it, and farther from the target than most designs: a straight catheter is nearer.
     """
     return scene.length
 
@@ -66,8 +66,8 @@ def penalty(scene: Scene) -> float:
 def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path) -> Outcome:
     """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
 
-    A solve that fails in any way, or ends in numbers that are none, is the penalty with a reason; a traceback of what was not
-    foreseen goes to the log. Interrupts pass through.
+    A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; unexpected errors are logged
+    with their traceback. Interrupts pass through.
     """
     begun = time.perf_counter()
 
@@ -94,9 +94,9 @@ def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path)
 def attributes(
     outcome: Outcome, scene: Scene, directions: NDArray[np.float64], field: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """What is kept of a trial beside its parameters and value: user attributes, plain data in SI.
+    """What is stored of a trial besides its parameters and value: user attributes, plain data in SI.
 
-    directions (k, 3): magnetisation of each segment; field (3,) T.
+    directions (k, 3): magnetization of each segment; field (3,) T.
     """
     result = outcome.result
     kept: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""What several commands share: where results go, and how they answer."""
+"""What several commands share: where results go, and how answers are printed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be typed after `magmpm`: commands and their arguments, each a function.
+"""The command line: commands and their arguments, one function a command.
 
 Nothing heavy is imported here, so that `magmpm --help` answers at once. `_NAME` belongs to the command in magmpm/cli/NAME.py.
 """

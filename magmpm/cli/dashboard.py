@@ -16,13 +16,13 @@ HOST = "127.0.0.1"
 
 
 class _Server(ThreadingMixIn, WSGIServer):
-    """Pictures are fetched while numbers are asked for."""
+    """Serves pictures while numbers are requested."""
 
     daemon_threads = True
 
 
 class _Quiet(WSGIRequestHandler):
-    """No line for every request."""
+    """Prints no line per request."""
 
     def log_message(self, format: str, *_: Any) -> None:
         return None

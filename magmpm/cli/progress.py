@@ -1,4 +1,4 @@
-"""Progress of long work on standard error, with the time left; silent where nobody looks (no terminal)."""
+"""Progress of long work on standard error, with the time left; silent without a terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PATIENCE = 1.0  # s before the first line: short work shows nothing
 
 
 class Progress:
-    """One line that is written over and over; a context manager that clears it at the end."""
+    """One line that is overwritten again and again; a context manager that clears it at the end."""
 
     def __init__(self, title: str) -> None:
         self._title, self._begun, self._shown = title, time.monotonic(), 0
@@ -25,11 +25,11 @@ class Progress:
         self._write("")
 
     def note(self, text: str) -> None:
-        """What is being done, where the end can't be foreseen."""
+        """What is being done, if its end can't be predicted."""
         self._line(f"{self._title}: {text}")
 
     def at(self, done: int, total: int, text: str = "") -> None:
-        """`done` of `total` parts are finished; the time left is guessed from those."""
+        """`done` of `total` parts are finished; the time left is estimated from those."""
         spent = time.monotonic() - self._begun
         left = f", about {_duration(spent / done * (total - done))} left" if done else ""
         self._line(f"{self._title}: {done} of {total}{left}{'; ' if text else ''}{text}")

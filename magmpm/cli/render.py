@@ -112,7 +112,7 @@ def draw_result(result: Result, path: Path, renderer: Renderer, style: str | Non
 
 
 def motion_of(folder: Path) -> Motion | None:
-    """The motion in a folder, unless an equilibrium was saved there later; a result that can't be read says nothing of it."""
+    """The motion in a folder, unless an equilibrium was saved there later; a result that can't be read does not count."""
     from magmpm.results.trajectory import Motion
 
     if not (folder / MOTION).exists():

@@ -90,7 +90,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
 
 
 def _warn(result: Result) -> None:
-    """What a user should know of a result, beside the report or the JSON object."""
+    """Warnings about a result, on standard error."""
     for warning in result.warnings:
         print(f"magmpm: warning: {warning}", file=sys.stderr)
 
@@ -108,7 +108,7 @@ def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -
 
 
 def _say_afresh(folder: Path, moving: bool) -> None:
-    """--resume where there is nothing to go on from."""
+    """--resume, but there is nothing to continue."""
     if moving:
         print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
     else:

@@ -1,7 +1,7 @@
 """Hard cases: scenes at the edge of what the solvers can do.
 
 Each is an object with its scene, what a weak code does there, a measure and its bound.
-What they find is mended in the solver, not in the case.
+What they find is repaired in the solver, not in the case.
 
     for case in CASES:
         print(case.run().summary())

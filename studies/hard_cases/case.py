@@ -14,11 +14,11 @@ from magmpm.scene import Scene
 
 @dataclass(frozen=True)
 class Case:
-    """A scene at the edge, and the one number that says whether it went well.
+    """A scene at the edge of what the solvers can do, and one number that tells whether it went well.
 
     weak: what a weak code does there; quantity: what `measure(scene)` returns, with its unit; it must be at most `bound`;
     source: of the bound or of the exact answer; slow: takes longer than a few seconds; not_reached: why the bound is not met
-    today, where that is known (such a case still counts as failed).
+    today, if that is known (such a case still counts as failed).
     """
 
     name: str
@@ -32,7 +32,7 @@ class Case:
     not_reached: str = ""
 
     def run(self) -> Outcome:
-        """Measure it. A run that fails counts as infinitely far off, with its reason."""
+        """Measure it. A failed run counts as infinite, with its reason."""
         begun, reason = perf_counter(), ""
         try:
             value = float(self.measure(self.scene()))
@@ -46,7 +46,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A case that was run. measure and bound in the unit of `quantity`; reason: why the run failed, where it did;
+    """A case that was run. measure and bound in the unit of `quantity`; reason: why the run failed, if it did;
     not_reached: as of the case.
     """
 
@@ -62,7 +62,7 @@ class Outcome:
     not_reached: str = ""
 
     def summary(self) -> dict[str, Any]:
-        """Plain data; a measure that is no number is None."""
+        """Plain data; a measure that is not finite is None."""
         return {**asdict(self), "measure": self.measure if math.isfinite(self.measure) else None}
 
 

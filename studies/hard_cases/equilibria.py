@@ -59,7 +59,7 @@ def _incompressible(scene: Scene) -> float:
 
 
 def _from_a_loaded_neighbour(scene: Scene) -> float:
-    """Largest displacement, over L, of the body without load, where the solve begins from what the grid added to a bent neighbour's rod."""
+    """Largest displacement of the unloaded body, over L, if the solve starts from the grid correction of a bent neighbor."""
     back = run(scene.with_field([0.0, 0.0, 0.0]), start=run(scene))
     return float(np.abs(back.particle_position - back.particle_reference).max()) / LENGTH
 

@@ -58,7 +58,7 @@ def _resonance(scene: Scene) -> float:
 
 
 def _cycle(formulation: str) -> Scene:
-    """A rod that a field bends to a tip deflection of 0.7 of its length, and lets go as slowly."""
+    """A rod that a field bends to a tip deflection of 0.7 of its length, and releases as slowly."""
     strength = [{"time": 0.0, "strength": 0.0}, {"time": LOADED, "strength": 1.0}, {"time": UNLOADED, "strength": 0.0}]
     field = bending_field(6.0, length=SHORTER)
     moving = {"duration": SETTLED, "formulation": formulation}
@@ -67,7 +67,7 @@ def _cycle(formulation: str) -> Scene:
 
 
 def _left_over(scene: Scene) -> float:
-    """Largest displacement left, over L, when a body has come to rest without load; infinite if it was not bent far on the way."""
+    """Largest remaining displacement, over L, when the unloaded body has come to rest; infinite if it was not bent far before."""
     model = build(scene)
     moved, rest = begin(model), model.particles.position
     bent = np.abs(interval(moved, LOADED).x - rest).max()
@@ -76,7 +76,7 @@ def _left_over(scene: Scene) -> float:
 
 
 def _approaching() -> Scene:
-    """A dipole of a cube of 20 mm of neodymium, 8 A m^2, from 80 mm above the tip to 40 mm."""
+    """The dipole of a 20 mm cube of neodymium, 8 A m^2, that approaches the tip from 80 mm above it to 40 mm."""
     scene = rod(
         length=SHORT,
         effects={"magnetic_torque": {}, "magnetic_force": {}, "damping": {"rate": 240.0}},
@@ -89,7 +89,7 @@ def _approaching() -> Scene:
 
 
 def _near_magnet(scene: Scene) -> float:
-    """Distance of the settled tip from where statics has it, over L; infinite if it has hardly moved."""
+    """Distance of the settled tip from that of statics, over L; infinite if it has hardly moved."""
     data = scene.to_si()
     still = run(Scene.from_si({**data, "solver": {"static": {}}, "effects": {**data["effects"], "damping": None}}))
     model = build(scene)

@@ -62,7 +62,7 @@ def _offsets(count: int, formulation: str) -> Case:
 
 
 def _turn(scene: Scene) -> float:
-    """Largest entry of F^T F - 1 and of det F - 1 over a turn by 360 degrees; infinite if the body is not back where it was."""
+    """Largest entry of F^T F - 1 and of det F - 1 over a turn by 360 degrees; infinite if the body does not return to its place."""
     motion, dt, _ = at_rest(scene)
     middle = motion.model.particles.position.mean(axis=0)
     throw(motion, lambda x: np.cross([0.0, TURN, 0.0], x - middle))
@@ -77,8 +77,8 @@ def _turn(scene: Scene) -> float:
 
 
 def _squeezed(scene: Scene) -> float:
-    """Energy lost or gained by a body let go at det F = 0.2 and followed as `magmpm run` would, over that at first; infinite if it stays
-    small. The total formulation for ten times the way of a pressure wave through it, the updated one for its first swing."""
+    """Energy lost or gained by a body released at det F = 0.2 and run as by `magmpm run`, over its first energy; infinite if it stays
+    small. Total formulation: for ten passages of a pressure wave through it; updated: for its first swing."""
     moved = begin(build(scene))
     motion = moved.motion
     total = isinstance(motion, TotalMotion)
@@ -97,7 +97,7 @@ def _squeezed(scene: Scene) -> float:
 
 
 def _impact(scene: Scene) -> float:
-    """How deep a body that hits the ground gets into it, in cells; infinite if it does not come back, or with more energy."""
+    """How deep a body that hits the ground penetrates it, in cells; infinite if it does not come back, or comes back with more energy."""
     deepest, back, _ = _hit(scene)
     return deepest if back > 0.1 * FAST and deepest > 0.0 else math.inf
 
@@ -109,7 +109,7 @@ def _after_impact(scene: Scene) -> float:
 
 
 def _hit(scene: Scene) -> tuple[float, float, float]:
-    """A body that falls on the ground: its depth in cells, its velocity upwards once it is clear of it (m/s), the change of its energy."""
+    """A body that falls on the ground: its depth in cells, its upward velocity after it has left (m/s), and the change of its energy."""
     motion, dt, _ = at_rest(scene)
     model = motion.model
     throw(motion, lambda x: np.tile([0.3, 0.0, -FAST], (len(x), 1)))
@@ -126,7 +126,7 @@ def _hit(scene: Scene) -> tuple[float, float, float]:
 
 
 def _fold(scene: Scene) -> float:
-    """How far parts of the body that are far apart in it overlap, in cells; infinite if they never come near each other."""
+    """How far distant parts of the body overlap, in cells; infinite if they never come near each other."""
     model = build(scene)
     h = float(model.grid.spacing[2])
     size = h * (1 - 1 / math.sqrt(3))  # two outermost Gauss points across a common face
@@ -144,7 +144,7 @@ def _fold(scene: Scene) -> float:
 
 
 def _opened(scene: Scene) -> float:
-    """How far particles are from the undeformed shape, laid over what is left of it, over L; infinite if it never folded."""
+    """Largest distance of particles from the undeformed shape, fitted to them, over L; infinite if the body never folded."""
     model = build(scene)
     widest: list[float] = []
     X = model.particles.position

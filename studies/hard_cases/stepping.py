@@ -27,7 +27,7 @@ SHAKE = 0.2  # m/s
 
 
 def _energy_kept(motion: Motion, dt: float, steps: int, looks: int) -> float:
-    """Largest change of the energy from the first look on, over the largest kinetic energy."""
+    """Largest change of the energy since the first check, over the largest kinetic energy."""
     begun, change, most = energy(motion), 0.0, 0.0
     for _ in range(looks):
         advance(motion, steps // looks, dt)
@@ -41,7 +41,7 @@ def _switched_on(scene: Scene) -> float:
 
 
 def _shaken(scene: Scene) -> tuple[Motion, float]:
-    """A free body that turns, shaken in all its modes, and its largest stable step."""
+    """A free body that rotates and vibrates in all its modes, and its largest stable step."""
     motion, _, largest = at_rest(scene)
     noise = np.random.default_rng(0)
 
@@ -78,7 +78,7 @@ def _stays(part: float) -> Callable[[Scene], float]:
 
 def _detected(part: float) -> Callable[[Scene], float]:
     def measure(scene: Scene) -> float:
-        """Steps until a motion is stopped; infinite if it never is, or where that is not said with the key to change."""
+        """Steps until a motion is stopped; infinite if it never is, or if the message does not name the key to change."""
         moved = begin(build(scene))
         bound = moved.stable.largest
         moved.control.step = part * bound  # what a scene may not ask for
@@ -95,7 +95,7 @@ def _detected(part: float) -> Callable[[Scene], float]:
 
 
 def _settled(scene: Scene) -> float:
-    """Distance of the tip from where statics has it, over L."""
+    """Distance of the tip from that of statics, over L."""
     still = run(Scene.from_si({**scene.to_si(), "solver": {"static": {}}, "effects": _static(scene)}))
     model = build(scene)
     moved = move(model)
