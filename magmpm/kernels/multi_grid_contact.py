@@ -1,11 +1,11 @@
-"""Pieces of a body that meet on a grid where each has mass and momentum of its own: what comes nearer and touches moves on as one.
+"""Connected components of a body that meet on a grid where each has its own mass and momentum: what approaches and touches moves as one.
 
-At a node that two pieces share, their velocities are made those of their common centre of mass where they approach each other (no slip,
+At a node that two components share, their velocities are made those of their common centre of mass where they approach each other (no slip,
 no rebound) and touch; what moves apart is left alone. How far apart they are there is read off their masses: of a half-space, the ratio of
 mass to slope of mass at a node depends on nothing but the node's distance from the surface, in cells (`distances`).
 
 Sources: Bardenhagen, Brackbill, Sulsky, CMAME 187 (2000) 529 (contact of velocity fields, normals from slopes of mass); Nairn, Hammerquist,
-Smith, CMAME 362 (2020) 112859 (why pieces would feel each other at a distance unless it is measured).
+Smith, CMAME 362 (2020) 112859 (why components would feel each other at a distance unless it is measured).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 
 CLOSE = 0.5  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)
-BESIDE = 1.25  # cells: twice as far from the middle of the gap a node may be; deep in a thin piece its surface can't be told
+BESIDE = 1.25  # cells: twice as far from the middle of the gap a node may be; deep in a thin part its surface can't be told
 REACH = 1.5  # cells: mass of a half-space is felt as far from its surface
 
 
@@ -47,7 +47,7 @@ def distances(points: int = 65) -> Array:
 
 @compiled
 def _slope(momentum, weight, node, strides, h, out):
-    """Slope (3,) of a piece's mass at a node, kg/m, into out; returns the node's distance from the piece's surface as q of `distances`."""
+    """Slope (3,) of a component's mass at a node, kg/m, into out; returns the node's distance from its surface as q of `distances`."""
     rise = 0.0  # a cell
     for axis in range(3):
         up, down = node + strides[axis], node - strides[axis]
@@ -67,7 +67,7 @@ def _read(curve, q):
 
 @compiled
 def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):
-    """Two pieces at a node: rows `one` and `other` of the grid. slopes (2, 3): room to work in."""
+    """Two components at a node: rows `one` and `other` of the grid. slopes (2, 3): room to work in."""
     a, b = 4 * one, 4 * other
     still_a, still_b = fixed[one] != 0, fixed[other] != 0
     if (still_a and still_b) or not (still_a or momentum[a] > 0.0) or not (still_b or momentum[b] > 0.0):
