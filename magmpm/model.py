@@ -109,8 +109,3 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
     )
     effects.check(model)
     return model
-
-
-def kernel_arguments(model: Model) -> tuple[Any, ...]:
-    """What every particle loop takes after the layout and the splines, in the kernels' order."""
-    return model.shear, model.bulk, model.modes, model.effects, model.remanence, model.density

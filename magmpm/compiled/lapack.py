@@ -24,11 +24,11 @@ def addresses() -> tuple[int, int, int, int, int, int]:
 
 
 @intrinsic  # type: ignore[misc]
-def call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
+def call(typingctx, address, arguments):
     """Call the Fortran routine at `address` with a tuple of addresses: Fortran takes every argument by reference."""
     signature = types.void(address, arguments)
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         pointer = ir.IntType(8).as_pointer()
         values = cgutils.unpack_tuple(builder, args[1])
         kind = ir.FunctionType(ir.VoidType(), [pointer] * len(values)).as_pointer()

@@ -61,8 +61,8 @@ def _constant(value: float) -> ir.Constant:
 def _operator(function: Any, instruction: str) -> None:
     """Lower an operator on lanes with lanes, and lanes with a float."""
 
-    def typer(context):  # type: ignore[no-untyped-def]
-        def of(a, b):  # type: ignore[no-untyped-def]
+    def typer(context):
+        def of(a, b):
             if lanes in (a, b) and all(t in (lanes, types.float64) for t in (a, b)):
                 return lanes
             return None
@@ -73,7 +73,7 @@ def _operator(function: Any, instruction: str) -> None:
 
     def lower(left: Any, right: Any) -> None:
         @lower_builtin(function, left, right)  # type: ignore[untyped-decorator]
-        def _lowered(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        def _lowered(context, builder, signature, values):
             wide = [
                 value if of == lanes else _everywhere(builder, value)
                 for value, of in zip(values, (left, right), strict=True)
@@ -98,15 +98,15 @@ for _function, _instruction in (
 
 
 @type_callable(operator.neg)
-def _type_negative(context):  # type: ignore[no-untyped-def]
-    def of(a):  # type: ignore[no-untyped-def]
+def _type_negative(context):
+    def of(a):
         return lanes if a == lanes else None
 
     return of
 
 
 @lower_builtin(operator.neg, lanes)  # type: ignore[untyped-decorator]
-def _negative(context, builder, signature, values):  # type: ignore[no-untyped-def]
+def _negative(context, builder, signature, values):
     return builder.fneg(values[0])
 
 
@@ -117,10 +117,10 @@ def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any)
 
 
 @intrinsic
-def load(typing_context, array, index):  # type: ignore[no-untyped-def]
+def load(typing_context, array, index):
     """Lanes from array[index : index + 8] of a flat contiguous array. Bounds are unchecked."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         loaded = builder.load(_address(context, builder, signature, *values))
         loaded.align = 8
         return loaded
@@ -129,10 +129,10 @@ def load(typing_context, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store(typing_context, array, index, value):  # type: ignore[no-untyped-def]
+def store(typing_context, array, index, value):
     """array[index : index + 8] = lanes, in a flat contiguous array. Bounds are unchecked."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         stored = builder.store(values[2], _address(context, builder, signature, *values[:2]))
         stored.align = 8
         return context.get_dummy_value()
@@ -141,30 +141,30 @@ def store(typing_context, array, index, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def splat(typing_context, value):  # type: ignore[no-untyped-def]
+def splat(typing_context, value):
     """A float in all lanes."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         return _everywhere(builder, values[0])
 
     return lanes(types.float64), generate
 
 
 @intrinsic
-def halves(typing_context, low, high):  # type: ignore[no-untyped-def]
+def halves(typing_context, low, high):
     """One float in lanes 0 to 3, another in lanes 4 to 7."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         return builder.shuffle_vector(*(_everywhere(builder, v) for v in values), _mask([0, 1, 2, 3, 12, 13, 14, 15]))
 
     return lanes(types.float64, types.float64), generate
 
 
 @intrinsic
-def four(typing_context, array, index):  # type: ignore[no-untyped-def]
+def four(typing_context, array, index):
     """array[index : index + 4] of a flat contiguous array, in lanes 0 to 3 and again in 4 to 7. Bounds are unchecked."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         narrow = ir.VectorType(_DOUBLE, 4)
         data = context.make_array(signature.args[0])(context, builder, values[0]).data
         loaded = builder.load(builder.bitcast(builder.gep(data, [values[1]]), narrow.as_pointer()))
@@ -175,10 +175,10 @@ def four(typing_context, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def folded(typing_context, value):  # type: ignore[no-untyped-def]
+def folded(typing_context, value):
     """Lanes 0 to 2 plus lanes 4 to 6: three floats."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         number = ir.IntType(32)
         out = [
             builder.fadd(
@@ -194,10 +194,10 @@ def folded(typing_context, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store_folded(typing_context, array, index, value):  # type: ignore[no-untyped-def]
+def store_folded(typing_context, array, index, value):
     """array[index : index + 4] = lanes 0 to 3 plus lanes 4 to 7, in a flat contiguous array. Bounds are unchecked."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         narrow = ir.VectorType(_DOUBLE, 4)
         data = context.make_array(signature.args[0])(context, builder, values[0]).data
         none = ir.Constant(_VECTOR, ir.Undefined)
@@ -236,10 +236,10 @@ def _row(context: Any, builder: Any, kind: Any, values: Any, lane: int) -> Any:
 
 
 @intrinsic
-def store_rows(typing_context, array, index, stride, a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
+def store_rows(typing_context, array, index, stride, a, b, c, d, e, f, g, h):
     """array[index + stride * lane + k] = that lane of the k-th argument: eight particles' values as a row for each particle."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         for lane, row in enumerate(_transposed(builder, list(values[3:]))):
             builder.store(row, _row(context, builder, signature.args[0], values, lane)).align = 8
         return context.get_dummy_value()
@@ -248,10 +248,10 @@ def store_rows(typing_context, array, index, stride, a, b, c, d, e, f, g, h):  #
 
 
 @intrinsic
-def load_rows(typing_context, array, index, stride):  # type: ignore[no-untyped-def]
+def load_rows(typing_context, array, index, stride):
     """Tuple of eight lanes, the k-th made of array[index + stride * lane + k]: what store_rows undoes."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         rows = [builder.load(_row(context, builder, signature.args[0], values, lane)) for lane in range(WIDTH)]
         for row in rows:
             row.align = 8
@@ -261,10 +261,10 @@ def load_rows(typing_context, array, index, stride):  # type: ignore[no-untyped-
 
 
 @intrinsic
-def floor(typing_context, value):  # type: ignore[no-untyped-def]
+def floor(typing_context, value):
     """Largest whole number not above, lane by lane."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.floor.v8f64"), values)
 
@@ -272,10 +272,10 @@ def floor(typing_context, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def magnitude(typing_context, value):  # type: ignore[no-untyped-def]
+def magnitude(typing_context, value):
     """|value|, lane by lane."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values)
 
@@ -288,10 +288,10 @@ def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
 
 
 @intrinsic
-def sums(typing_context, a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
+def sums(typing_context, a, b, c, d, e, f, g, h):
     """Lanes of the eight arguments' sums over their lanes, by a tree: 21 instructions where eight single sums take 56."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         for low, high in (
             ([0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]),
             ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]),
@@ -304,8 +304,8 @@ def sums(typing_context, a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def
 
 
 def _reduction(name: str) -> Any:
-    def typed(typing_context, value):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def typed(typing_context, value):
+        def generate(context, builder, signature, values):
             kind = ir.FunctionType(_DOUBLE, [_DOUBLE, _VECTOR] if name == "fadd" else [_VECTOR])
             function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.{name}.v8f64")
             start = [ir.Constant(_DOUBLE, 0.0)] if name == "fadd" else []
@@ -322,10 +322,10 @@ highest = intrinsic(_reduction("fmax"))  # largest lane
 
 
 @intrinsic
-def flag_unless_positive(typing_context, a, flags):  # type: ignore[no-untyped-def]
+def flag_unless_positive(typing_context, a, flags):
     """Lane by lane, 1 where a is not above 0, or is no number; flags elsewhere. (a - a would be made 0 by the compiler.)"""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         above = builder.fcmp_ordered(">", values[0], _constant(0.0))
         return builder.select(above, values[1], _constant(1.0))
 
@@ -333,20 +333,20 @@ def flag_unless_positive(typing_context, a, flags):  # type: ignore[no-untyped-d
 
 
 @intrinsic
-def smaller(typing_context, a, b):  # type: ignore[no-untyped-def]
+def smaller(typing_context, a, b):
     """Lane by lane, the smaller one; b where a is NaN."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         return builder.select(builder.fcmp_ordered("<", *values), *values)
 
     return lanes(lanes, lanes), generate
 
 
 @intrinsic
-def larger(typing_context, a, b):  # type: ignore[no-untyped-def]
+def larger(typing_context, a, b):
     """Lane by lane, the larger one; b where a is NaN."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         return builder.select(builder.fcmp_ordered(">", *values), *values)
 
     return lanes(lanes, lanes), generate
@@ -357,10 +357,10 @@ _MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
 
 
 @intrinsic
-def cube_root_guess(typing_context, x):  # type: ignore[no-untyped-def]
+def cube_root_guess(typing_context, x):
     """x^(-1/3) to 4 %: the exponent's bits, divided by -3."""
 
-    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, values):
         bits = builder.sitofp(builder.bitcast(values[0], _INTEGERS), _VECTOR)
         guess = builder.fadd(builder.fmul(bits, _constant(-1.0 / 3.0)), _constant(_MAGIC))
         return builder.bitcast(builder.fptosi(guess, _INTEGERS), _VECTOR)

@@ -42,8 +42,8 @@ class _Model(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def _view(kind: View) -> Any:
-    def typed(typing_context, array, index):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def typed(typing_context, array, index):
+        def generate(context, builder, signature, values):
             data = context.make_array(signature.args[0])(context, builder, values[0]).data
             return builder.gep(data, [values[1]])
 
@@ -81,15 +81,15 @@ def _indexes(kind: Any, index: Any) -> bool:
 
 
 @type_callable(operator.getitem)
-def _type_getitem(context):  # type: ignore[no-untyped-def]
-    def of(view, index):  # type: ignore[no-untyped-def]
+def _type_getitem(context):
+    def of(view, index):
         return lanes if _indexes(view, index) else None
 
     return of
 
 
 @lower_builtin(operator.getitem, View, types.Any)
-def _getitem(context, builder, signature, values):  # type: ignore[no-untyped-def]
+def _getitem(context, builder, signature, values):
     kind, index_type = signature.args
     at = _entry(context, builder, kind, index_type, values[1])
     loaded = builder.load(_address(builder, values[0], at))
@@ -98,15 +98,15 @@ def _getitem(context, builder, signature, values):  # type: ignore[no-untyped-de
 
 
 @type_callable(operator.setitem)
-def _type_setitem(context):  # type: ignore[no-untyped-def]
-    def of(view, index, value):  # type: ignore[no-untyped-def]
+def _type_setitem(context):
+    def of(view, index, value):
         return types.void if _indexes(view, index) and value == lanes else None
 
     return of
 
 
 @lower_builtin(operator.setitem, View, types.Any, lanes)
-def _setitem(context, builder, signature, values):  # type: ignore[no-untyped-def]
+def _setitem(context, builder, signature, values):
     kind, index_type = signature.args[:2]
     at = _entry(context, builder, kind, index_type, values[1])
     stored = builder.store(values[2], _address(builder, values[0], at))
@@ -132,8 +132,8 @@ register_model(Strided)(_Model)
 def _strided(step: int) -> Any:
     kind = Strided(step)
 
-    def typed(typing_context, array, index):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+    def typed(typing_context, array, index):
+        def generate(context, builder, signature, values):
             data = context.make_array(signature.args[0])(context, builder, values[0]).data
             return builder.gep(data, [values[1]])
 
@@ -152,22 +152,22 @@ def _place(context: Any, builder: Any, kind: Strided, view: Any, index_type: Any
 
 
 @type_callable(operator.getitem)
-def _type_get_strided(context):  # type: ignore[no-untyped-def]
-    def of(view, index):  # type: ignore[no-untyped-def]
+def _type_get_strided(context):
+    def of(view, index):
         return types.float64 if isinstance(view, Strided) and isinstance(index, types.Integer) else None
 
     return of
 
 
 @lower_builtin(operator.getitem, Strided, types.Integer)
-def _get_strided(context, builder, signature, values):  # type: ignore[no-untyped-def]
+def _get_strided(context, builder, signature, values):
     kind, index_type = signature.args
     return builder.load(_place(context, builder, kind, values[0], index_type, values[1]))
 
 
 @type_callable(operator.setitem)
-def _type_set_strided(context):  # type: ignore[no-untyped-def]
-    def of(view, index, value):  # type: ignore[no-untyped-def]
+def _type_set_strided(context):
+    def of(view, index, value):
         fits = isinstance(view, Strided) and isinstance(index, types.Integer) and isinstance(value, types.Float)
         return types.void if fits else None
 
@@ -175,7 +175,7 @@ def _type_set_strided(context):  # type: ignore[no-untyped-def]
 
 
 @lower_builtin(operator.setitem, Strided, types.Integer, types.Float)
-def _set_strided(context, builder, signature, values):  # type: ignore[no-untyped-def]
+def _set_strided(context, builder, signature, values):
     kind, index_type, value_type = signature.args
     given = context.cast(builder, values[2], value_type, types.float64)
     builder.store(given, _place(context, builder, kind, values[0], index_type, values[1]))

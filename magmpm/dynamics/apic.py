@@ -12,7 +12,7 @@ from magmpm.bodies.grid import ClampPlane, spline_weights
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
-from magmpm.dynamics.drift_correction import INTERVAL, Anchor
+from magmpm.dynamics.drift_correction import INTERVAL, DriftCorrection
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.steps import Look, at_step
 from magmpm.effects.hooks import has_hook
@@ -38,7 +38,7 @@ class UpdatedMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.keeps_gradient = has_hook("rate_stress", model.effects)
-        self.anchor: Anchor | None = Anchor(model)  # None: F is what the steps make of it
+        self.drift_correction: DriftCorrection | None = DriftCorrection(model)  # None: F is what the steps make of it
         self.since = 0  # steps since F was last relaxed
         self.component = model.scene.body.shape.components(model.particles)  # one grid each
         self.curve = multi_grid_contact.distances()
@@ -104,8 +104,8 @@ class UpdatedMotion:
         order, self.slab_first, component = self._sorted((cell - low)[free], self.component[free])
         self.lift = (nodes * component).astype(np.float64)
         order = np.where(order >= 0, free[order], -1)
-        if self.anchor is not None:
-            self.touching = self.anchor.touching(cell - low, self.shape)
+        if self.drift_correction is not None:
+            self.touching = self.drift_correction.touching(cell - low, self.shape)
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
         self.grid, self.weight, self.shared = self._new_grid(cell - low, grids)
@@ -280,30 +280,30 @@ class UpdatedMotion:
 
     def kept(self) -> dict[str, Any]:
         """What `rewind` needs, in the same process: cheaper than `state`."""
-        anchor = None if self.anchor is None else self.anchor.field.copy()
+        field = None if self.drift_correction is None else self.drift_correction.field.copy()
         changed = {name: getattr(self, name).copy() for name in ("x", "v", "C", "L", "F", "stiffness")}
-        return {**vars(self), **changed, "anchor": self.anchor, "field": anchor}
+        return {**vars(self), **changed, "field": field}
 
     def rewind(self, kept: dict[str, Any]) -> None:
         """Go back to what was kept."""
-        anchor = kept["field"]
+        field = kept["field"]
         for name, value in kept.items():
             if name != "field":
                 setattr(self, name, value.copy() if name in ("x", "v", "C", "L", "F", "stiffness") else value)
         self.grid.momentum[:] = 0.0
-        if self.anchor is not None:
-            self.anchor.field[:] = anchor
+        if self.drift_correction is not None:
+            self.drift_correction.field[:] = field
 
     def _relax(self) -> None:
-        """Take places and F towards the anchor.
+        """Take places and F towards the fit (dynamics.drift_correction).
 
         Places that are shifted under their velocities change a free body's spin: it is given back as a rotation of the whole.
         """
-        if self.anchor is None:
+        if self.drift_correction is None:
             return
         before = self.x.copy()
         self.stiffness[:] = np.nan  # it changes, but not because of the motion
-        self.drift += self.anchor.relax(self.x, self.F, self.rows(), self.touching, self.since)
+        self.drift += self.drift_correction.relax(self.x, self.F, self.rows(), self.touching, self.since)
         self.since = 0
         if not self.model.free:
             return
@@ -380,16 +380,16 @@ class UpdatedMotion:
         kept: dict[str, Array] = {"lag": np.array(self.lag)}
         if self.keeps_gradient:
             kept["L"] = self._in_order(self.L, 9).reshape(-1, 3, 3)
-        if self.anchor is not None:
-            kept |= {"fit": self.anchor.field.copy(), "since": np.array(self.since)}
+        if self.drift_correction is not None:
+            kept |= {"fit": self.drift_correction.field.copy(), "since": np.array(self.since)}
         return {"x": x, "v": v, "F": F, "C": self.affine(), **kept}
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a state."""
         self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"))
         self.lag = float(state.get("lag", 0.0))
-        if self.anchor is not None:
-            self.anchor.field[:], self.since = state["fit"], int(state["since"])
+        if self.drift_correction is not None:
+            self.drift_correction.field[:], self.since = state["fit"], int(state["since"])
 
 
 def _blocks(rows: Array, source: Index) -> Array:

@@ -37,38 +37,37 @@ MOST = 24  # iterations of a fit: 20 take a swing from rest to within 1e-4 cells
 GOOD = 1e-3  # cells: what a fit may lack; F waits for the next one where it lacks more
 
 
-class Anchor:
+class DriftCorrection:
     """Fits of a model's displacements. `field` (nodes, 3) m: the last fit's coefficients, from which the next one starts."""
 
     def __init__(self, model: Model) -> None:
         grid, particles = model.grid, model.particles
         cell = particles.cell.astype(np.int64)
-        self.cell_first = particles.cell_first
-        base = cell[self.cell_first[:-1]]
+        cell_first = particles.cell_first
+        base = cell[cell_first[:-1]]
         self.particle_component = model.scene.body.shape.components(particles)
-        self.component = self.particle_component[self.cell_first[:-1]]
-        self.node, key = _stencils(base, self.component, grid.nodes)
+        self.component = self.particle_component[cell_first[:-1]]
+        node, key = _stencils(base, self.component, grid.nodes)
         self.node_component, within = np.divmod(key, int(np.prod(grid.nodes)))
         self.node_place = grid.origin + grid.spacing * (np.stack(np.unravel_index(within, grid.nodes), axis=1) - 0.5)
-        self.slab_first = _slabs(base[:, 0])
-        self.rest, self.volume, self.density, self.modes = particles.position, particles.volume, model.density, model.modes
-        self.low, self.per = grid.origin + base * grid.spacing, 1.0 / grid.spacing
+        self.per = 1.0 / grid.spacing
+        self.cells = kernels.Cells(_slabs(base[:, 0]), cell_first, node, grid.origin + base * grid.spacing, self.per)
+        self.particles = kernels.Particles(particles.position, particles.volume, model.density, model.modes)
+        self.rest = particles.position
         self.size = float(grid.spacing.min())
         self.held = model.held
-        self.mass = float(self.density @ self.volume)
+        self.mass = float(model.density @ particles.volume)
         self.node_mass = self._moments(np.ones((len(cell), 3)), len(key))
         self.field = np.zeros((len(key), 3))
 
     def _moments(self, values: Array, nodes: int) -> Array:
         out = np.zeros((nodes, 3))
-        kernels.moments(
-            self.slab_first, self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.density, values, out
-        )
+        kernels.moments(self.cells, self.particles, values, out)
         return out
 
     def _values(self, field: Array) -> Array:
         out = np.empty((len(self.rest), 3))
-        kernels.interpolate(self.cell_first, self.node, self.low, self.per, self.rest, field, out)
+        kernels.interpolate(self.cells, self.rest, field, out)
         return out
 
     def fit(self, moved: Array) -> bool:
@@ -101,7 +100,7 @@ class Anchor:
             mine, nodes = self.particle_component == component, self.node_component == component
             middle = self.rest[mine].mean(axis=0)
             row = np.column_stack([np.ones(np.count_nonzero(mine)), (self.rest[mine] - middle) / self.size])
-            weighed = row * (self.density[mine] * self.volume[mine])[:, None]
+            weighed = row * (self.particles.density[mine] * self.particles.volume[mine])[:, None]
             affine = np.linalg.lstsq(weighed.T @ row, weighed.T @ left[mine], rcond=1e-9)[0]
             self.field[nodes] += np.column_stack([np.ones(np.count_nonzero(nodes)), (self.node_place[nodes] - middle) / self.size]) @ affine
 
@@ -136,10 +135,7 @@ class Anchor:
             return 0.0
         before = x.copy()
         part = 1.0 - np.exp(-steps / SPAN)
-        kernels.relax(
-            self.cell_first, self.node, self.low, self.per, self.rest, self.volume, self.modes, self.field, moved, self.held,
-            touching, OFF * self.size, part, row, x, F,
-        )  # fmt: skip
+        kernels.relax(self.cells, self.particles, self.field, moved, self.held, touching, OFF * self.size, part, row, x, F)
         return float((np.abs(x - before).reshape(-1, 3, 8).max(axis=(0, 2)) * self.per).max())
 
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects.hooks import each_record
 from magmpm.kernels.watch import GOING, WHY
-
-if TYPE_CHECKING:
-    from magmpm.dynamics.apic import UpdatedMotion
-    from magmpm.dynamics.total_lagrangian import TotalMotion
 
 
 class Look(NamedTuple):
@@ -25,6 +21,15 @@ class Look(NamedTuple):
 Records = tuple[Any, ...]  # records and data of each effect, in turn: effects.collect
 
 
+class Motion(Protocol):
+    """What takes steps: dynamics.total_lagrangian.TotalMotion, dynamics.apic.UpdatedMotion."""
+
+    watch: Array  # kernels.watch
+
+    def advance(self, steps: int, dt: float, effects: Records, /) -> tuple[int, bool]:
+        """Take up to `steps` steps of dt (s). Returns how many were taken, and whether the motion broke."""
+
+
 def from_step(named: Records, step: int) -> Records:
     """The records from one of their steps on; of what does not change in time there is one record for all."""
     return each_record(lambda records: records[step:] if len(records) > 1 else records, named)
@@ -35,7 +40,7 @@ def at_step(named: Records, step: int) -> Records:
     return each_record(lambda records: records[min(step, len(records) - 1) :][:1], named)
 
 
-def take(motion: TotalMotion | UpdatedMotion, named: Records, steps: int, dt: float) -> tuple[int, bool]:
+def take(motion: Motion, named: Records, steps: int, dt: float) -> tuple[int, bool]:
     """Take up to `steps` steps of dt (s). Returns how many were taken, fewer where the motion's watch ended them, and whether it broke."""
     taken = 0
     while taken < steps:

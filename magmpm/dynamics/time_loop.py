@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics import energies, watchdog
-from magmpm.dynamics import mass as inertia
+from magmpm.dynamics import energies, mass, watchdog
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.stable_step import StableStep, stable_step
@@ -96,7 +95,7 @@ def begin(model: Model) -> SimulationState:
             remedy="lower it, or leave it out: it is then chosen",
         )
     control = StepControl(motion, stable, options)
-    return SimulationState(motion, stable, control, control.step, options.frame_interval, warnings=inertia.warnings(model))
+    return SimulationState(motion, stable, control, control.step, options.frame_interval, warnings=mass.warnings(model))
 
 
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
@@ -128,7 +127,7 @@ def memory(motion: TotalMotion | UpdatedMotion) -> int:
 
     What is measured of a particle (magmpm.scene.memory.GROWTH), or what the arrays that are there add up to, where that is more.
     """
-    parts_of = (getattr(motion, "packed", None), getattr(motion, "anchor", None))
+    parts_of = (getattr(motion, "packed", None), getattr(motion, "drift_correction", None))
     owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
     values = [value for owner in owners for value in vars(owner).values()]
     records = [value for value in values if hasattr(value, "_fields")]  # of arrays, as the kernels take them

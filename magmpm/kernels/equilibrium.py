@@ -1,13 +1,21 @@
-"""P2G: particles scatter energy, residual and tangent to the grid.
+"""The steps of a static solve: energy, forces and tangent of the particles on a grid in the undeformed body.
 
-The grid is cut into slabs of cells along its first axis. Slabs of one colour share no node, so each thread owns what it writes; the
-two colours run one after the other. Sums are made in the same order whatever the number of threads: results are the same bit for bit.
+Each Newton step takes the three steps of the method once: `particles_to_grid` scatters forces, or `particles_to_grid_with_tangent` forces
+and tangent; the grid's update is the linear solve and the line search (statics.newton, with the factors of statics.block_cholesky);
+`grid_to_particles` gathers displacement and deformation gradient of its result.
+
+The grid is cut into slabs of cells along its first axis. Slabs of one color share no node, so each thread owns what it writes; the
+two colors run one after the other. Sums are made in the same order whatever the number of threads: results are the same bit for bit.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.compiled.lapack import call
 from magmpm.effects.hooks import (
@@ -29,6 +37,38 @@ from magmpm.materials import (
 )
 
 STENCIL = 27  # nodes of a cell
+
+
+class Cells(NamedTuple):
+    """Cells with particles of one material, as statics.layout.Layout numbers them.
+
+    slab_first (slabs + 1,) first cell of each slab of two base planes; first (cells + 1,) first particle of each cell; plane (cells,) and
+    row (cells, 3): the first plane of nodes, and the rows in a plane, that a cell touches; most: particles in a cell.
+    """
+
+    slab_first: Index
+    first: Index
+    plane: Index
+    row: Index
+    most: int
+
+
+class Particles(NamedTuple):
+    """Particles (n) sorted by cell.
+
+    weights, slopes (n, 3, 3): values and slopes (1/m) of the splines, axis by node; volume m^3, shear, bulk Pa, density kg/m^3 (n,); modes
+    (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see bodies.volume_modes; remanence (n, 3) T, or (n, 4) where an effect
+    marks particles (effects.marked).
+    """
+
+    weights: Array
+    slopes: Array
+    volume: Array
+    shear: Array
+    bulk: Array
+    modes: Array
+    remanence: Array
+    density: Array
 
 
 @compiled
@@ -53,14 +93,15 @@ def _volume_change(J, p, modes, c):
 
 
 @kernel
-def cell_energy(cell_first, volume, shear, bulk, modes, effects, remanence, density, x, F, energy, low, high):
+def cell_energy(cells, particles, effects, x, F, energy, low, high):
     """Potential energy of each cell into energy (cells,) J; smallest and largest det F of its particles into low, high (cells,).
 
-    modes (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see bodies.volume_modes.
-    A cell with det F <= 0 has energy inf.
+    x (n, 3) m, F (n, 3, 3) of the particles. A cell with det F <= 0 has energy inf.
     """
+    volume, shear, bulk, modes = particles.volume, particles.shear, particles.bulk, particles.modes
+    remanence, density = particles.remanence, particles.density
     for cell in prange(len(energy)):
-        first, last = cell_first[cell], cell_first[cell + 1]
+        first, last = cells.first[cell], cells.first[cell + 1]
         c = np.empty(modes.shape[1])
         _volume_moments(first, last, volume, modes, F, c)
         total, lowest, highest = 0.0, np.inf, -np.inf
@@ -120,19 +161,18 @@ def _scatter_vector(plane, rows, r, residual):
 
 
 @kernel
-def scatter_residual(
-    slab_first, cell_first, cell_plane, cell_row, weights, slopes, volume, shear, bulk, modes, effects, remanence, density, x, F,
-    residual,
-):  # fmt: skip
-    """Gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
-    slabs = len(slab_first) - 1
-    for colour in range(2):
-        for half in prange((slabs + 1 - colour) // 2):
-            slab = 2 * half + colour
+def particles_to_grid(cells, particles, effects, x, F, residual):
+    """P2G: gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
+    weights, slopes, volume, shear, bulk = particles.weights, particles.slopes, particles.volume, particles.shear, particles.bulk
+    modes, remanence, density = particles.modes, particles.remanence, particles.density
+    slabs = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
             G, P, cof = np.empty((3, STENCIL)), np.empty((3, 3)), np.empty((3, 3))
             f, r, c = np.empty(3), np.empty((STENCIL, 3)), np.empty(modes.shape[1])
-            for cell in range(slab_first[slab], slab_first[slab + 1]):
-                first, last = cell_first[cell], cell_first[cell + 1]
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                first, last = cells.first[cell], cells.first[cell + 1]
                 _volume_moments(first, last, volume, modes, F, c)
                 r[:] = 0.0
                 for p in range(first, last):
@@ -145,7 +185,7 @@ def scatter_residual(
                     add_force(effects, 0, remanence[p], density[p], x[p], F[p], f)
                     _particle_gradients(weights[p], slopes[p], G)
                     _add_residual(weights[p], G, P, f, volume[p], r)
-                _scatter_vector(cell_plane[cell], cell_row[cell], r, residual)
+                _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
 
 
 @compiled
@@ -191,31 +231,44 @@ def _particle_softening(q, volume, weights, H, M, G, T):
                     T[q + j, i, k, node] += m * G[q + 3, node]
 
 
+class Room(NamedTuple):
+    """Where a cell's tangent is worked on: rows of gradients G and products T; of one particle A, P, H, M, cof, f; moments c of the volume
+    part and their gradients b; arguments of the matrix product."""
+
+    G: Array
+    T: Array
+    A: Array
+    P: Array
+    H: Array
+    M: Array
+    cof: Array
+    f: Array
+    b: Array
+    c: Array
+    letters: NDArray[np.uint8]
+    sizes: NDArray[np.int32]
+    factors: Array
+
+
 @compiled
-def _cell_tangent(
-    first,
-    last,
-    weights,
-    slopes,
-    volume,
-    shear,
-    bulk,
-    modes,
-    effects,
-    remanence,
-    density,
-    x,
-    F,
-    fortran,
-    work,
-    K,
-    r,
-):
+def _room(rows, modes):
+    """Room for `rows` rows and so many modes."""
+    letters, sizes = np.array([78, 84], np.uint8), np.array([9 * STENCIL, STENCIL, 0], np.int32)  # N T
+    return Room(
+        np.empty((rows, STENCIL)), np.empty((rows, 3, 3, STENCIL)), np.empty((9, 9)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 9)),
+        np.empty((3, 3)), np.empty(3), np.empty((modes, 3, STENCIL)), np.empty(modes), letters, sizes, np.array([1.0, 0.0]),
+    )  # fmt: skip
+
+
+@compiled
+def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
     """Tangent K [node, i, k, other node] (27, 3, 3, 27) and residual r (27, 3) of one cell.
 
     K = sum over particles and J of dN/dX_J(node) T(J, i, k, other): one matrix product, left to BLAS.
     """
-    G, T, A, P, H, M, cof, f, b, c, letters, sizes, factors = work
+    weights, slopes, volume, shear, bulk, modes, remanence, density = particles
+    G, T, A, P, H, M, cof, f, b, c, _, _, _ = room
+    first, last = cells.first[cell], cells.first[cell + 1]
     rows_each = 4 if any_softening(effects) else 3
     _volume_moments(first, last, volume, modes, F, c)
     r[:] = 0.0
@@ -240,33 +293,10 @@ def _cell_tangent(
             _particle_softening(q, volume[p], weights[p], H, M, G, T)
         for k in range(3 if len(c) > 0 else 0):
             for node in range(STENCIL):
-                change = volume[p] * (
-                    cof[k, 0] * G[q, node] + cof[k, 1] * G[q + 1, node] + cof[k, 2] * G[q + 2, node]
-                )
+                change = volume[p] * (cof[k, 0] * G[q, node] + cof[k, 1] * G[q + 1, node] + cof[k, 2] * G[q + 2, node])
                 for mode in range(len(c)):
                     b[mode, k, node] += modes[p, mode] * change
-    sizes[2] = rows_each * (last - first)
-    plain, trans = letters[0:].ctypes.data, letters[1:].ctypes.data
-    rows, nodes, count = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data
-    one, zero = factors[0:].ctypes.data, factors[1:].ctypes.data
-    call(
-        fortran[3],
-        (
-            plain,
-            trans,
-            rows,
-            nodes,
-            count,
-            one,
-            T.ctypes.data,
-            rows,
-            G.ctypes.data,
-            nodes,
-            zero,
-            K.ctypes.data,
-            rows,
-        ),
-    )
+    _multiply(rows_each * (last - first), fortran, room, K)
     for mode in range(len(c)):  # the projected volume part's second derivative: one outer product a mode
         for node in range(STENCIL):
             for i in range(3):
@@ -274,6 +304,18 @@ def _cell_tangent(
                 for k in range(3):
                     for other in range(STENCIL):
                         K[node, i, k, other] += scale * b[mode, k, other]
+
+
+@compiled
+def _multiply(count, fortran, room, K):
+    """K = G^T T of the first `count` rows, by dgemm."""
+    letters, sizes, factors = room.letters, room.sizes, room.factors
+    sizes[2] = count
+    plain, trans = letters[0:].ctypes.data, letters[1:].ctypes.data
+    rows, nodes, inner = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data
+    one, zero = factors[0:].ctypes.data, factors[1:].ctypes.data
+    products, gradients = room.T.ctypes.data, room.G.ctypes.data
+    call(fortran[3], (plain, trans, rows, nodes, inner, one, products, rows, gradients, nodes, zero, K.ctypes.data, rows))
 
 
 @compiled
@@ -309,30 +351,50 @@ def _scatter_matrix(plane, rows, split, K, panels):
 
 
 @kernel
-def scatter_tangent(
-    slab_first, cell_first, cell_plane, cell_row, split, most, weights, slopes, volume, shear, bulk, modes, effects, remanence,
-    density, x, F, fortran, residual, panels,
-):  # fmt: skip
-    """Residual (as scatter_residual) and tangent: second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
+def particles_to_grid_with_tangent(cells, particles, effects, x, F, split, fortran, residual, panels):
+    """P2G: residual as of `particles_to_grid`; second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
 
-    most: largest number of particles in a cell; split: where the panels' two halves meet (statics.block_cholesky).
+    split: where the panels' two halves meet (statics.block_cholesky).
     """
-    slabs = len(slab_first) - 1
-    for colour in range(2):
-        for half in prange((slabs + 1 - colour) // 2):
-            slab = 2 * half + colour
-            most_rows = most * (4 if any_softening(effects) else 3)
-            G, T = np.empty((most_rows, STENCIL)), np.empty((most_rows, 3, 3, STENCIL))
-            H, M = np.empty((3, 3)), np.empty((3, 9))
-            A, P, cof, f = np.empty((9, 9)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-            letters, sizes = np.array([78, 84], np.uint8), np.array([9 * STENCIL, STENCIL, 0], np.int32)
-            c, b = np.empty(modes.shape[1]), np.empty((modes.shape[1], 3, STENCIL))
-            work = (G, T, A, P, H, M, cof, f, b, c, letters, sizes, np.array([1.0, 0.0]))
+    slabs = len(cells.slab_first) - 1
+    rows = cells.most * (4 if any_softening(effects) else 3)
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
+            room = _room(rows, particles.modes.shape[1])
             K, r = np.empty((STENCIL, 3, 3, STENCIL)), np.empty((STENCIL, 3))
-            for cell in range(slab_first[slab], slab_first[slab + 1]):
-                _cell_tangent(
-                    cell_first[cell], cell_first[cell + 1], weights, slopes, volume, shear, bulk, modes, effects, remanence,
-                    density, x, F, fortran, work, K, r,
-                )  # fmt: skip
-                _scatter_vector(cell_plane[cell], cell_row[cell], r, residual)
-                _scatter_matrix(cell_plane[cell], cell_row[cell], split, K, panels)
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r)
+                _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+                _scatter_matrix(cells.plane[cell], cells.row[cell], split, K, panels)
+
+
+@kernel
+def grid_to_particles(cells, particles, grid, rest, displacement, F):
+    """G2P: displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
+
+    grid (planes, 3 nodes) coefficients in m; rest (3, 3): F at rest, I but for renumbered axes (statics.axis_order); out:
+    displacement (n, 3) m, F (n, 3, 3).
+    """
+    weights, slopes = particles.weights, particles.slopes
+    for cell in prange(len(cells.plane)):
+        for p in range(cells.first[cell], cells.first[cell + 1]):
+            for k in range(3):
+                displacement[p, k] = 0.0
+                for j in range(3):
+                    F[p, k, j] = rest[k, j]
+            for a in range(3):
+                plane = grid[cells.plane[cell] + a]
+                nx, dx = weights[p, 0, a], slopes[p, 0, a]
+                for b in range(3):
+                    first = 3 * cells.row[cell, b]
+                    nn, dn, nd = nx * weights[p, 1, b], dx * weights[p, 1, b], nx * slopes[p, 1, b]
+                    for c in range(3):
+                        nz = weights[p, 2, c]
+                        g0, g1, g2 = dn * nz, nd * nz, nn * slopes[p, 2, c]
+                        for k in range(3):
+                            value = plane[first + 3 * c + k]
+                            displacement[p, k] += nn * nz * value
+                            F[p, k, 0] += g0 * value
+                            F[p, k, 1] += g1 * value
+                            F[p, k, 2] += g2 * value

@@ -1,16 +1,42 @@
 """Kernels of dynamics.drift_correction: between a model's particles and the splines of the grid in its undeformed body, cell by cell.
 
-A cell is a run of particles (cell_first (cells + 1,)) with 27 nodes, z fastest (node (cells, 27)); low (cells, 3) m is its lower
-corner, per (3,) 1/m is 1 / h, and rest (n, 3) m are the particles' places in the undeformed body. Sums are made in one order at any
-number of threads.
+Sums are made in one order at any number of threads.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.materials import determinant
+
+
+class Cells(NamedTuple):
+    """Cells of the undeformed body, each a run of particles.
+
+    slab_first (slabs + 1,) first cell of each slab: every second slab shares no node; first (cells + 1,) first particle of each cell; node
+    (cells, 27), z fastest; low (cells, 3) m: lower corners; per (3,) 1/m: 1 / h.
+    """
+
+    slab_first: Index
+    first: Index
+    node: NDArray[np.int32]
+    low: Array
+    per: Array
+
+
+class Particles(NamedTuple):
+    """Particles (n): rest (n, 3) m, their places in the undeformed body; volume m^3, density kg/m^3 (n,); modes (n, 0) or (n, 4):
+    bodies.volume_modes."""
+
+    rest: Array
+    volume: Array
+    density: Array
+    modes: Array
 
 
 @compiled
@@ -38,8 +64,9 @@ def _sum(a, b):
 
 
 @kernel
-def interpolate(cell_first, node, low, per, rest, field, out):
+def interpolate(cells, rest, field, out):
     """out (n, 3): a nodal field (nodes, 3) at the particles."""
+    cell_first, node, low, per = cells.first, cells.node, cells.low, cells.per
     for cell in prange(len(cell_first) - 1):
         N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
         for a in range(27):
@@ -54,12 +81,14 @@ def interpolate(cell_first, node, low, per, rest, field, out):
 
 
 @kernel
-def moments(slab_first, cell_first, node, low, per, rest, volume, density, values, out):
-    """out (nodes, 3) += sum over particles of m N values (n, 3). slab_first (slabs + 1,): first cells; every second slab shares no node."""
+def moments(cells, particles, values, out):
+    """out (nodes, 3) += sum over particles of m N values (n, 3)."""
+    slab_first, cell_first, node, low, per = cells
+    rest, volume, density, _ = particles
     slabs = len(slab_first) - 1
-    for colour in range(2):
-        for half in prange((slabs + 1 - colour) // 2):
-            slab = 2 * half + colour
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
             N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
             for cell in range(slab_first[slab], slab_first[slab + 1]):
                 near[:] = 0.0
@@ -84,13 +113,15 @@ def _determinant(F, at):
 
 
 @kernel
-def relax(cell_first, node, low, per, rest, volume, modes, field, moved, alone, pressed, torn, part, row, x, F):
+def relax(cells, particles, field, moved, alone, pressed, torn, part, row, x, F):
     """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
 
-    modes (n, 0) or (n, 4): bodies.volume_modes; moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
+    moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
     (n,), or torn (m) off the fit, or whose A is turned inside out. pressed (n,): only F goes, and only where it is wider than A.
     row (n,): of a particle in x and F, flat in blocks of eight (dynamics.apic).
     """
+    cell_first, node, low, per = cells.first, cells.node, cells.low, cells.per
+    rest, volume, modes = particles.rest, particles.volume, particles.modes
     count = modes.shape[1]
     for cell in prange(len(cell_first) - 1):
         first, last = cell_first[cell], cell_first[cell + 1]

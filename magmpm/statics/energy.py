@@ -1,6 +1,6 @@
 """The potential energy of a model as a function of the grid's coefficients: value, gradient, tangent.
 
-The three MPM steps meet here: G2P gathers what the energy needs (kernels.g2p), P2G scatters its derivatives (kernels.equilibrium).
+The steps are those of kernels.equilibrium; the grid's update, Newton's, is in statics.newton.
 """
 
 from __future__ import annotations
@@ -11,9 +11,14 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.lapack import addresses
-from magmpm.kernels.equilibrium import cell_energy, scatter_residual, scatter_tangent
-from magmpm.kernels.g2p import gather
-from magmpm.model import kernel_arguments
+from magmpm.kernels.equilibrium import (
+    Cells,
+    Particles,
+    cell_energy,
+    grid_to_particles,
+    particles_to_grid,
+    particles_to_grid_with_tangent,
+)
 from magmpm.statics.block_cholesky import fix, new_panels
 from magmpm.statics.layout import StaticModel
 
@@ -39,7 +44,10 @@ class Energy:
         layout = model.layout
         self.shape = (layout.planes, layout.m)
         self.panels = new_panels(*self.shape)
-        self._materials = kernel_arguments(model)
+        self._cells = Cells(layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most)
+        self._particles = Particles(
+            model.weights, model.slopes, model.particles.volume, model.shear, model.bulk, model.modes, model.remanence, model.density
+        )
         self._fortran = addresses()
         cells = len(layout.cell_plane)
         self._rest: float | None = None
@@ -49,13 +57,13 @@ class Energy:
 
     def at(self, grid: Array) -> Point:
         """The state that grid coefficients (planes, m) stand for, and its energy."""
-        model, layout = self.model, self.model.layout
+        model = self.model
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
-        gather(layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes, grid, self.rest_gradient, u, F)
+        grid_to_particles(self._cells, self._particles, grid, self.rest_gradient, u, F)
         x = model.particles.position + u
         energy, low, high = self._per_cell
-        cell_energy(layout.cell_first, model.particles.volume, *self._materials, x, F, energy, low, high)
+        cell_energy(self._cells, self._particles, model.effects, x, F, energy, low, high)
         return Point(grid, u, x, F, float(energy.sum()), float(low.min()), float(high.max()))
 
     def rest_energy(self) -> float:
@@ -70,12 +78,8 @@ class Energy:
 
     def residual(self, point: Point) -> Array:
         """Gradient of the energy, (planes, m) N."""
-        model, layout = self.model, self.model.layout
         out = np.zeros(self.shape)
-        scatter_residual(
-            layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, model.weights, model.slopes,
-            model.particles.volume, *self._materials, point.position, point.F, out,
-        )  # fmt: skip
+        particles_to_grid(self._cells, self._particles, self.model.effects, point.position, point.F, out)
         return self.free(out)
 
     def free(self, vector: Array) -> Array:
@@ -86,13 +90,11 @@ class Energy:
 
     def tangent(self, point: Point) -> tuple[Array, Array]:
         """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, overwritten by the next call."""
-        model, layout = self.model, self.model.layout
-        out = np.zeros(self.shape)
+        split, out = self.model.layout.split, np.zeros(self.shape)
         self.panels[:] = 0.0
-        scatter_tangent(
-            layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.split, layout.most, model.weights,
-            model.slopes, model.particles.volume, *self._materials, point.position, point.F, self._fortran, out, self.panels,
-        )  # fmt: skip
+        particles_to_grid_with_tangent(
+            self._cells, self._particles, self.model.effects, point.position, point.F, split, self._fortran, out, self.panels
+        )
         if self._fixed is not None:
-            fix(self.panels, layout.split, self._fixed)
+            fix(self.panels, split, self._fixed)
         return self.free(out), self.panels

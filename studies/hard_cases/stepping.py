@@ -135,7 +135,7 @@ def _one_particle(scene: Scene) -> float:
 def _swung(model: Model) -> tuple[float, float]:
     """Of a body that swings for 10^4 steps: growth of its energy, and what is left at the end, over the energy at first."""
     motion = UpdatedMotion(model)
-    motion.anchor = None  # it would hold what this case is about
+    motion.drift_correction = None  # it would hold what this case is about
     throw(motion, lambda x: np.outer(x[:, 0] ** 2, [0.0, 0.0, 300.0]))
     dt = 0.8 * stable_step(motion).largest
     begun, found = energy(motion), []

@@ -252,7 +252,7 @@ def distance(ratio: float) -> float:
     return brentq(surplus, -1.4999, 1.4999) if surplus(-1.4999) * surplus(1.4999) < 0 else -1.5
 
 
-def anchor(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def drift_corrected(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Drift correction: positions of particles at x (n, 3) m, and F with F-bar, after a fit with the grid of the undeformed body.
 
     Least-squares fit of the displacements, weighted by mass, with all splines of that grid; no node is held.

@@ -14,10 +14,9 @@ from reference.scenes import rod_scene
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import write_stl
-from magmpm.dynamics import drift_correction as anchor
-from magmpm.dynamics import energies
+from magmpm.dynamics import drift_correction, energies
 from magmpm.dynamics.apic import UpdatedMotion
-from magmpm.dynamics.drift_correction import Anchor
+from magmpm.dynamics.drift_correction import DriftCorrection
 from magmpm.dynamics.time_loop import begin
 from magmpm.model import Model, build
 from magmpm.scene import Scene
@@ -42,9 +41,9 @@ def relaxed(model: Model, x: np.ndarray, F: np.ndarray, steps: int, fits: int = 
     """Positions and F of a motion that starts there and is corrected; more fits come nearer to the least-squares solution."""
     motion, n = UpdatedMotion(model), len(x)
     motion.place(x, np.zeros((n, 3)), F, np.zeros((n, 3, 3)))
-    assert motion.anchor is not None
+    assert motion.drift_correction is not None
     for _ in range(fits - 1):
-        motion.anchor.fit(x - model.particles.position)
+        motion.drift_correction.fit(x - model.particles.position)
     motion.since = steps
     motion._relax()
     found = motion.particles()
@@ -57,7 +56,7 @@ def test_goes_to_the_fit_of_the_reference(model: Model, averaged: bool) -> None:
     if not averaged:
         model = replace(model, modes=np.zeros((len(model.density), 0)))
     x, start = bent(model), np.tile(np.eye(3), (len(model.density), 1, 1))
-    places, A = reference.anchor(model, x)
+    places, A = reference.drift_corrected(model, x)
     h = model.grid.spacing.min()
     for fits, near in ((1, 1e-3), (40, 1e-5)):
         found, F = relaxed(model, x, start, WHOLE, fits=fits)
@@ -72,7 +71,7 @@ def test_goes_part_of_the_way(model: Model) -> None:
     x = bent(model)
     start = np.tile(np.eye(3), (len(x), 1, 1))
     _, whole = relaxed(model, x, start, WHOLE)
-    _, some = relaxed(model, x, start, round(anchor.SPAN / 2))
+    _, some = relaxed(model, x, start, round(drift_correction.SPAN / 2))
     np.testing.assert_allclose(some - start, (1 - np.exp(-0.5)) * (whole - start), rtol=1e-9, atol=1e-12)
 
 
@@ -92,9 +91,9 @@ def test_centre_momentum_and_spin_of_a_free_body_stay(rng: np.random.Generator) 
     motion.place(x, rng.standard_normal((n, 3)), np.tile(np.eye(3), (n, 1, 1)), 50 * rng.standard_normal((n, 3, 3)))
     mass = model.density * model.particles.volume
     before = quantities(motion)
-    assert motion.anchor is not None
+    assert motion.drift_correction is not None
     for _ in range(20):  # for such a scattered state one fit is not accurate enough to be used
-        motion.anchor.fit(x - model.particles.position)
+        motion.drift_correction.fit(x - model.particles.position)
     motion.since = WHOLE
     motion._relax()
     after = quantities(motion)
@@ -138,7 +137,7 @@ def test_a_torn_body_is_left_alone(model: Model) -> None:
 def test_numbering_keeps_pieces_apart() -> None:
     """Cells of two components have no common node; cells of one component share the nodes between them."""
     base = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    node, key = anchor._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
+    node, key = drift_correction._stencils(base, np.array([0, 0, 1]), (5, 3, 3))
     assert len(set(node[0]) & set(node[1])) == 18
     assert not set(node[1]) & set(node[2])
     assert len(key) == 36 + 27
@@ -155,7 +154,7 @@ def cubes(tmp_path: Path, gap: float) -> Scene:
 @pytest.mark.parametrize(("gap", "count"), [(0.0, 1), (0.4, 2), (3.0, 2), (7.0, 2)])
 def test_parts_that_touch_are_one_piece(tmp_path: Path, gap: float, count: int) -> None:
     """Parts that do not touch are separate components, even if they share cells of the grid."""
-    assert len(np.unique(Anchor(build(cubes(tmp_path, gap))).component)) == count
+    assert len(np.unique(DriftCorrection(build(cubes(tmp_path, gap))).component)) == count
 
 
 def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:
@@ -168,7 +167,7 @@ def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:
     state.place(x, v, np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
     found = []
     for _ in range(10):
-        advance(state, anchor.INTERVAL, motion.dt)
+        advance(state, drift_correction.INTERVAL, motion.dt)
         found.append(state.kinetic_energy() + energies.elastic_energy(model, state.particles()[2], False))
     assert np.diff(found).max() < 0.01 * found[0]
     assert (state.particles()[0] - x)[:, 2].max() > 10e-3, "they have flown apart"
