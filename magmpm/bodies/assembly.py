@@ -148,7 +148,6 @@ class Parts(BodyShape):
         return float(np.ptp(self._corners(), axis=0).max()) * UNITS[self.unit]
 
     def box(self) -> tuple[Vector, Vector]:
-        """Lower and upper corner of the box around the parts, m."""
         (x0, y0, z0), (x1, y1, z1) = (self._corners() * UNITS[self.unit]).tolist()
         return (x0, y0, z0), (x1, y1, z1)
 
@@ -180,7 +179,6 @@ class Parts(BodyShape):
         return self.spacing or super().cell_size(cells_across)
 
     def cell_setting(self, cells_across: int) -> tuple[str, str, str]:
-        """The key that decides the size of its cells, its value, and what makes them larger, in words."""
         if self.spacing is None:
             return super().cell_setting(cells_across)
         return "body.parts.spacing", f"{1e3 * self.spacing:.4g} mm", "a larger spacing"
@@ -193,7 +191,6 @@ class Parts(BodyShape):
         return grid_of_parts(self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across))
 
     def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
-        """Its grid and particles. Raises SceneError where the grid would have too many cells."""
         triangles, (grid, planes) = self.triangles(), self._grid(cells_across)
         particles = part_particles(grid, triangles, particles_per_cell)
         return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))
@@ -219,7 +216,6 @@ class Parts(BodyShape):
         return depth
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
-        """Which part each particle (n,) is in."""
         return particles.segment
 
     def components(self, particles: Particles) -> NDArray[np.int64]:

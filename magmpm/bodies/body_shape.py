@@ -37,7 +37,8 @@ class Discretization:
 class BodyShape(Settings):
     """The settings of one kind of body, and what follows from them. Lengths in m.
 
-    `cells_across` and `particles_per_cell` are those of the scene's `resolution`.
+    `cells_across` and `particles_per_cell` are those of the scene's `resolution`. Where a kind says no more, its methods have these
+    docstrings.
     """
 
     clamp_key: ClassVar[str] = "clamp"  # its key that holds it somewhere

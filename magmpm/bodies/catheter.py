@@ -85,7 +85,6 @@ class Catheter(StraightBody):
         return {"outer": self.diameter / 2, "inner": self.inner_diameter / 2}
 
     def box(self) -> tuple[Vector, Vector]:
-        """Lower and upper corner of the box around it, m."""
         return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
 
     def grid(self, cells_across: int, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
@@ -115,7 +114,6 @@ class Catheter(StraightBody):
         return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
-        """Its cross-section as a rod feels it, for materials of these shear and Young's moduli (k,) Pa and Poisson's ratios (k,)."""
         return ring(**self.radii, G=shear, E=young, nu=poisson)
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:

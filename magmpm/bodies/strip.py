@@ -99,7 +99,6 @@ class Strip(StraightBody):
 
     @property
     def in_plane_strain(self) -> bool:
-        """Whether nothing moves along y and nothing varies along it."""
         return self.plane_strain
 
     @property
@@ -120,7 +119,6 @@ class Strip(StraightBody):
         return [self.length / count] * count
 
     def box(self) -> tuple[Vector, Vector]:
-        """Lower and upper corner of the box around it, m."""
         (x, y, z), w, t = self.position, self.width / 2, self.thickness / 2
         return (x, y - w, z - t), (x + self.length, y + w, z + t)
 
@@ -160,7 +158,6 @@ class Strip(StraightBody):
         return float(np.prod(self.grid(cells_across).cells)) * particles_per_cell ** (2 if self.plane_strain else 3)
 
     def magnetization(self, particles: Particles) -> Array:
-        """Direction of magnetization at each particle in the undeformed body, unit vectors or zeros (n, 3)."""
         profile = self.magnetization_profile
         if profile is None:
             return super().magnetization(particles)
@@ -179,7 +176,6 @@ class Strip(StraightBody):
         return float(np.abs(towards) @ deep)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
-        """Its cross-section as a rod feels it, for materials of these shear and Young's moduli (k,) Pa and Poisson's ratios (k,)."""
         return rectangle(self.width, self.thickness, shear, young, poisson, self.plane_strain)
 
     def check_resolution(self, cells_across: int) -> None:
