@@ -29,6 +29,7 @@ import numpy as np
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))  # for reference.*
 TABLE = "docs/claims.yaml"
 FIGURE = r"[-+]?\d[\d ]*(?:\.\d+)?(?:e[-+]?\d+)?"  # 23 328, 0.009, 5e-7
 ACCURACY_SCENE, ACCURACY_IMAGE = "data/scenes/five_segments.yaml", "docs/images/accuracy.png"
@@ -147,7 +148,8 @@ def _ladder() -> dict[str, Any]:
 
 def references() -> Figures:
     """Statics against the finite-element references: smallest and largest error in % of L, order from 4 to 8 cells, Newton steps."""
-    from magmpm.problems import finite_element_problems
+    from reference.problems import finite_element_problems
+
     from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
 
@@ -167,8 +169,9 @@ def references() -> Figures:
 
 def locking() -> Figures:
     """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J with at most 10 G, 5 G; errors in % of L."""
+    from reference.problems import finite_element_problems
+
     from magmpm import model
-    from magmpm.problems import finite_element_problems
     from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
 
@@ -228,7 +231,6 @@ def _cases(slow: bool) -> Figures:
 
 def settles() -> Figures:
     """A catheter of L/D 10 whose tip rises by half of L, after 0.3 s with damping: distance of axis and tip from statics, % of L."""
-    sys.path.insert(0, str(ROOT / "tests"))
     from reference.in_motion import moving
     from reference.scenes import field_for_load, rod_scene
 

@@ -15,11 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.errors import SolveError
-from magmpm.problems import Problem, finite_element_problems
 from magmpm.results.measures import largest_distance
 from magmpm.simulate import run
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+from reference.problems import Problem, finite_element_problems  # noqa: E402
+
 CELLS = (3, 4, 6, 8)
 
 

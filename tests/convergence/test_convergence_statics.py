@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reference.elastica import elastica
+from reference.problems import Problem, finite_element_problems
 from reference.scenes import field_for_load, rod_scene
 from reference.taylor import convergence_order
 
-from magmpm.problems import Problem, finite_element_problems
 from magmpm.results.measures import centreline_at, largest_distance
 from magmpm.simulate import run
 

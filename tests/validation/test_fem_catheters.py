@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.problems import Problem, finite_element_problems
 from reference.scenes import rod_scene
 
-from magmpm.problems import Problem, finite_element_problems
 from magmpm.results.measures import largest_distance
 from magmpm.scene import load_scene
 from magmpm.simulate import run
