@@ -20,8 +20,8 @@ from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
 from magmpm.precompile import prepare_kernels
 from magmpm.results import measures
+from magmpm.results.file_names import CHECKPOINT
 from magmpm.results.folder_lock import folder_lock
-from magmpm.results.motion_files import CHECKPOINT
 from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
 from magmpm.scene import Scene, load_scene, memory

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from magmpm.cli.answers import PARTICLES, SURFACE, print_summary
 from magmpm.errors import InputError, report
+from magmpm.results.file_names import ABOUT, ENERGIES_PLOT, FRAMES, MOMENTS, MOTION, MOVIE, NUMBERS, PICTURE
 from magmpm.results.folder_lock import folder_lock
-from magmpm.results.motion_files import ABOUT, MOTION
-from magmpm.results.result import NUMBERS
-from magmpm.results.run_folder import ENERGIES_PLOT, FRAMES, MOMENTS, MOVIE, PICTURE, holds_run, read_mapping
+from magmpm.results.run_folder import holds_run, read_mapping
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result

@@ -13,11 +13,11 @@ from magmpm.cli.progress import Progress
 from magmpm.cli.render import draw_run
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.inputs.yaml_document import of_file
+from magmpm.results.file_names import CHECKPOINT, EARLIER
 from magmpm.results.folder_lock import folder_lock
-from magmpm.results.motion_files import CHECKPOINT
 from magmpm.results.readable import lengths, quantity, significant
 from magmpm.results.result import Result
-from magmpm.results.run_folder import EARLIER, RunFolder
+from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
-from magmpm.results.motion_files import CHECKPOINT
+from magmpm.results.file_names import CHECKPOINT
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
 from magmpm.scene.motion_options import DynamicOptions

@@ -25,7 +25,7 @@ from magmpm.effects.hooks import has_hook, pairs
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
-from magmpm.results import motion_files
+from magmpm.results.file_names import forget_motion
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene
@@ -164,7 +164,7 @@ def integrate(
     _measure(moved, moved.motion.look())
     writer = None
     if folder is not None and saved is None:
-        motion_files.forget(folder)
+        forget_motion(folder)
         writer = MotionWriter(folder, model, max_disk=options.max_disk)
     elif folder is not None and saved is not None:
         writer = MotionWriter(

@@ -38,12 +38,7 @@ def _powers(base: str, **prefixes: int) -> dict[str, Fraction]:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind(
-            "length",
-            "m",
-            "40 mm",
-            {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)},
-        ),
+        Kind("length", "m", "40 mm", {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)}),
         Kind("pressure", "Pa", "120 kPa", {**_powers("Pa", none=0, k=3, M=6, G=9), "bar": Fraction(10**5)}),
         Kind(
             "density",
@@ -57,18 +52,9 @@ KINDS = {
             "flux density",
             "T",
             "8 mT",
-            {
-                **_powers("T", none=0, m=-3, u=-6, µ=-6),
-                **_powers("G", none=-4, m=-7, k=-1),
-                "gauss": Fraction(1, 10**4),
-            },
+            {**_powers("T", none=0, m=-3, u=-6, µ=-6), **_powers("G", none=-4, m=-7, k=-1), "gauss": Fraction(1, 10**4)},
         ),
-        Kind(
-            "angle",
-            "rad",
-            "30 deg",
-            {"rad": Fraction(1), "deg": _PI / 180, "°": _PI / 180, "degree": _PI / 180},
-        ),
+        Kind("angle", "rad", "30 deg", {"rad": Fraction(1), "deg": _PI / 180, "°": _PI / 180, "degree": _PI / 180}),
         Kind(
             "acceleration",
             "m/s^2",
@@ -80,12 +66,7 @@ KINDS = {
         Kind("speed", "m/s", "5 mm/s", {"m/s": Fraction(1), "cm/s": Fraction(1, 100), "mm/s": Fraction(1, 1000)}),
         Kind("viscosity", "Pa s", "5 Pa s", {"Pa s": Fraction(1), "Pa*s": Fraction(1), "mPa s": Fraction(1, 1000)}),
         Kind("size", "B", "2 GB", _powers("B", none=0, k=3, M=6, G=9, T=12)),
-        Kind(
-            "frequency",
-            "Hz",
-            "2 Hz",
-            {**_powers("Hz", none=0, k=3, m=-3), "1/s": Fraction(1)},
-        ),
+        Kind("frequency", "Hz", "2 Hz", {**_powers("Hz", none=0, k=3, m=-3), "1/s": Fraction(1)}),
         Kind("current", "A", "2 A", _powers("A", none=0, k=3, m=-3)),
         Kind(
             "magnetic moment",
@@ -129,9 +110,7 @@ def parse_quantity(text: str, kind: Kind) -> float:
         raise BadQuantity(f"{a(kind.name)} must begin with a number", write)
     unit = text[number.end() :].strip()
     if not unit:
-        raise BadQuantity(
-            f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()} {kind.example.split()[1]}"'
-        )
+        raise BadQuantity(f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()} {kind.example.split()[1]}"')
     if unit.startswith("/"):
         unit = f"1{unit}"
     if unit[0] == "," or (unit[0].isdigit() and not unit.startswith("1/")):

@@ -55,9 +55,7 @@ class Angles(Settings):
         description="Turn in the x-y plane, from +x towards +y.", examples=["30 deg"]
     )
     elevation: Annotated[float, Quantity("angle", at_least="-90 deg", at_most="90 deg")] = Field(
-        default=0.0,
-        description="Lift from the x-y plane towards +z; 0 deg unless given.",
-        examples=["10 deg"],
+        default=0.0, description="Lift from the x-y plane towards +z; 0 deg unless given.", examples=["10 deg"]
     )
 
 
@@ -78,11 +76,7 @@ else:
     _coordinate = Annotated[float, Quantity("length", at_least="-100 m", at_most="100 m")]
     Direction = Annotated[
         Annotated[Angles, Tag("angles")]
-        | Annotated[
-            tuple[_number, _number, _number],
-            three("[1, 0, 0] or {azimuth: 30 deg, elevation: 10 deg}"),
-            Tag("vector"),
-        ],
+        | Annotated[tuple[_number, _number, _number], three("[1, 0, 0] or {azimuth: 30 deg, elevation: 10 deg}"), Tag("vector")],
         Discriminator(lambda value: "angles" if isinstance(value, (Mapping, Angles)) else "vector"),
         AfterValidator(_unit_vector),
     ]

@@ -40,19 +40,11 @@ class _Loader(yaml.SafeLoader):
 for _tag, _pattern, _first in (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("int", r"[-+]?[0-9]+", "-+0123456789"),
-    (
-        "float",
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+.0123456789",
-    ),
+    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", "-+.0123456789"),
     ("null", r"~|null|Null|NULL|", "~nN\0"),
     ("merge", r"<<", "<"),
 ):
-    _Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_tag}",
-        re.compile(rf"^(?:{_pattern})$"),
-        [c if c != "\0" else "" for c in _first],
-    )
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [c if c != "\0" else "" for c in _first])
 
 
 def read_yaml(path: Path | str) -> Document:
@@ -123,9 +115,7 @@ def _read_text(path: Path) -> str:
     except FileNotFoundError:
         siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, siblings, n=1)
-        remedy = (
-            f'did you mean "{path.parent / near[0]}"?' if near else "check the path and the current folder"
-        )
+        remedy = f'did you mean "{path.parent / near[0]}"?' if near else "check the path and the current folder"
         raise InputError(report(f"{path}: no such file", rule="the file must exist", remedy=remedy)) from None
     except UnicodeDecodeError as error:
         byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
@@ -136,9 +126,7 @@ def _read_text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         remedy = "check the path and its permissions"
-        raise InputError(
-            report(f"{path}: {reason}", rule="the file must be readable", remedy=remedy)
-        ) from None
+        raise InputError(report(f"{path}: {reason}", rule="the file must be readable", remedy=remedy)) from None
 
 
 def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
@@ -156,9 +144,7 @@ def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
         rule, remedy = "the file must hold one document", "remove the second `---`"
     else:
         rule = "must be valid YAML: " + " ".join(part for part in (error.context, problem) if part)
-        remedy = (
-            "check indentation, brackets, quotes and the space after each colon, here and in the line before"
-        )
+        remedy = "check indentation, brackets, quotes and the space after each colon, here and in the line before"
     return report(f"{path}:{number + 1}", received=show(line.strip()), rule=rule, remedy=remedy)
 
 
@@ -180,9 +166,7 @@ class _Builder:
         self.nodes += 1
         if self.nodes > MAX_NODES or id(node) in self.open:
             rule = "aliases must not repeat without end"
-            raise InputError(
-                self.report(node, at, received="an alias", rule=rule, remedy="write the values out")
-            )
+            raise InputError(self.report(node, at, received="an alias", rule=rule, remedy="write the values out"))
         if isinstance(node, yaml.ScalarNode):
             return self.scalar(node, at)
         self.open.add(id(node))
@@ -202,17 +186,13 @@ class _Builder:
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 rule, remedy = "a key must be a word", "write `key: value`"
-                raise InputError(
-                    self.report(key_node, at, received="brackets as a key", rule=rule, remedy=remedy)
-                )
+                raise InputError(self.report(key_node, at, received="brackets as a key", rule=rule, remedy=remedy))
             key = str(key_node.value)
             if key in first:
                 received = f'the key "{key}" a second time'
                 rule = f"a key may stand once (the first is in line {first[key]})"
                 remedy = "remove or rename one of the two"
-                raise InputError(
-                    self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy)
-                )
+                raise InputError(self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy))
             first[key] = key_node.start_mark.line + 1
         try:
             self.loader.flatten_mapping(node)  # `<<: *defaults`: the merged pairs come first, so own keys win

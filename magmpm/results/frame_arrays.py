@@ -32,9 +32,7 @@ class FrameArrays:
         self.reference, self.remanence = np.ascontiguousarray(reference), np.ascontiguousarray(remanence)
         n = len(reference)
         sizes = {"Points": 3, **QUANTITIES}
-        self.arrays: dict[str, Numbers] = {
-            name: np.empty((n, size) if size > 1 else n, dtype=np.float32) for name, size in sizes.items()
-        }
+        self.arrays: dict[str, Numbers] = {name: np.empty((n, size) if size > 1 else n, dtype=np.float32) for name, size in sizes.items()}
 
     def of(self, x: Array, v: Array, F: Array, P: Array) -> Mapping[str, Numbers]:
         """Positions (m) as `Points`, and every quantity by name.

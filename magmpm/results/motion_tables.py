@@ -86,9 +86,7 @@ def read_contacts(path: Path) -> dict[str, dict[str, Array]]:
         rows = _whole_rows(path)
         for effect in dict.fromkeys(row["effect"] for row in rows):
             of = [row for row in rows if row["effect"] == effect]
-            found[effect] = {
-                name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"
-            }
+            found[effect] = {name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"}
     return found
 
 

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.readable import lengths, quantity
-from magmpm.results.whole_file import whole_file
+from magmpm.results.whole_file import whole_file, write_json
 
-ARRAYS = "state.npz"
-NUMBERS = "result.json"
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None,
 }  # fmt: skip
@@ -138,16 +137,11 @@ class Result:
             raise ValueError(f"numbers that are not finite in {', '.join(wrong)}")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        arrays = {
-            f.name: getattr(self, f.name)
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray)
-        }
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
         with whole_file(folder / ARRAYS) as part, part.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
         numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in arrays}
-        with whole_file(folder / NUMBERS) as part:
-            part.write_text(json.dumps({**numbers, **self.summary()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(folder / NUMBERS, {**numbers, **self.summary()}, indent=1, allow_nan=False)
         return folder
 
     @classmethod

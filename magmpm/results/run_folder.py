@@ -9,23 +9,30 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 from magmpm.errors import InputError, report
 from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.file_names import (
+    ABOUT,
+    CHECKPOINT,
+    EARLIER,
+    FAILED,
+    FRAMES,
+    MOTION,
+    NUMBERS,
+    OF_ACCURACY,
+    OF_EQUILIBRIUM,
+    OF_MOTION,
+    OWNER,
+    PICTURES,
+)
 from magmpm.results.folder_lock import LOCK
-from magmpm.results.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
-from magmpm.results.result import ARRAYS, NUMBERS, Result
-from magmpm.results.whole_file import whole_file
+from magmpm.results.result import Result
+from magmpm.results.whole_file import write_json
 from magmpm.scene import Scene
-
-PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
-OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
-_STATICS = (NUMBERS, ARRAYS)
-_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, ABOUT)
-_PICTURES = (PICTURE, MOVIE, "movie.gif", MOMENTS, ENERGIES_PLOT)
-_ACCURACY = ("accuracy.csv", "accuracy.json", "accuracy.png")  # of `magmpm accuracy`
 
 
 def holds_run(folder: Path) -> bool:
@@ -61,7 +68,7 @@ class RunFolder:
         """What is there that a run would replace, in words; "" where there is nothing."""
         path = self.path / EARLIER if (self.path / EARLIER).is_dir() else self.path
         words = _described(path)
-        if any((self.path / name).exists() for name in (*_PICTURES, FRAMES)):
+        if any((self.path / name).exists() for name in (*PICTURES, FRAMES)):
             words = f"{words}, with its pictures" if words else "pictures of an earlier result"
         holder = self._holder()
         return f"{words} (of {holder})" if words and holder else words
@@ -87,10 +94,10 @@ class RunFolder:
     def save(self, result: Result) -> None:
         """A result, in place of all that was there."""
         result.save(self.path)
-        kept = {*_STATICS, *(() if result.formulation == "static" else _MOTION)}
+        kept = {*OF_EQUILIBRIUM, *(() if result.formulation == "static" else OF_MOTION)}
         if read_mapping(self.path / OWNER).get("accuracy_hash", self.scene.hash()) != self.scene.hash():
-            _remove(self.path, _ACCURACY)
-        _remove(self.path, (*_STATICS, *_MOTION), kept=kept)
+            _remove(self.path, OF_ACCURACY)
+        _remove(self.path, (*OF_EQUILIBRIUM, *OF_MOTION), kept=kept)
         for folder in (EARLIER, FAILED):
             _remove(self.path / folder)
         self._sign()
@@ -130,7 +137,7 @@ class RunFolder:
         folder = folder or self.path
         known = {key: value for key, value in read_mapping(folder / OWNER).items() if key == "accuracy_hash"}
         about = {"name": self.scene.name, "scene_file": str(self.scene_file), "scene_hash": self.scene.hash()}
-        _write(folder, OWNER, {**about, **known, **more})
+        write_json(folder / OWNER, {**about, **known, **more}, indent=1)
 
     def _holder(self) -> str:
         """Name and file of the scene whose results are there; "" if it is this one, or can't be told."""
@@ -170,16 +177,14 @@ def _worth_keeping(folder: Path) -> bool:
 
 def _move(source: Path, target: Path) -> None:
     """Move what a run leaves into another folder, which has none of it."""
-    for name in (*_MOTION, *_STATICS, OWNER, *_PICTURES, FRAMES):
+    for name in (*OF_MOTION, *OF_EQUILIBRIUM, OWNER, *PICTURES, FRAMES):
         if (source / name).exists():
             (source / name).replace(target / name)
 
 
-def _remove(
-    folder: Path, names: tuple[str, ...] = (*_STATICS, *_MOTION, OWNER), kept: set[str] | frozenset[str] = frozenset()
-) -> None:
+def _remove(folder: Path, names: tuple[str, ...] = (*OF_EQUILIBRIUM, *OF_MOTION, OWNER), kept: Collection[str] = ()) -> None:
     """Remove what a run leaves and its pictures, and the folder if nothing else was in it and it is not the scene's own."""
-    for name in (*names, *_PICTURES):
+    for name in (*names, *PICTURES):
         if name not in kept:
             (folder / name).unlink(missing_ok=True)
     frames = folder / FRAMES
@@ -199,8 +204,3 @@ def read_mapping(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return known if isinstance(known, dict) else {}
-
-
-def _write(folder: Path, name: str, about: dict[str, Any]) -> None:
-    with whole_file(folder / name) as part:
-        part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.errors import BudgetError, InputError, report
 from magmpm.results import vtkhdf
+from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, MOTION
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
-from magmpm.results.motion_files import ABOUT, CONTACTS, ENERGIES, MOTION
 from magmpm.results.motion_tables import (
     GrowingTable,
     contact_row,
@@ -32,11 +32,10 @@ from magmpm.results.motion_tables import (
     read_energies,
 )
 from magmpm.results.readable import quantity
+from magmpm.results.whole_file import write_json
 
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
-_OVERHEAD = (
-    65_536  # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
-)
+_OVERHEAD = 65_536  # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
 
 
 class MotionWriter:
@@ -100,9 +99,7 @@ class MotionWriter:
     def __enter__(self) -> MotionWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         return None
 
     @property
@@ -188,9 +185,7 @@ class MotionWriter:
     def _tell_about(self, model: Any) -> None:
         scene: Any = getattr(model, "scene", None)
         about = {"scene": scene.to_si() if hasattr(scene, "to_si") else scene, "name": getattr(scene, "name", "")}
-        unfinished = self.folder / f".{ABOUT}"
-        unfinished.write_text(json.dumps(about) + "\n", encoding="utf-8")
-        unfinished.replace(self.folder / ABOUT)
+        write_json(self.folder / ABOUT, about)
 
     def _must_hold(self, frames: int, until: float, contacts: Iterable[str]) -> None:
         """Raises InputError unless the files hold what a motion has written until a time (s)."""
@@ -214,10 +209,8 @@ class MotionWriter:
 
     def _must_exist(self) -> None:
         if not self.path.exists():
-            raise InputError(
-                f"{self.path}: is missing, while the folder holds a checkpoint of this motion\n"
-                "  rule: a motion goes on from the frames it has\n  remedy: run again without --resume"
-            )
+            place = f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
+            raise InputError(report(place, rule="a motion goes on from the frames it has", remedy="run again without --resume"))
 
 
 def _bytes(size: float) -> str:
@@ -296,16 +289,7 @@ class Motion:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{folder}: the motion can't be read ({error}); run the scene again") from None
-        return cls(
-            folder=folder,
-            name=name,
-            scene=scene,
-            times=times,
-            fields=fields,
-            energies=energies,
-            contacts=contacts,
-            **static,
-        )
+        return cls(folder=folder, name=name, scene=scene, times=times, fields=fields, energies=energies, contacts=contacts, **static)
 
     def __repr__(self) -> str:
         """One line: how many frames of how many particles, the times, and where they are."""

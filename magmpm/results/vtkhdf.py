@@ -178,9 +178,7 @@ def _place(name: str) -> str:
 def _growing(file: h5py.File, name: str, n: int, components: int) -> None:
     """An array with one chunk a frame."""
     tail = (components,) if components > 1 else ()
-    file.create_dataset(
-        _place(name), (0, *tail), np.float32, chunks=(n, *tail), maxshape=(None, *tail), fillvalue=np.nan
-    )
+    file.create_dataset(_place(name), (0, *tail), np.float32, chunks=(n, *tail), maxshape=(None, *tail), fillvalue=np.nan)
 
 
 def _row_of(group: Any, name: str, tail: tuple[int, ...], dtype: np.dtype[Any]) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from magmpm.errors import report
 
@@ -25,6 +27,12 @@ def whole_file(path: Path) -> Iterator[Path]:
             with suppress(OSError):
                 part.unlink(missing_ok=True)  # half a file would take room on a full disk
             raise
+
+
+def write_json(path: Path, data: Any, **options: Any) -> None:
+    """Plain data as a JSON file that appears whole; options: of json.dumps."""
+    with whole_file(path) as part:
+        part.write_text(json.dumps(data, **options) + "\n", encoding="utf-8")
 
 
 @contextmanager

@@ -17,8 +17,8 @@ from test_motion_runs import environment, scene
 
 from magmpm.cli.main import main
 from magmpm.results import folder_lock as lock
+from magmpm.results.file_names import CHECKPOINT, ENERGIES
 from magmpm.results.folder_lock import LOCK, FolderInUse, folder_lock
-from magmpm.results.motion_files import CHECKPOINT, ENERGIES
 from magmpm.results.trajectory import Motion
 
 

@@ -22,8 +22,8 @@ from magmpm.cli.render import motion_of
 from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import InputError
 from magmpm.model import build
-from magmpm.results.motion_files import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION
-from magmpm.results.result import NUMBERS, Result
+from magmpm.results.file_names import ABOUT, CHECKPOINT, CONTACTS, ENERGIES, MOTION, NUMBERS
+from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
 

@@ -20,9 +20,8 @@ from test_motion_runs import environment
 from magmpm.cli.main import main
 from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
-from magmpm.results.motion_files import CHECKPOINT, MOTION
-from magmpm.results.result import NUMBERS, Result
-from magmpm.results.run_folder import EARLIER, FAILED, MOMENTS, PICTURE
+from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE
+from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
 from viz.from_result import Still, trial_snapshot

@@ -1,0 +1,22 @@
+"""Names of the files that a folder of results holds. Apart from what reads and writes them, which imports HDF5."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+NUMBERS, ARRAYS = "result.json", "state.npz"
+MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.csv", "motion.json"
+CHECKPOINT = "checkpoint.npz"
+PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
+OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
+
+OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
+OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, ABOUT)
+PICTURES = (PICTURE, MOVIE, "movie.gif", MOMENTS, ENERGIES_PLOT)
+OF_ACCURACY = ("accuracy.csv", "accuracy.json", "accuracy.png")  # of `magmpm accuracy`
+
+
+def forget_motion(folder: Path | str) -> None:
+    """Remove an earlier motion from a folder that takes another result: it would seem to belong to it, and be resumed."""
+    for name in OF_MOTION:
+        (Path(folder) / name).unlink(missing_ok=True)
