@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 TOLERANCE = 1e-3  # of the smaller of two shells: touching faces of a drawing never fit exactly
-NOTHING = 1e-9  # of the mesh's box: a shell with less volume than this is none
+NOTHING = 1e-9  # of the mesh's box: a shell with less volume than this is ignored
 SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
 SAME_ANGLE = 1e-3  # rad: triangles nearer to each other than this around their edge are one plane
 SHOWN = 3  # shells of each kind that a message names
@@ -165,7 +165,7 @@ def _outward(shell: Manifold) -> Manifold:
 
 
 def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
-    """What is wrong with the shells, as `trouble` says it."""
+    """Rule and remedy where a shell is misplaced, as of `trouble`; else None."""
     volume, solids = np.array([shell.volume() for shell in shells]), [_outward(shell) for shell in shells]
     around = np.zeros(len(shells))  # how often a point just outside of each shell is inside of others
     crossed: list[str] = []

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
-MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle, and one with too many is told their number
+MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is checked
 LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
 FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
 RAYS = 400  # points from which the thickness is measured
@@ -100,7 +100,7 @@ def _binary(content: bytes) -> Array:
 
 
 def _text(content: bytes) -> Array | None:
-    """Corners (f, 3, 3) of a text STL, or None where it is none."""
+    """Corners (f, 3, 3) of a text STL, or None where the content is something else."""
     if content.lstrip()[:5].lower() != b"solid":
         return None
     found = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
@@ -112,7 +112,7 @@ def _text(content: bytes) -> Array | None:
 
 
 def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
-    """Vertices and faces of loose triangles (f, 3, 3), with near vertices made one and triangles without area left out."""
+    """Vertices and faces of separate triangles (f, 3, 3): near vertices are merged, triangles without area left out."""
     points, of = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     from scipy.sparse import coo_matrix  # only where a scene has a mesh: scipy takes a fifth of a second
     from scipy.sparse.csgraph import connected_components

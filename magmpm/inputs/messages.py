@@ -1,7 +1,7 @@
 """What is wrong with a file, in the words of the file: line, key, value received, rule broken, what to do.
 
-pydantic's error records name locations and types of its own; here they become `Problem`s, with the nearest
-known key, the place where a misplaced key belongs, and an example from the key's own documentation.
+pydantic reports errors with locations and types of its own. Here they become `Problem`s, with the nearest known key, the place where a
+misplaced key belongs, and an example from the key's own documentation.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Problem:
 
 
 def overruled(error: Mapping[str, Any]) -> bool:
-    """Whether pydantic calls a list too short because it does not count the entries it refused."""
+    """Whether pydantic calls a list too short only because it left out the entries that it refused."""
     return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 
@@ -49,7 +49,7 @@ NOTHING = "nothing"  # what is received where a key or a value is missing
 
 
 def empty_values(data: Any, at: Key = ()) -> list[Problem]:
-    """`key:` with nothing after it: too easily taken for "as usual", so the file must say what is meant."""
+    """`key:` with nothing after it: a reader may take it for the default, so the file must say what is meant."""
     if data is None:
         remedy = "write {} for a part with its usual values, or remove the key"
         return [Problem(at, NOTHING, "a key must have a value", remedy)]
@@ -61,7 +61,7 @@ def empty_values(data: Any, at: Key = ()) -> list[Problem]:
 
 
 def translate(model: type[BaseModel], data: Any, error: dict[str, Any]) -> Problem:
-    """One of pydantic's error records in our words."""
+    """One of pydantic's errors as a Problem."""
     kind, context = error["type"], error.get("ctx", {})
     at, value, there = _locate(data, error["loc"], absent=kind == "missing")
     if kind == "fault":
@@ -107,9 +107,9 @@ _RULES = {
 
 
 def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key, Any, bool]:
-    """Key path, value, and whether it is there; without the union tags that pydantic mixes into locations.
+    """Key path, value, and whether the value exists; without the union tags that pydantic adds to locations.
 
-    absent: the last part of the location may be a key that is not there, rather than a tag.
+    absent: the last part of the location may be a missing key rather than a tag.
     """
     at: Key = ()
     for n, part in enumerate(location):

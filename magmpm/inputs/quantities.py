@@ -1,9 +1,8 @@
 """Text with a unit -> SI float: "40 mm" -> 0.04.
 
-The number is read as an exact decimal and multiplied by the unit's exact factor, and only the product is
-rounded. So "40 mm", "4 cm" and "0.04 m" are the same float, whichever way the factor was found: in the table
-of plain units below (no import, microseconds) or in pint's registry (every unit pint knows; half a second,
-once, when first needed).
+The number is read as an exact decimal and multiplied by the unit's exact factor; only the product is rounded. So "40 mm", "4 cm" and
+"0.04 m" are the same float, wherever the factor comes from: the table of plain units below (microseconds, no import) or pint's registry
+(every unit that pint knows; half a second, once, when first needed).
 """
 
 from __future__ import annotations
@@ -88,7 +87,7 @@ _ABSURD_UNIT = re.compile(r"\d{3}|(?:\*\*|\^)[^*/ ]*(?:\*\*|\^)")
 
 
 class BadQuantity(ValueError):
-    """Text that is no quantity of the wanted kind; `rule` says what is due, `remedy` what to write."""
+    """Text that is not a quantity of the kind wanted; `rule` says what is expected, `remedy` what to write."""
 
     def __init__(self, rule: str, remedy: str) -> None:
         super().__init__(f"{rule}; {remedy}")
@@ -120,7 +119,7 @@ def parse_quantity(text: str, kind: Kind) -> float:
     if not math.isfinite(magnitude) or (abs(magnitude) < 1e-290 and not is_zero):
         raise BadQuantity(f"{a(kind.name)} must be a finite number that a computer can hold", write)
     if is_zero:
-        _factor(unit, kind)  # the unit must be right all the same
+        _factor(unit, kind)  # zero needs a valid unit too
         return 0.0
     try:
         return float(Fraction(number.group()) * _factor(unit, kind))
@@ -154,7 +153,7 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
         same = found.dimensionality == wanted.dimensionality
     except pint.UndefinedUnitError:
         raise BadQuantity(f'"{unit}" is not a known unit', _nearest_unit(unit, kind) or write) from None
-    except Exception:  # pint's tokenizer raises half a dozen types for text that is no unit
+    except Exception:  # pint's tokenizer raises half a dozen types for text that is not a unit
         raise BadQuantity(f'"{unit}" is not a unit', write) from None
     # an angle has no dimension for pint, and neither has a percentage: ask for a unit of angle by name
     if kind.name == "angle" and not names <= _ANGLES:

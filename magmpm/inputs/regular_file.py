@@ -1,4 +1,4 @@
-"""Reading files that a user names: regular ones only, and none that is far too large, so that no name can hang a command or fill memory."""
+"""Reading files that a user names: only regular files of a bounded size, so that no name can hang a command or fill the memory."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _KINDS = (
 )
 
 
-MOST = 64_000_000  # bytes of a file of ours that says what a result is
+MOST = 64_000_000  # bytes of a JSON file of results
 
 
 class UnfitFile(OSError):
-    """A name that stands for something else than a regular file of a usable size; strerror says for what."""
+    """A name that is not a regular file of a usable size; strerror says what it is."""
 
 
 def read_regular(path: Path, most: int) -> bytes:
     """Content of a regular file of at most `most` bytes.
 
-    Raises UnfitFile where it is no regular file or larger, and what else the system says as OSError.
+    Raises UnfitFile where it is not a regular file or is larger, and OSError for what else the system reports.
     """
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # opening a FIFO would otherwise wait for somebody who writes
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # otherwise opening a FIFO would wait for a writer
     try:
         about = os.fstat(handle)
         for is_kind, name in _KINDS:
@@ -40,6 +40,6 @@ def read_regular(path: Path, most: int) -> bytes:
             content = stream.read(most + 1)
     finally:
         os.close(handle)
-    if len(content) > most:  # files of /proc say that they are empty
+    if len(content) > most:  # files of /proc have size 0
         raise UnfitFile(errno.EFBIG, f"received more than {most} bytes", str(path))
     return content

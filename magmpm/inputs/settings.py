@@ -1,8 +1,7 @@
 """What scene and study files share: quantity types, and one error for all that is wrong with a file.
 
-Quantity types are pydantic annotations. In a file a quantity is text with a unit ("40 mm") and a bare number
-is an error; models built in Python (no file in the validation context) also take bare floats, in SI. Either
-way the model holds SI floats.
+Quantity types are pydantic annotations. In a file a quantity is text with a unit ("40 mm"), and a bare number is an error. Models built in
+Python (no file in the validation context) also take bare floats, in SI. Either way the model holds SI floats.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ M = TypeVar("M", bound=BaseModel)
 class Settings(BaseModel):
     """Base of every part of a scene or study: immutable, and unknown keys are errors.
 
-    `not_there_yet`: keys of the published contract that this version does not have, with what they are for.
+    `not_there_yet`: published keys that this version does not have yet, with what they are for.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -68,7 +67,7 @@ def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
 
 
 def from_file(info: ValidationInfo) -> bool:
-    """Whether the validated value was written in a file (units due), rather than given in Python (SI)."""
+    """Whether the validated value was written in a file (with units) rather than given in Python (in SI)."""
     return bool(info.context and info.context.get("file"))
 
 
@@ -147,9 +146,8 @@ Current = Annotated[float, Quantity("current")]
 def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = None) -> M:
     """`data` as the model, or one InputError that lists everything wrong with it.
 
-    data: what `read_yaml` returned (units due, line numbers in messages), or any mapping; in SI when the data
-    are no Document and `path` is None.
-    Raises NotThereYet when all that is wrong is keys of a later version, else InputError.
+    data: what `read_yaml` returned (values have units, messages have line numbers), or any mapping, which is in SI where `path` is None.
+    Raises NotThereYet if all that is wrong is keys of a later version, else InputError.
     """
     if path is None and isinstance(data, Document):
         path = data.path
@@ -162,7 +160,7 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
             return result
     except ValidationError as error:
         found = [translate(model, data, dict(e)) for e in error.errors(include_url=False) if not overruled(e)]
-        # a misspelt key that is required is one mistake, not two
+        # a misspelled key that is required is one mistake, not two
         meant = {(*p.at[:-1], near) for p in found if (near := nearest_key(model, p.at)) is not None}
         problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
     lines = data.lines if isinstance(data, Document) else {}

@@ -28,10 +28,10 @@ def three(write: str) -> BeforeValidator:
 
 
 def _unit_vector(value: Any) -> Vector:
-    """The direction, of length one (or zeros), whichever way it was written.
+    """The direction as a unit vector (or zeros), however it was written.
 
-    Components below 1e-15 are rounding of angles and become zero. A vector of length one within rounding
-    stays as it is, so that a scene read back from its own data is bitwise the same.
+    Components below 1e-15 are rounding of angles and become zero. A vector of length one within rounding stays as it is, so that a scene
+    read back from its own data is the same bit for bit.
     """
     if isinstance(value, Angles):
         cos_e, sin_e = math.cos(value.elevation), math.sin(value.elevation)
@@ -41,7 +41,7 @@ def _unit_vector(value: Any) -> Vector:
         return (0.0, 0.0, 0.0)
     length = math.hypot(*value)
     if abs(length - 1.0) > 1e-14:
-        value = tuple(x / largest for x in value)  # first, so that huge and tiny vectors normalise too
+        value = tuple(x / largest for x in value)  # first, so that huge and tiny vectors can be normalized too
         length = math.hypot(*value)
         value = tuple(x / length for x in value)
     x, y, z = (0.0 if abs(x) < 1e-15 else float(x) for x in value)

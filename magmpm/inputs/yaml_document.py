@@ -1,7 +1,7 @@
 """YAML files as users write them: plain data, the line of every key, errors that say where and what to do.
 
-Read by the rules of YAML 1.2 rather than PyYAML's 1.1: `1e-9` is a number, `yes`, `no` and `off` are words,
-`12:30` is text and not 750, and a key that stands twice is an error rather than the last one winning.
+Read by the rules of YAML 1.2, not PyYAML's 1.1: `1e-9` is a number, `yes`, `no` and `off` are text, `12:30` is text and not 750, and a
+key that appears twice is an error, where PyYAML would take the last one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Document(dict[str, Any]):
 
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader that decides by YAML 1.2 which plain words are numbers, booleans and nulls."""
+    """SafeLoader that follows YAML 1.2 in which plain words are numbers, booleans and nulls."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's protocol)
 
@@ -50,8 +50,8 @@ for _tag, _pattern, _first in (
 def read_yaml(path: Path | str) -> Document:
     """The file's top-level mapping.
 
-    Raises InputError with file and line: no such file, not a text file, not YAML, a key that stands twice, a
-    file that is empty or holds something other than `key: value` lines.
+    Raises InputError with file and line: no such file, not a text file, not YAML, a key that appears twice, a file that is empty or holds
+    something other than `key: value` lines.
     """
     path = Path(path)
     text = _read_text(path)
@@ -130,10 +130,10 @@ def _read_text(path: Path) -> str:
 
 
 def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
-    """PyYAML's complaint as file:line, what was met there, and what to do."""
+    """PyYAML's error as file:line, what was found there, and what to do."""
     mark = error.problem_mark or error.context_mark
     if error.context_mark is not None and re.search("quoted|flow", error.context or ""):
-        mark = error.context_mark  # where a quote or bracket was opened, rather than where its end is missed
+        mark = error.context_mark  # where a quote or bracket was opened, rather than where its end is missing
     number = mark.line if mark else 0
     lines = text.splitlines()
     line = lines[number] if number < len(lines) else ""
@@ -149,14 +149,14 @@ def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
 
 
 class _Builder:
-    """Plain data from YAML nodes, noting lines and refusing keys that stand twice."""
+    """Plain data from YAML nodes; notes lines and refuses keys that appear twice."""
 
     def __init__(self, path: Path, loader: _Loader) -> None:
         self.path = path
         self.loader = loader
         self.lines: dict[Key, int] = {}
         self.nodes = 0
-        self.open: set[int] = set()  # nodes being built: an alias to one of them would never end
+        self.open: set[int] = set()  # nodes being built: an alias to one of them would repeat without end
 
     def report(self, node: yaml.Node, at: Key = (), **words: str) -> str:
         key = f": {dotted(at)}" if at else ""
@@ -219,7 +219,7 @@ class _Builder:
             if kind == "float":
                 return float(re.sub(r"\.(inf|nan)", r"\1", text.lower()))
         except ValueError:
-            return text  # thousands of digits, say: whoever wants a number refuses the text
+            return text  # such as thousands of digits: where a number is expected, the text is refused
         if kind == "str" or node.tag == "!":
             return text
         words = {"received": f"the tag {node.tag}", "rule": "must be plain YAML", "remedy": "remove the tag"}

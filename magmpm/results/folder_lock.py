@@ -1,4 +1,4 @@
-"""One process at a time writes a folder of results. The lock goes with its process, however that ends."""
+"""One process at a time writes a folder of results. The lock ends with its process, however that ends."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class FolderInUse(InputError):
 
 @contextmanager
 def folder_lock(folder: Path | str) -> Iterator[None]:
-    """Hold a folder of results, made if missing, as the only one who writes it. Whoever holds it already (this thread) goes on.
+    """Hold a folder of results, made if missing, as its only writer. A thread that holds it already goes on.
 
     Raises FolderInUse, which says who holds it and since when; InputError where the folder can't be written.
     """
@@ -51,7 +51,7 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
             _take(stream, folder)
             if _still_there(stream, folder / LOCK):
                 break
-            stream.close()  # whoever held it has ended, and taken the file away: the lock is on a name that is gone
+            stream.close()  # the holder has ended and removed the file: this lock is on a file without a name
     except OSError as error:
         raise unwritable(folder, error) from None
     with stream:
@@ -65,7 +65,7 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:
-    """What to say of a folder that takes no results."""
+    """The error of a folder that results can't be written to."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         rule, remedy = f"results need room on the disk ({error.strerror})", "free some, or use another --out"
     else:
@@ -74,7 +74,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def _take(stream: IO[str], folder: Path) -> None:
-    """Lock the file and write into it who we are. Raises FolderInUse, InputError."""
+    """Lock the file and write into it which process this is. Raises FolderInUse, InputError."""
     if not _try_lock(stream):
         stream.seek(0)
         rule = "only one process at a time may write a folder of results"
@@ -99,7 +99,7 @@ def _still_there(stream: IO[str], path: Path) -> bool:
 
 
 def _described(text: str) -> str:
-    """The holder in words, of what it has written into the lock's file."""
+    """The holder in words, from what it has written into the lock's file."""
     try:
         about = json.loads(text)
         return f"process {about['pid']} on {about['host']} since {about['since']} ({about['command']})"
@@ -108,7 +108,7 @@ def _described(text: str) -> str:
 
 
 def _try_lock(stream: IO[str]) -> bool:
-    """Whether the lock could be had, within PATIENCE. File systems without locks count as free."""
+    """Whether the lock was obtained within PATIENCE. File systems without locks count as free."""
     until = time.monotonic() + PATIENCE
     while True:
         try:

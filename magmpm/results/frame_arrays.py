@@ -23,7 +23,7 @@ Numbers = NDArray[np.float32]
 
 
 class FrameArrays:
-    """Arrays of one frame, filled again for each.
+    """Arrays of one frame, filled anew for each frame.
 
     reference: (n, 3) m, of the undeformed body; remanence: (n, 3) T, its remanence.
     """

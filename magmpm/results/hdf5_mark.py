@@ -1,8 +1,8 @@
-"""The mark of an HDF5 file that is open for writing, and how to take it away where the writer was killed.
+"""The mark of an HDF5 file that is open for writing, and how to remove it where the writer was killed.
 
 HDF5 marks a file while it is open (File Consistency Flags of the superblock, version 3: bit 0 open for writing, bit 2 single writer and
-many readers), and refuses to open it as long as the mark stands. A file written in the single-writer mode is in order at every moment:
-without the mark, and with its end where it is, it can be opened as any other. The library's own tool for it (h5clear) does the same.
+many readers), and refuses to open it until the mark is removed. A file written in the single-writer mode is consistent at every moment:
+without the mark, and with the end of file set to its size, it can be opened as any other. HDF5's own tool (h5clear) does the same.
 Format: https://docs.hdfgroup.org/documentation/hdf5/latest/_f_m_t3.html, "Superblock (Versions 2 and 3)".
 Checksum: Bob Jenkins, lookup3.c, hashlittle (public domain), https://burtleburtle.net/bob/c/lookup3.c
 """
@@ -19,15 +19,15 @@ _WORD = 0xFFFFFFFF
 
 
 def marked_in_order(path: Path) -> bool:
-    """Whether the file is marked as open, by one writer that keeps it in order at every moment."""
+    """Whether the file is marked as open by a single writer that keeps it consistent at every moment."""
     fields = _read(path)
     return fields is not None and fields[4] == _IN_ORDER
 
 
 def unmark(path: Path) -> bool:
-    """Take the mark of such a file away; whether it was there.
+    """Remove the mark of such a file; returns whether there was one.
 
-    Only where its writer is dead: a living one would go on. A file cut off behind is left as it is.
+    Only for a file whose writer has died: a running one would go on writing. A truncated file is left as it is.
     """
     fields = _read(path)
     size = path.stat().st_size
@@ -50,7 +50,7 @@ def _read(path: Path) -> tuple[bytes, int, int, int, int, int, int, int, int] | 
 
 
 def lookup3(data: bytes) -> int:
-    """Jenkins's hash of some bytes, as HDF5 uses it for its metadata: 32 bits, begun from 0."""
+    """Jenkins's 32-bit hash of some bytes, from 0, as HDF5 uses it for its metadata."""
     a = b = c = (0xDEADBEEF + len(data)) & _WORD
     padded = data + bytes(-len(data) % 12)
     words = struct.unpack(f"<{len(padded) // 4}I", padded)
@@ -66,7 +66,7 @@ def _turned(word: int, bits: int) -> int:
 
 
 def _mixed(a: int, b: int, c: int) -> tuple[int, int, int]:
-    for bits in (4, 6, 8, 16, 19, 4):  # each round with the three words turned about
+    for bits in (4, 6, 8, 16, 19, 4):  # each round with the three words in rotation
         a = ((a - c) & _WORD) ^ _turned(c, bits)
         c = (c + b) & _WORD
         a, b, c = b, c, a

@@ -16,14 +16,14 @@ from magmpm.results.whole_file import whole_file
 
 
 class GrowingTable:
-    """A CSV file whose first row names its columns. Numbers keep all their digits."""
+    """A CSV file that grows; its first row names the columns. Numbers keep all digits."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._header: list[str] | None = None
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """One row at the end; the first one brings the header. Raises ValueError where it has other columns than the rows before."""
+        """Append a row; the first one writes the header too. Raises ValueError where its columns differ from those of the rows before."""
         new = not self.path.exists()
         if self._header is None and not new:
             with self.path.open(encoding="utf-8", newline="") as stream:
@@ -36,7 +36,7 @@ class GrowingTable:
             stream.write(("" if not new else ",".join(row) + "\n") + ",".join(text) + "\n")
 
     def cut(self, last: float) -> None:
-        """Keep the rows until a time (s), which stands in the first column; without any left the table goes, as before its first row."""
+        """Keep the rows up to a time (s, the first column). If none is left the file is removed, as before its first row."""
         self._header = None
         if not self.path.exists():
             return
@@ -51,7 +51,7 @@ class GrowingTable:
 
 
 def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:
-    """Row of energies.csv: t (s), then J: each energy, what was dissipated where told, and the total of the others."""
+    """Row of energies.csv: t (s), then J: each energy, the dissipated one if given, and the total of the others."""
     if {"t", "kinetic", "elastic"} - {"t", *energies}:
         raise ValueError(f"energies need `kinetic` and `elastic`, got {sorted(energies)}")
     row = {name: energy for name, energy in energies.items() if name not in ("dissipated", "total")}
@@ -107,7 +107,7 @@ def _damaged(path: Path, received: str) -> InputError:
 
 @contextmanager
 def _as_written(path: Path) -> Iterator[None]:
-    """What can't be read as a table is said to be so."""
+    """Turns the errors of a table that can't be read into an InputError."""
     try:
         yield
     except InputError:

@@ -1,6 +1,4 @@
-"""Numbers as people read them: with the digits that mean something, a fitting prefix, and no "-0".
-
-What is printed for programs (`--json`) is not rounded; this is for tables, reports and pictures.
+"""Numbers for people: significant digits, a fitting prefix, and no "-0". For tables, reports and pictures; `--json` is not rounded.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ LENGTHS = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, plain where that is short: 0.0123, 41.0, 1230, 3.91e-05."""
+    """A number with this many significant digits, without an exponent where that is short: 0.0123, 41.0, 1230, 3.91e-05."""
     if not math.isfinite(value):
         return str(value)
     if value == 0.0:
@@ -40,19 +38,19 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def length(value: float, digits: int = 3) -> str:
-    """A length (m) without needless zeros: "10 mm", "1.93 mm", "5 nm"; mm where that is more than a hundredth."""
+    """A length (m) without trailing zeros: "10 mm", "1.93 mm", "5 nm"; in mm from a hundredth of it on."""
     size, unit = next((u for u in LENGTHS if abs(value) >= 0.01 * u[0]), LENGTHS[0])
     return f"{value / size:.{digits}g} {unit}"
 
 
 def lengths(values: Sequence[float] | np.ndarray) -> str:
-    """Lengths (m) in one unit, three places each: "(38.670, 0.000, 10.366) mm"; that of what is small is µm, nm or pm."""
+    """Lengths (m) in one unit with three decimals: "(38.670, 0.000, 10.366) mm"; small ones in µm, nm or pm."""
     largest = max((abs(float(value)) for value in values if math.isfinite(value)), default=0.0)
     size, unit = next((u for u in LENGTHS if largest >= u[0]), LENGTHS[-1] if largest > 0 else LENGTHS[0])
     return f"({', '.join(fixed(float(value) / size, 3) for value in values)}) {unit}"
 
 
 def fixed(value: float, places: int) -> str:
-    """So many places after the point, and no -0.000."""
+    """A number with this many decimals, and no -0.000."""
     text = f"{value:.{places}f}"
     return text[1:] if text.startswith("-") and float(text) == 0.0 else text

@@ -36,7 +36,7 @@ def readable(folder: Path) -> bool:
 
 
 def _checked(name: str, kind: str, value: Any) -> Any:
-    """A field's value, if it is of the kind that the field's annotation names. Raises ValueError."""
+    """A field's value, if it has the type that the field's annotation names. Raises ValueError."""
     kinds: dict[str, type | tuple[type, ...]] = {
         "str": str, "bool": bool, "int": int, "float": (int, float), "Array": np.ndarray, "NDArray": np.ndarray, "dict": dict, "list": list,
     }  # fmt: skip
@@ -48,7 +48,7 @@ def _checked(name: str, kind: str, value: Any) -> Any:
 
 
 def _unreadable(folder: Path, error: Exception) -> str:
-    """What to say of a result that can't be read: which of its files is damaged, and what to do."""
+    """The message for a result that can't be read: which of its files is damaged, and what to do."""
     damaged = NUMBERS
     try:
         if isinstance(numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict) and not readable(folder):
@@ -103,9 +103,9 @@ class Result:
     formulation: str = "static"  # or total, updated
     kinetic_energy: float = 0.0  # J
     load_share: float = 1.0  # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve failed on the way
-    failure: str = ""  # why the run did not get to its end; then this is no answer, but its last good state
+    failure: str = ""  # why the run stopped early; then this is not the answer but the last good state
     largest_stretch: float = 1.0  # no unit: of any particle; of a motion in any frame
-    tightest_radius: float | None = None  # m, to which the axis is bent, of a motion in any frame; None: straight, or there is none
+    tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
 
     def __repr__(self) -> str:
         """One line: how the run ended, the tip, det F, and what it cost."""
@@ -125,7 +125,7 @@ class Result:
         }
 
     def not_finite(self) -> list[str]:
-        """Names of what holds a NaN or an infinity: of a result that is none, and that JSON can't hold."""
+        """Names of the fields that hold a NaN or an infinity, which no valid result has and JSON can't hold."""
         return [f.name for f in fields(self) if not _finite(getattr(self, f.name))]
 
     def save(self, folder: Path | str) -> Path:
@@ -164,7 +164,7 @@ class Result:
 
 
 def _finite(value: Any) -> bool:
-    """Whether all numbers in an array, a number or plain data are finite; what is no number is."""
+    """Whether all numbers in an array, a number or plain data are finite; text and the like count as finite."""
     if isinstance(value, np.ndarray):
         return value.dtype.kind != "f" or bool(np.isfinite(value).all())
     if isinstance(value, Mapping):

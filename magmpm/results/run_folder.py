@@ -1,8 +1,8 @@
-"""A folder of results belongs to one scene, and holds one result of it: what a run leaves there, and what becomes of what was there.
+"""A folder of results belongs to one scene and holds one result of it: what a run writes there, and what happens to earlier results.
 
-A run takes the place of what was there only when it has succeeded. A motion, which is written while it goes on, has the earlier results
-wait in FOLDER/earlier until then. A run that fails keeps what was there, and its last good state goes to FOLDER/failed; where there was
-nothing to keep, it is FOLDER that takes it.
+A run replaces earlier results only when it has succeeded. A motion is written while it runs, so earlier results are kept in FOLDER/earlier
+until it has ended. If a run fails, the earlier results stay and its last good state goes to FOLDER/failed, or to FOLDER itself where there
+was nothing to keep.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from magmpm.scene import Scene
 
 
 def holds_run(folder: Path) -> bool:
-    """Whether a folder holds what a run left, or has begun."""
+    """Whether a folder holds the results of a run, finished or begun."""
     return any((folder / name).exists() for name in (OWNER, NUMBERS, MOTION))
 
 
@@ -48,7 +48,7 @@ class RunFolder:
         self.scene_file = Path(scene_file).resolve()
 
     def claim(self, overwrite: bool = False) -> None:
-        """See that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
+        """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
         self._recover()
         holder = self._holder()
         if overwrite or not holder:
@@ -65,7 +65,7 @@ class RunFolder:
         )
 
     def holding(self) -> str:
-        """What is there that a run would replace, in words; "" where there is nothing."""
+        """What a run would replace there, in words; "" if nothing."""
         path = self.path / EARLIER if (self.path / EARLIER).is_dir() else self.path
         words = _described(path)
         if any((self.path / name).exists() for name in (*PICTURES, FRAMES)):
@@ -74,7 +74,7 @@ class RunFolder:
         return f"{words} (of {holder})" if words and holder else words
 
     def set_aside(self) -> None:
-        """Make room for a motion that begins: a result waits in FOLDER/earlier, what is none is removed."""
+        """Make room for a motion that begins: a result is kept in FOLDER/earlier, anything else is removed."""
         waiting = self.path / EARLIER
         if not waiting.exists() and _worth_keeping(self.path):
             waiting.mkdir()
@@ -84,7 +84,7 @@ class RunFolder:
         self._sign()
 
     def put_back(self) -> None:
-        """Let the results that wait in FOLDER/earlier take their place again."""
+        """Move the results kept in FOLDER/earlier back."""
         waiting = self.path / EARLIER
         if waiting.is_dir():
             _remove(self.path)
@@ -92,7 +92,7 @@ class RunFolder:
             waiting.rmdir()
 
     def save(self, result: Result) -> None:
-        """A result, in place of all that was there."""
+        """Save a result in place of all that was there."""
         result.save(self.path)
         kept = {*OF_EQUILIBRIUM, *(() if result.formulation == "static" else OF_MOTION)}
         if read_mapping(self.path / OWNER).get("accuracy_hash", self.scene.hash()) != self.scene.hash():
@@ -123,12 +123,12 @@ class RunFolder:
         return target
 
     def _recover(self) -> None:
-        """Put back what waits although nothing was written in its place, after a run that was killed early."""
+        """Put back what is kept if nothing was written in its place: a run was killed early."""
         if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
             self.put_back()
 
     def sign_accuracy(self) -> None:
-        """Say that what `magmpm accuracy` leaves beside a run's results is this scene's; results of another scene go."""
+        """Note that what `magmpm accuracy` writes beside a run's results is this scene's; results of another scene are removed."""
         if self._holder():
             _remove(self.path)
         self._sign(accuracy_hash=self.scene.hash())
@@ -140,7 +140,7 @@ class RunFolder:
         write_json(folder / OWNER, {**about, **known, **more}, indent=1)
 
     def _holder(self) -> str:
-        """Name and file of the scene whose results are there; "" if it is this one, or can't be told."""
+        """Name and file of the scene whose results are there; "" if it is this one, or unknown."""
         owner = read_mapping(self.path / OWNER)
         if owner.get("scene_file"):
             if owner.get("scene_hash") == self.scene.hash() or Path(str(owner["scene_file"])) == self.scene_file:
@@ -154,7 +154,7 @@ class RunFolder:
 
 
 def _described(folder: Path) -> str:
-    """A run's result in words, "" where there is none."""
+    """A run's result in words; "" if there is none."""
     at = next((folder / name for name in (NUMBERS, MOTION) if (folder / name).exists()), None)
     if at is None:
         return ""
@@ -169,21 +169,21 @@ def _described(folder: Path) -> str:
 
 
 def _worth_keeping(folder: Path) -> bool:
-    """Whether a run that fails must leave this as it is: a result, or a motion that can be resumed; not an older failure."""
+    """Whether a run that fails must keep this: a result, or a motion that can be resumed; not an older failure."""
     if (folder / NUMBERS).exists():
         return read_mapping(folder / NUMBERS).get("converged") is True
     return (folder / CHECKPOINT).exists()
 
 
 def _move(source: Path, target: Path) -> None:
-    """Move what a run leaves into another folder, which has none of it."""
+    """Move what a run writes into another folder, which has none of it."""
     for name in (*OF_MOTION, *OF_EQUILIBRIUM, OWNER, *PICTURES, FRAMES):
         if (source / name).exists():
             (source / name).replace(target / name)
 
 
 def _remove(folder: Path, names: tuple[str, ...] = (*OF_EQUILIBRIUM, *OF_MOTION, OWNER), kept: Collection[str] = ()) -> None:
-    """Remove what a run leaves and its pictures, and the folder if nothing else was in it and it is not the scene's own."""
+    """Remove what a run writes and its pictures, and the folder if it is then empty and not the scene's own."""
     for name in (*names, *PICTURES):
         if name not in kept:
             (folder / name).unlink(missing_ok=True)

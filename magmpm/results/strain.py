@@ -1,4 +1,4 @@
-"""Whether a body's strain is still what the material law and the grid carry, and what to say where it is not.
+"""Whether a body's strain is within what the material law and the grid can represent, and warnings where it is not.
 
 Three limits, each with its reason:
 
@@ -10,8 +10,8 @@ Three limits, each with its reason:
   two cells across, the fewest there are, a cell then turns by half a radian, as much as the one curvature that the quadratic splines
   have in a cell should stand for: so the grid needs no limit of its own.
 
-What less than SHARE of the volume does is let pass: at the rim of a clamp, and where materials meet, strain is singular, and finer cells
-only see more of it.
+Strain in less than SHARE of the volume is ignored: at the rim of a clamp and where materials meet it is singular, and finer cells only
+show more of it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Strain:
     time: float | None = None
 
     def worst(self, other: Strain) -> Strain:
-        """What either has seen; the time is that of the larger stretch."""
+        """The worst of both; the time is that of the larger stretch."""
         return Strain(
             stretch=max(self.stretch, other.stretch),
             stretched=max(self.stretched, other.stretched),
@@ -61,7 +61,7 @@ class Strain:
         )
 
     def warnings(self, model: Model) -> list[str]:
-        """One sentence for each limit that is passed."""
+        """One sentence for each limit that is exceeded."""
         when = "" if self.time is None else f", at {self.time:.3g} s"
         found = []
         if self.stretched > SHARE:
@@ -83,19 +83,19 @@ class Strain:
         return found
 
     def state(self) -> dict[str, float]:
-        """Plain numbers, by which `restored` makes the same again."""
+        """Plain numbers, from which `restored` makes the same Strain."""
         return {f"strain_{name}": value for name, value in vars(self).items() if value is not None and np.isfinite(value)}
 
     @classmethod
     def restored(cls, state: Mapping[str, float]) -> Strain:
-        """What `state` told of, among other numbers."""
+        """The Strain of a `state`, which may hold other numbers too."""
         return cls(**{key.removeprefix("strain_"): value for key, value in state.items() if key.startswith("strain_")})
 
 
 def strain_of(model: Model, position: Array, F: Array, time: float | None = None) -> Strain:
     """The strain of a model's particles at positions (n, 3) m with F (n, 3, 3), at a time (s; None: equilibrium).
 
-    Stretches are found where they may be beyond the limit; else only that of the particle with the largest tr F^T F.
+    Stretches are computed where they may exceed the limit, and for the particle with the largest tr F^T F.
     """
     volume = model.particles.volume
     J, squares = np.empty(len(F)), np.empty(len(F))

@@ -1,4 +1,4 @@
-"""What a motion leaves behind: `motion.vtkhdf`, which ParaView opens, `energies.csv` and `contacts.csv`.
+"""The files of a motion: `motion.vtkhdf`, which ParaView opens, `energies.csv` and `contacts.csv`.
 
 All three grow frame by frame while the run goes on, and can be read at any moment (vtkhdf, motion_tables).
 """
@@ -162,9 +162,9 @@ class MotionWriter:
             )
 
     def _reserve(self) -> None:
-        """Have the disk keep the room a frame takes: HDF5 does not get over a write that fails. Raises BudgetError.
+        """Reserve the room of a frame on the disk: HDF5 does not recover from a write that fails. Raises BudgetError.
 
-        A quota, or a limit on a file's size, shows only now. What of the room is not used HDF5 gives back as it closes the file.
+        A quota, or a limit on a file's size, shows only here. HDF5 gives unused room back when it closes the file.
         """
         if not hasattr(os, "posix_fallocate"):
             return

@@ -1,12 +1,12 @@
-"""A file of frames, `motion.vtkhdf`, that ParaView opens, that grows while it can be read, and whose frames can tell that they are whole.
+"""A file of frames, `motion.vtkhdf`, that ParaView opens, that can be read while it grows, and whose frames have checksums.
 
 Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html, PolyData of one vertex a particle, whose points
-move: vertices and what does not change in time are stored once. Beside VTK's group stands `magmpm`, with a checksum (CRC-32) of each
-array of each frame, in the order time and field, Points, quantities; and one of what is stored once.
+move: vertices and what is constant in time are stored once. Beside VTK's group, the group `magmpm` has a checksum (CRC-32) of each array
+of each frame, in the order time and field, Points, quantities; and one of what is stored once.
 
-The file is closed between frames, and while it is open HDF5 writes in an order in which it can be read at any moment (single writer,
-multiple readers). A frame is counted only after all of it was handed to the disk. Arrays and rows are made longer for many frames at a
-time, and a frame's arrays go to their place as they are, past HDF5's cache: a hundred calls less a frame.
+The file is closed between frames. While it is open, HDF5 writes in an order in which it can be read at any moment (single writer, multiple
+readers). A frame is counted only after all of it was flushed to the disk. Arrays and rows are extended for many frames at a time, and a
+frame's arrays are written directly, past HDF5's cache: this saves a hundred calls a frame.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ STATIC = ("part", "volume", "remanence", "reference")
 # Readable by HDF5 1.10 and later, and so by ParaView 5.6 and later, whatever is installed here.
 _FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
-_AHEAD = 64  # frames for which arrays and rows are made longer at a time: a chunk of the rows
-_PATIENCE = 2.0  # s after which a file still marked as being written was left by a killed run
+_AHEAD = 64  # frames by which arrays and rows are extended at a time: a chunk of the rows
+_PATIENCE = 2.0  # s: a file that is marked as being written for longer was left by a killed run
 _TIMES, _FIELD, _COUNT = "VTKHDF/Steps/Values", "VTKHDF/FieldData/field", "NSteps"
 _SUMS = "magmpm/checksum"
 
@@ -62,8 +62,8 @@ class FrameFile:
     def resume(cls, path: Path, n: int, quantities: Sequence[str], until: float) -> FrameFile:
         """A file that was written before, without its frames after a time (s).
 
-        They are no longer counted, and what follows is written over them. Raises InputError where the file is another motion's, or where
-        a frame that is to be kept is not whole.
+        They are no longer counted, and new frames overwrite them. Raises InputError where the file is another motion's, or where a frame to
+        keep is not whole.
         """
         mend(path)
         with opened(path) as file:
@@ -92,14 +92,14 @@ class FrameFile:
         sums = [_sum(moment), *(_sum(arrays[name]) for name in names)]
         identifier = _open_for_growth(self.path)
         try:
-            if k >= self._rows:  # but not of the times: VTK's reader takes all there are, into room for those that are counted
+            if k >= self._rows:  # but not of the times: VTK's reader reads all of them into room for the counted ones
                 self._lengthen(identifier)
             for name in names:
                 dataset = h5py.h5d.open(identifier, _place(name).encode())
                 dataset.write_direct_chunk((k * self.n, 0)[: arrays[name].ndim], arrays[name])
             _write_row(identifier, _FIELD, k, moment[1:])
             _write_row(identifier, _SUMS, k, np.array(sums, dtype=np.uint32))
-            h5py.h5f.flush(identifier)  # the frame is on its way to the disk before the number of frames counts it
+            h5py.h5f.flush(identifier)  # before the number of frames counts it
             _write_row(identifier, _TIMES, k, moment[0], grow=True)
             steps = h5py.h5g.open(identifier, b"VTKHDF/Steps")
             h5py.h5a.open(steps, _COUNT.encode()).write(np.array(k + 1, dtype=np.int64))
@@ -108,7 +108,7 @@ class FrameFile:
         self.frames, self.last, self.places = k + 1, time, max(k + 1, self.places)
 
     def _lengthen(self, identifier: Any) -> None:
-        """Room for more frames, and the rows that can be written before them."""
+        """Extend the file for more frames, and write the rows that are known beforehand."""
         file, first, n = h5py.File(identifier), self._rows, self.n
         count = first + _AHEAD
         steps = np.arange(first, count)
@@ -209,10 +209,10 @@ def _sum_of_static(static: Mapping[str, NDArray[Any]]) -> int:
 
 
 def _open_for_growth(path: Path) -> Any:
-    """The file, in the mode in which what HDF5 writes can be read at every moment.
+    """The file, opened so that what HDF5 writes can be read at every moment (single writer, multiple readers).
 
-    It enters that mode as it is opened: between `h5py.File(path, "r+")` and `swmr_mode = True` the file would be marked as written in
-    no readable order, and a run killed there would leave a file that nothing opens any more.
+    Between `h5py.File(path, "r+")` and `swmr_mode = True` the file would be marked as open in another mode, and a run killed there would
+    leave a file that nothing can open.
     """
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
     access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
@@ -300,9 +300,9 @@ def opened(path: Path) -> h5py.File:
 
 
 def mend(path: Path) -> None:
-    """Make a file usable that a killed run left marked as being written: nothing is lost but the mark. Raises InputError.
+    """Make a file usable that a killed run left marked as being written; only the mark is removed. Raises InputError.
 
-    While a run is writing a frame its file is marked as well, so the mark must stay for a while to count.
+    A run that writes a frame marks its file as well, so the mark counts only if it stays for a while.
     """
     try:
         opened(path).close()
@@ -322,6 +322,6 @@ def mend(path: Path) -> None:
 
 
 def _first_words(error: Exception) -> str:
-    """What HDF5 says, without the addresses and names of its own functions around it."""
+    """HDF5's message without the addresses and function names around it."""
     text = str(error)
     return text[text.find("(") + 1 : text.rfind(")")] if "(" in text else text

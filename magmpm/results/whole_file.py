@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and what to say where the disk does not take them."""
+"""Files that appear whole or not at all, and messages for where the disk does not take them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 from magmpm.errors import report
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, or within the system's limit for a file
-REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EISDIR)  # the place is wrong, not the moment
+REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EISDIR)  # trying again would not help
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write to, which takes its place at the end, or goes with what went wrong. An OSError names `path`."""
+    """A file beside `path` to write to, which replaces it at the end, or is removed on an error. An OSError names `path`."""
     part = path.with_name(f".{path.name}")
     with naming(path):
         try:
@@ -25,7 +25,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             part.replace(path)
         except BaseException:
             with suppress(OSError):
-                part.unlink(missing_ok=True)  # half a file would take room on a full disk
+                part.unlink(missing_ok=True)  # a partial file would take room on a full disk
             raise
 
 
@@ -37,7 +37,7 @@ def write_json(path: Path, data: Any, **options: Any) -> None:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """An OSError says which file it is about: of a write that fails, the system does not."""
+    """An OSError names the file: for a failed write the system does not."""
     try:
         yield
     except OSError as error:
@@ -46,7 +46,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def explained(error: OSError, kept: str = "") -> str:
-    """What to say of a file that can't be read or written; kept: what is not lost."""
+    """The message for a file that can't be read or written; kept: what is not lost."""
     place = f"{error.filename or 'the system'}: {error.strerror or error}"
     if error.errno in FULL:
         rule = "what is written needs room on the disk, within the system's limits for this user"

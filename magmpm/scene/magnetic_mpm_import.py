@@ -34,7 +34,7 @@ from magmpm.scene import Scene, load_scene
 BULK_TO_SHEAR = 20.0  # implied by the format
 UNIT = 0.1  # per cent that a vector's length may differ from one unnoticed: what three decimals leave
 APART = 0.01  # of the robot's size: a segment farther than this from all others hangs in the air
-FREE_CELLS, FIXED_CELLS = 2, 4  # cells through the thinnest part: motion is dear, and costs the fourth power of this
+FREE_CELLS, FIXED_CELLS = 2, 4  # cells through the thinnest part: the cost of a motion rises with the fourth power of this
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -64,7 +64,7 @@ class Robot(Settings):
     @model_validator(mode="before")
     @classmethod
     def _spelled_well(cls, data: Any) -> Any:
-        """`remanence` is taken for `remenance`, as the format spells it."""
+        """`remanence` is accepted for `remenance`, the format's spelling."""
         if isinstance(data, Mapping) and "remanence" in data and "remenance" not in data:
             return {("remenance" if key == "remanence" else key): value for key, value in data.items()}
         return data
@@ -82,14 +82,14 @@ class Robot(Settings):
 
 @dataclass
 class Imported:
-    """A scene that was made of a robot: its text, and what its author may not have meant."""
+    """A scene made from a robot: its text, and warnings of what its author may not have meant."""
 
     text: str
     warnings: list[str] = field(default_factory=list)
 
 
 def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: bool = False) -> tuple[Scene, list[str]]:
-    """Make a scene file of a robot file. Returns the scene and warnings. overwrite: also in place of a file that says something else.
+    """Make a scene file from a robot file. Returns the scene and warnings. overwrite: also replace a file with other content.
 
     Raises InputError with everything that is wrong; then no scene is written.
     """
@@ -107,13 +107,13 @@ def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: b
     except OSError as error:
         raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
     finally:
-        with suppress(OSError):  # where nothing can be written, nothing was
+        with suppress(OSError):  # where nothing can be written there is no file to remove
             target.with_name(f".{target.name}.part").unlink(missing_ok=True)
     return scene, made.warnings
 
 
 def _spare(target: Path, text: str) -> None:
-    """Raises InputError where a file is that an import would change: somebody may have worked on it."""
+    """Raises InputError where an import would change an existing file: somebody may have worked on it."""
     try:
         same = not target.exists() or read_regular(target, MAX_BYTES) == text.encode()
     except OSError as error:
@@ -184,7 +184,7 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
 
 
 def _folder_name(name: str) -> str:
-    """The robot's name without what a scene's name may not hold."""
+    """The robot's name without characters that a scene's name may not have."""
     kept = "".join("-" if c in '/\\<>:"|?*' or not c.isprintable() else c for c in name).strip().lstrip(".")
     return kept or "robot"
 
@@ -236,7 +236,7 @@ def _unused(path: Path, found: list[Path]) -> list[str]:
 
 
 def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
-    """Segments may touch, not overlap: which of two materials fills the volume they share would be anyone's guess."""
+    """Raises InputError where segments overlap: which of two materials would fill the shared volume? They may touch."""
     wrong = []
     for i, j, shared, smaller in overlaps(texts):
         if shared > MAY_OVERLAP * smaller:
