@@ -18,16 +18,12 @@ def curve(points: Array, step: float) -> Array:
     return np.asarray(CubicSpline(chord, points)(fine))
 
 
-def tightest_bend(path: Array) -> float:
-    """Smallest radius of curvature (m) of a finely sampled curve (m, 3); inf for a straight one."""
-    first, second = path[1:-1] - path[:-2], path[2:] - path[1:-1]
-    area = np.linalg.norm(
-        np.cross(first, second), axis=1
-    )  # twice the triangle of three neighbours: R = a b c / (4 area)
-    sides = (
-        np.linalg.norm(first, axis=1)
-        * np.linalg.norm(second, axis=1)
-        * np.linalg.norm(first + second, axis=1)
-    )
-    bent = area > 1e-9 * sides ** (2 / 3)
-    return float(np.min(sides[bent] / (2 * area[bent]))) if bent.any() else float("inf")
+def tightest_radius(points: Array) -> float:
+    """Least radius (m) of the circles through three neighbors of points (m, 3) on a curve; inf where it is straight."""
+    if len(points) < 3:
+        return np.inf
+    a, b = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+    double = np.linalg.norm(np.cross(a, b), axis=1)  # twice the triangle's area: the radius is a b c / (4 area)
+    sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(a + b, axis=1)
+    bent = double > 1e-9 * sides ** (2 / 3)
+    return float(np.min(sides[bent] / (2.0 * double[bent]), initial=np.inf))

@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, mod
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.assembly import UNITS
-from magmpm.bodies.curves import curve, tightest_bend
+from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.signed_distance import Table, value
 from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
@@ -90,7 +90,7 @@ class Tube(Settings):
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if len(points) < 2 or not np.all(steps > 0):
             raise fault("a tube's path must have 2 or more points, each apart from the next", "correct the points", ("path",))
-        bend = tightest_bend(curve(points, min(float(steps.min()), self.radius) / 20))
+        bend = tightest_radius(curve(points, min(float(steps.min()), self.radius) / 20))
         if not bend > self.radius:
             raise fault(
                 f"a tube's path must not bend more tightly than its radius, and bends to {1e3 * bend:.3g} mm",

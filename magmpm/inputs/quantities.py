@@ -34,49 +34,34 @@ def _powers(base: str, **prefixes: int) -> dict[str, Fraction]:
     return {("" if p == "none" else p) + base: Fraction(10) ** n for p, n in prefixes.items()}
 
 
+def _each(factor: Fraction | int, *units: str) -> dict[str, Fraction]:
+    """{unit: factor}, for several ways to write a unit."""
+    return dict.fromkeys(units, Fraction(factor))
+
+
+_MILLI = Fraction(1, 1000)
+_FLUX_DENSITY = {  # the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
+    **_powers("T", none=0, m=-3, u=-6, µ=-6), **_powers("G", none=-4, m=-7, k=-1), "gauss": Fraction(1, 10**4),
+}  # fmt: skip
+_DENSITY = _each(1, "kg/m^3", "kg/m**3", "kg/m³") | _each(1000, "g/cm^3", "g/cm**3", "g/cm³")
+_MOMENT = _each(1, "A*m^2", "A m^2", "A m²") | _each(_MILLI, "mA*m^2", "mA m^2", "mA m²")
 KINDS = {
     kind.name: kind
     for kind in (
         Kind("length", "m", "40 mm", {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)}),
         Kind("pressure", "Pa", "120 kPa", {**_powers("Pa", none=0, k=3, M=6, G=9), "bar": Fraction(10**5)}),
-        Kind(
-            "density",
-            "kg/m^3",
-            "1882 kg/m^3",
-            {"kg/m^3": Fraction(1), "kg/m**3": Fraction(1), "kg/m³": Fraction(1)}
-            | {"g/cm^3": Fraction(1000), "g/cm**3": Fraction(1000), "g/cm³": Fraction(1000)},
-        ),
-        # the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
-        Kind(
-            "flux density",
-            "T",
-            "8 mT",
-            {**_powers("T", none=0, m=-3, u=-6, µ=-6), **_powers("G", none=-4, m=-7, k=-1), "gauss": Fraction(1, 10**4)},
-        ),
-        Kind("angle", "rad", "30 deg", {"rad": Fraction(1), "deg": _PI / 180, "°": _PI / 180, "degree": _PI / 180}),
-        Kind(
-            "acceleration",
-            "m/s^2",
-            "9.81 m/s^2",
-            {"m/s^2": Fraction(1), "m/s**2": Fraction(1), "m/s²": Fraction(1), "mm/s^2": Fraction(1, 1000)},
-        ),
+        Kind("density", "kg/m^3", "1882 kg/m^3", _DENSITY),
+        Kind("flux density", "T", "8 mT", _FLUX_DENSITY),
+        Kind("angle", "rad", "30 deg", _each(1, "rad") | _each(_PI / 180, "deg", "°", "degree")),
+        Kind("acceleration", "m/s^2", "9.81 m/s^2", _each(1, "m/s^2", "m/s**2", "m/s²") | _each(_MILLI, "mm/s^2")),
         Kind("time", "s", "5 ms", _powers("s", none=0, m=-3, u=-6, µ=-6)),
-        Kind("rate", "1/s", "60 1/s", {"1/s": Fraction(1), "s^-1": Fraction(1)}),
-        Kind("speed", "m/s", "5 mm/s", {"m/s": Fraction(1), "cm/s": Fraction(1, 100), "mm/s": Fraction(1, 1000)}),
-        Kind("viscosity", "Pa s", "5 Pa s", {"Pa s": Fraction(1), "Pa*s": Fraction(1), "mPa s": Fraction(1, 1000)}),
+        Kind("rate", "1/s", "60 1/s", _each(1, "1/s", "s^-1")),
+        Kind("speed", "m/s", "5 mm/s", _powers("m/s", none=0, c=-2, m=-3)),
+        Kind("viscosity", "Pa s", "5 Pa s", _each(1, "Pa s", "Pa*s") | _each(_MILLI, "mPa s")),
         Kind("size", "B", "2 GB", _powers("B", none=0, k=3, M=6, G=9, T=12)),
         Kind("frequency", "Hz", "2 Hz", {**_powers("Hz", none=0, k=3, m=-3), "1/s": Fraction(1)}),
         Kind("current", "A", "2 A", _powers("A", none=0, k=3, m=-3)),
-        Kind(
-            "magnetic moment",
-            "A*m^2",
-            "0.5 A*m^2",
-            {
-                unit: Fraction(1, scale)
-                for scale, prefix in ((1, ""), (1000, "m"))
-                for unit in (f"{prefix}A*m^2", f"{prefix}A m^2", f"{prefix}A m²")
-            },
-        ),
+        Kind("magnetic moment", "A*m^2", "0.5 A*m^2", _MOMENT),
     )
 }
 

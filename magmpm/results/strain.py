@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm.bodies.curves import tightest_radius
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.materials import determinant
@@ -131,14 +132,3 @@ def _slices(model: Model, position: Array) -> Array:
     of, volume = model.particles.cell[:, 0], model.particles.volume
     whole = np.bincount(of, volume)
     return np.stack([np.bincount(of, volume * x) / whole for x in position.T], axis=1)
-
-
-def tightest_radius(points: Array) -> float:
-    """Least radius (m) of the circles through three neighbours of points (m, 3) on a curve; inf where it is straight."""
-    if len(points) < 3:
-        return np.inf
-    a, b = points[1:-1] - points[:-2], points[2:] - points[1:-1]
-    double = np.linalg.norm(np.cross(a, b), axis=1)
-    sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(a + b, axis=1)
-    bent = double > 1e-9 * sides ** (2 / 3)
-    return float(np.min(sides[bent] / (2.0 * double[bent]), initial=np.inf))

@@ -13,7 +13,7 @@ from reference.moving import block, moving_scene
 from reference.scenes import G, rod_scene
 
 from magmpm.bodies import signed_distance as distance
-from magmpm.bodies.curves import curve, tightest_bend
+from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.effects import contact_law as contact
 from magmpm.effects import ground, self_contact, walls
@@ -46,7 +46,7 @@ def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
     """A quarter of a circle with known distances; beyond its ends they are those to its tangents."""
     t = np.linspace(0, np.pi / 2, 30)
     path = curve(20e-3 * np.column_stack([np.sin(t), 1 - np.cos(t), 0 * t]), 1e-5)
-    assert tightest_bend(path) == pytest.approx(20e-3, rel=2e-2)
+    assert tightest_radius(path) == pytest.approx(20e-3, rel=2e-2)
     x = np.column_stack([rng.uniform(0, 10e-3, (100, 2)), rng.uniform(-2e-3, 2e-3, 100)])
     ring = np.hypot(np.hypot(x[:, 0], x[:, 1] - 20e-3) - 20e-3, x[:, 2])
     np.testing.assert_allclose(distance.to_path(x, path), ring, rtol=0, atol=5e-6)

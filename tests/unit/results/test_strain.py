@@ -10,11 +10,12 @@ import pytest
 from reference.moving import moving_scene
 from reference.scenes import rod_scene
 
+from magmpm.bodies.curves import tightest_radius
 from magmpm.cli.main import main
 from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.model import Model, build
 from magmpm.results.result import Result
-from magmpm.results.strain import STRETCH, VOLUME, Strain, strain_of, tightest_radius
+from magmpm.results.strain import STRETCH, VOLUME, Strain, strain_of
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from viz.from_result import Still, trial_snapshot
