@@ -132,7 +132,7 @@ def memory(motion: TotalMotion | UpdatedMotion) -> int:
     values = [value for owner in owners for value in vars(owner).values()]
     records = [value for value in values if hasattr(value, "_fields")]  # of arrays, as the kernels take them
     arrays = {id(part): part.nbytes for part in [*values, *chain(*records)] if isinstance(part, np.ndarray)}
-    return max(sum(arrays.values()), GROWTH * len(motion.model.density))
+    return max(sum(arrays.values()), GROWTH[motion.formulation] * len(motion.model.density))
 
 
 def move(model: Model, **options: Any) -> SimulationState:
