@@ -30,6 +30,7 @@ class Layer:
 
 
 FLOOR, GRID, SHADOW, GROUND_MARK = Layer(1.0), Layer(1.1, 1), Layer(1.2, 2), Layer(1.3, 4)
+TARGET_SHADOW = Layer(1.3, 40)  # clear of the shadow of balls, which is as thick as they are
 TRACE, BODY, BODY_MARK = Layer(2.5), Layer(3.0), Layer(3.5, 5)
 AXIS, TARGET, ARROW, FORCE = Layer(5.0, 0, 0.1), Layer(6.0, 0, 0.2), Layer(7.0, 0, 0.3), Layer(8.0, 0, 0.36)
 
@@ -107,7 +108,7 @@ def _floor(panel: PanelCanvas, snapshot: Snapshot, framing: Framing) -> None:
         panel.flat(dropped, body.triangles, shade, SHADOW)
     if snapshot.target is not None:
         width = 0.7 * style.DOT_WIDTH * snapshot.thickness
-        panel.balls(plane.dropped(snapshot.dots), width, style.TARGET_SHADOW, GROUND_MARK, lit=False)
+        panel.balls(plane.dropped(snapshot.dots), width, style.TARGET_SHADOW, TARGET_SHADOW, lit=False)
 
 
 def _body(panel: PanelCanvas, snapshot: Snapshot) -> None:

@@ -25,6 +25,7 @@ from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
 from viz.snapshot import Snapshot
 from viz.worker_main import draw
 
+Size = tuple[int, int]
 BACKENDS = ("pyvista", "matplotlib")
 
 # Set to one of BACKENDS to have pictures drawn by it, whatever is installed.
@@ -111,7 +112,7 @@ class Renderer:
         snapshot: Snapshot,
         path: str | Path,
         *,
-        size: tuple[int, int] | None = None,
+        size: Size | None = None,
         framing: Framing | None = None,
         layout: Layout | None = None,
     ) -> Path:
@@ -129,12 +130,7 @@ class Renderer:
         return path
 
     def image(
-        self,
-        snapshot: Snapshot,
-        *,
-        size: tuple[int, int] | None = None,
-        framing: Framing | None = None,
-        layout: Layout | None = None,
+        self, snapshot: Snapshot, *, size: Size | None = None, framing: Framing | None = None, layout: Layout | None = None
     ) -> np.ndarray:
         """The snapshot as an array (height, width, 3) uint8; options as of `render`. Raises RenderError."""
         image: np.ndarray = self._draw(snapshot, size, framing, layout, None)
@@ -173,9 +169,7 @@ class Renderer:
         with self._lock:
             self._drop_worker()
 
-    def _draw(
-        self, snapshot: Snapshot, size: tuple[int, int] | None, framing: Framing | None, layout: Layout | None, path: str | None
-    ) -> Any:
+    def _draw(self, snapshot: Snapshot, size: Size | None, framing: Framing | None, layout: Layout | None, path: str | None) -> Any:
         """One picture, with whatever it takes: a restart, then matplotlib."""
         framing = framing or Framing.of(snapshot)
         layout = layout or page_of(framing, insets=snapshot.insets)
