@@ -1,4 +1,4 @@
-"""The shape of the house: how high imports stand, how many they are, and that they never run in a circle.
+"""The shape of the house: how long files and functions are, how high imports stand, and that they never run in a circle.
 
 A room is a file at the root of magmpm, a folder there, studies, or viz. An arrow goes from a room to another that it imports, also for its
 types alone. A package's face, an `__init__.py` of at most 40 lines that defines nothing of its own, is not drawn. Which rooms stand above
@@ -17,6 +17,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("magmpm", "studies", "viz")
+LONGEST_FILE, LONGEST_FUNCTION = 440, 62  # lines
 MOST_FLOORS, MOST_ARROWS, MOST_AT_THE_ROOT = 12, 110, 8
 FACE = 40  # lines
 
@@ -119,6 +120,24 @@ def test_arrows_between_rooms_are_few() -> None:
 def test_the_root_of_the_package_is_its_table_of_contents() -> None:
     at_the_root = sorted(path.name for path in (ROOT / "magmpm").glob("*.py"))
     assert len(at_the_root) <= MOST_AT_THE_ROOT, at_the_root
+
+
+def test_no_file_is_too_long() -> None:
+    lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files().values()}
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_no_function_is_too_long() -> None:
+    """Counted from its first decorator, which belongs to what it says, to its last line."""
+    too_long = {}
+    for module, path in files().items():
+        for node in ast.walk(tree(path)):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+                length = (node.end_lineno or first) - first + 1
+                if length > LONGEST_FUNCTION:
+                    too_long[f"{module}.{node.name}"] = length
+    assert too_long == {}
 
 
 def test_the_checks_see_what_they_look_for() -> None:
