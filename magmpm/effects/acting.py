@@ -29,7 +29,7 @@ from magmpm.inputs.settings import Settings
 
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
 _LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
-_PULL = "A field that varies in space pulls the magnetised segments: {}. A uniform field does not pull."
+_PULL = "A field that varies in space pulls the magnetized segments: {}. A uniform field does not pull."
 
 
 def _key(description: str, example: dict[str, Any]) -> Any:
@@ -40,9 +40,9 @@ def _key(description: str, example: dict[str, Any]) -> Any:
 class Effects(Settings):
     """What is simulated: an effect that is not named costs nothing."""
 
-    magnetic_torque: MagneticTorque | None = _key("The outside field turns the magnetised segments: {}.", {})
+    magnetic_torque: MagneticTorque | None = _key("The outside field turns the magnetized segments: {}.", {})
     magnetic_force: MagneticForce | None = _key(_PULL, {})
-    magnetic_interaction: MagneticInteraction | None = _key("The magnetised segments turn and pull each other: {}.", {})
+    magnetic_interaction: MagneticInteraction | None = _key("The magnetized segments turn and pull each other: {}.", {})
     gravity: Gravity | None = _key("Weight: {} for 9.81 m/s^2 along -z.", {})
     viscosity: Viscosity | None = _key("In motion: losses in the material (Kelvin-Voigt).", {"viscosity": "5 Pa s"})
     damping: Damping | None = _key("In motion: resistance of the surroundings, in proportion to mass.", {"rate": "60 1/s"})
@@ -77,9 +77,9 @@ def every() -> dict[str, type[Effect]]:
 
 
 def collect(scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-    """Parameter records and data, in turn, of the effects the scene names, by phase, never by their order in the file.
+    """Parameter records and data, in turn, of the effects the scene names, in the order of their phases, whatever their order in the file.
 
-    strength scales every load, 0 to 1: a solve that ramps the load from zero asks for the steps between. times (k,) s: of the steps to
+    strength: factor of every load, 0 to 1, for a solve that increases the load from zero. times (k,) s: of the steps to
     come, where fields change in time; None for statics. An effect at zero strength is left out: kernels without it give the same
     numbers bit for bit, while kernels that add its zeros may not (sums are reassociated).
     """
@@ -93,7 +93,7 @@ def check(model: Any) -> None:
 
 
 def warnings(scene: SceneLike) -> list[str]:
-    """What the effects a scene names have to say of it: ground that is too far away to be touched, say."""
+    """Warnings of the effects that a scene names: ground too far away to be touched, say."""
     return [text for effect in scene.effects.named().values() for text in effect.warnings(scene)]
 
 
@@ -106,7 +106,7 @@ def stable_steps(model: Any) -> dict[str, float]:
 def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
     """What hooks get as `magnet`: remanence (n, 3) T of bodies.Particles, with a fourth column where an effect marks particles.
 
-    Kernels hand the row of a particle on as it is; magnetic_interaction, the one effect that marks, finds its block in it.
+    Kernels pass the row of a particle on unchanged; magnetic_interaction, the one effect that marks, finds its block in it.
     """
     for effect in scene.effects.named().values():
         if (marks := effect.marks(particles, remanence)) is not None:

@@ -1,8 +1,8 @@
-"""Where a body can get to, at most: what lies beyond can do nothing to it, and is most likely a unit or a place mistaken.
+"""The region that a body can reach. An obstacle beyond it has no effect and is most likely a mistake of unit or place.
 
-A straight body that is held at an end stays within its length of that end, some stretch allowed for; one that a guide feeds, of all the
-places to which its base is pushed. STL parts, of which some may be loose, and bodies that nothing holds may go anywhere, but a motion
-is stopped once a particle is FAR times the body's size from where it began (dynamics.watchdog).
+A straight body that is held at an end stays within its length of that end, with some stretch; a body that a guide feeds, within its
+length of all places to which its base is pushed. STL parts, some of which may be loose, and free bodies may go anywhere, but a motion is
+stopped once a particle is FAR times the body's size from its start (dynamics.watchdog).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import SceneLike
 
-STRETCHED = 1.5  # times the length of a held body: silicone under its weight and in fields of tens of mT stretches by per cents
-FAR = 10.0  # sizes of the undeformed body that a particle may move from where it was
-STATIONS = 33  # of the way the base is pushed along
+STRETCHED = 1.5  # times the length of a held body: silicone stretches by some percent under its weight and in fields of tens of mT
+FAR = 10.0  # sizes of the undeformed body: how far a particle may move from its start
+STATIONS = 33  # points on the way of the base
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class BodyReach:
     why: str
 
     def beyond(self, from_base: Array) -> float:
-        """How far (m) an obstacle is beyond the reach, by its distances (k,) m from the base's places; 0 or less: it can be reached."""
+        """How far (m) an obstacle is out of reach, given its distances (k,) m from the places of the base; 0 or less: within reach."""
         return float(np.min(from_base)) - self.radius
 
 
 def body_reach(scene: SceneLike) -> BodyReach:
-    """Where a scene's body can get to."""
+    """The region that a scene's body can reach."""
     lower, upper = (np.array(corner) for corner in scene.box())
     size = float(np.linalg.norm(upper - lower))
     feed, dynamic, line = scene.effects.feed, scene.solver.dynamic, scene.body.shape.line
@@ -46,7 +46,7 @@ def body_reach(scene: SceneLike) -> BodyReach:
 
 
 def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> list[str]:
-    """What to say of an obstacle (in words; key: of its effect) at distances (k,) m from the places of the base that can't be touched."""
+    """A warning about an obstacle (in words; key: of its effect) that can't be reached; from_base (k,) m: from the places of the base."""
     beyond = reach.beyond(from_base)
     if beyond <= 0:
         return []

@@ -1,14 +1,14 @@
-"""What contact with anything has in common: the penalty force with Coulomb friction, its stiffness, and what is reported of it.
+"""What every contact has in common: the penalty force with Coulomb friction, its stiffness, checks and reports.
 
-A particle of mass m that is `depth` inside the forbidden side is pushed back by m w^2 depth along the normal, from the energy
-m w^2 depth^2 / 2. Friction opposes its sliding with at most friction times that, and at most what stops the particle's sliding within
-the step (m speed / dt): it never turns a motion back, and takes energy out, never in. Sticking is this limit: what holds a body of mass M
-against a force M a by particles of mass m in contact lets them creep at (M / m) a dt, 0.1 mm/s for a catheter on a slope at usual steps.
+A particle of mass m at a depth inside the obstacle is pushed back along the normal by the force m w^2 depth, with the energy
+m w^2 depth^2 / 2. Friction opposes sliding. It is at most friction times that force, and at most the force that stops the particle's
+sliding within the step (m speed / dt): it never reverses a motion and never adds energy. The second limit is sticking: if particles of
+mass m in contact hold a body of mass M against a force M a, they creep at (M / m) a dt, 0.1 mm/s for a catheter on a slope at usual steps.
 
-The penalty's frequency w is that of a pressure wave through a cell, w = sqrt((K + 4/3 G) / rho) / h, in the stiffest material: about a
-quarter of what the body's own stiffest motion has. So contact never asks for a smaller step, and a body that lands with a speed far
-below the wave's gives way by speed / w, a body at rest by g / w^2, times the number of particles above each that touches (its root
-for the landing): micrometres. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
+The frequency w of the penalty is that of a pressure wave through a cell of the stiffest material, w = sqrt((K + 4/3 G) / rho) / h, about
+a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by g / w^2 times the number
+of particles above each one in contact; a body that lands, by speed / w times the root of that number: micrometers. Source of the lumped
+bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from magmpm.effects.hooks import add_contact, near_of
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
-SHARE = 0.7  # of the explicit limit 2 / w: with it, 0.8 of the smaller of body's and contact's steps is stable for both at once
+SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 
 Friction = Annotated[
@@ -47,7 +47,7 @@ Stiffness = Annotated[
         gt=0,
         le=100,
         allow_inf_nan=False,
-        description="Times the usual stiffness of the contact, which lets the body in by micrometres; 1 unless given. "
+        description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
         "Above about 8 the contact asks for a smaller time step than the body.",
         examples=[1.0],
     ),
@@ -56,7 +56,7 @@ Stiffness = Annotated[
 
 @compiled
 def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):
-    """f += mass stiffness depth n, and friction against what of v (m/s) is across n.
+    """f += mass stiffness depth n, and friction against the part of v (m/s) normal to n.
 
     n: unit normal out of the obstacle; stiffness 1/s^2; depth > 0 m.
     """
@@ -73,28 +73,28 @@ def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):
 
 
 def reach(scene: SceneLike, towards: Array | None = None) -> float:
-    """How far the outermost particles are taken to be from the body's surface, m: a body touches when a particle is that near.
+    """Distance of the outermost particles from the body's surface, m: the body touches when a particle is that near.
 
-    towards: unit vector (3,) from the body to the obstacle, as the body lies at the start: the particles' depth that way. None: all
-    ways, so that no obstacle the body just touches holds a particle already (see bodies.body_shape).
+    towards: unit vector (3,) from the undeformed body to the obstacle, to get the depth in that direction. None: in all directions, so
+    that an obstacle that just touches the body contains no particle yet (see bodies.body_shape).
     """
     return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, towards)
 
 
 def penalty(scene: SceneLike, factor: float) -> float:
-    """w^2 in 1/s^2, times `factor`: of the stiffest material of the body's free regions."""
+    """w^2 in 1/s^2, times `factor`, for the stiffest material of the body's free regions."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     return factor * max(squares, default=0.0) / scene.cell ** 2
 
 
 def stable_step(stiffness: float) -> float:
-    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), beside a body at its own limit."""
+    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), together with a body at its own limit."""
     return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
 
 
 def place(model: Any, particle: int) -> str:
-    """Which region of the body a particle is in, and where, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
+    """Region and position of a particle, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
     region = model.scene.regions()[model.particles.segment[particle]]
     at = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[particle] + 0.0)
     return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"

@@ -1,7 +1,7 @@
 """damping: the surroundings resist in proportion to mass and velocity. Every node's velocity decays by exp(-rate dt) a step.
 
-A motion of frequency w falls off by exp(-rate t / 2); rate = 2 w is critical, and settles soonest: about 60 /s for a silicone catheter
-of 40 x 4 mm. The decay is exact for any step, so it needs no smaller one, and takes energy out, never in.
+A motion of angular frequency w decays by exp(-rate t / 2); rate = 2 w is critical and settles soonest: about 60 /s for a silicone catheter
+of 40 x 4 mm. The decay is exact for any step, so it requires no smaller step, and it never adds energy.
 """
 
 from __future__ import annotations

@@ -14,9 +14,9 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects.base import Advice, RestEstimate, SceneLike
 
 MEASURE = "to measure, compare `magmpm run` with and without it"
-SWING = 2.0  # times the way to its rest: how far a body that is let go swings at most, undamped, if its stiffness stays the same
-STILL = 1e-6  # of the length: a shift that is none
-STATIONS = 21  # of that way
+SWING = 2.0  # a body released from rest swings to at most twice its equilibrium deflection, if its stiffness is constant
+STILL = 1e-6  # of the length: a smaller shift counts as none
+STATIONS = 21  # points on that way
 
 
 def shift(scene: SceneLike, body: RestEstimate, key: str, settings: Any = None) -> float:
@@ -36,13 +36,13 @@ def shift_by_field(scene: SceneLike, body: RestEstimate, key: str, what: str) ->
 
 
 def in_lengths(way: float, scene: SceneLike) -> str:
-    """A way (m) as the part of the body's length that it is: "42 % of its length"."""
+    """A distance (m) as a fraction of the body's length: "42 % of its length"."""
     percent = 100 * way / scene.length
     return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
 
 
 def no_rest(scene: SceneLike) -> str | None:
-    """Why a scene's body has no rest that could be estimated, in words; None where it has one."""
+    """Why the equilibrium of a scene's body can't be estimated, in words; None where it can."""
     if scene.effects.feed is not None:
         return "the body is fed"
     if scene.body.shape.clamp == "none":
@@ -51,7 +51,7 @@ def no_rest(scene: SceneLike) -> str | None:
 
 
 def obstacle(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array], where: str) -> Advice:
-    """What an obstacle does, by where the body would be were it not there.
+    """The influence of an obstacle, from the equilibrium without it.
 
     room: distance (k,) m of points (k, 3) m from it, negative beyond it; where: "above it", say, of what is clear of it.
     """
@@ -75,7 +75,7 @@ def obstacle(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array
 
 
 def _ahead(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array]) -> str:
-    """How near a fed body would come to an obstacle if it went straight ahead, in words."""
+    """How near a fed body would come to an obstacle if it moved straight ahead, in words."""
     feed, dynamic = scene.effects.feed, scene.solver.dynamic
     if feed is None or dynamic is None:
         return ""

@@ -1,11 +1,11 @@
 """feed: the base is pushed along +x at a speed through a straight guide; what has left the guide is free.
 
-Every node whose place is inside the guide moves with the speed along +x and does not turn; the guide is the cylinder around the x axis,
-one diameter of the body wide to each side, up to its exit. A tip that bends back beside the guide stays free. The catheter is not
-clamped then: the guide holds it. The push begins at once: at speeds far below a wave's (m/s) that is no shock to speak of.
+Every node inside the guide moves with this speed along +x. The guide is the cylinder around the x axis up to its exit, with a radius of
+one diameter of the body. A tip that bends back beside the guide stays free. The catheter is then not clamped: the guide holds it. The push
+starts at full speed; far below the speed of waves (m/s) this is no shock.
 
-Nodes are held or free, so the guide acts as one that ends at the last node it holds. Held is what is less than half a cell beyond the
-exit: the body is held straight to within half a cell of it, too far as often as not far enough.
+Nodes are held or free, so the guide effectively ends at the last node that it holds. Nodes up to half a cell beyond the exit are held: the
+effective exit differs from the exit by up to half a cell, to either side.
 """
 
 from __future__ import annotations

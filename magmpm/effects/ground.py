@@ -1,7 +1,7 @@
 """ground: contact with a plane that the body may press on, stick to and slide over, with Coulomb friction.
 
-Force, friction, stiffness and what a body sinks in: see effects.contact_law. The body touches when an outermost particle is as near to the
-plane as it is to the body's own surface that way at the start (`ground_reach`).
+For force, friction and stiffness see effects.contact_law. The body touches when an outermost particle is as near to the plane as it is
+to the surface of the undeformed body in that direction (`ground_reach`).
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Ground(Obstacle):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body's rest, were the plane not there, would be through it."""
+        """Whether the body would come to rest beyond the plane without it."""
         named = scene.effects.ground
         return Advice(None, "no plane is given") if named is None else obstacle(scene, body, named.height, "above it")
 

@@ -2,12 +2,13 @@
 
 An effect's parameters are an array of records with a dtype of its own (one record, or one for every time step to come), followed by its
 `data`: a table of floats, empty (NO_DATA) for most. A kernel takes one flat tuple (records, data, records, data, ...) and calls the
-functions of this file once per particle or node; each walks the tuple at compile time and calls the hook that the effect registered,
-or nothing. So an empty tuple compiles to the bare loop, a hook an effect lacks costs nothing, a new combination of effects compiles
+functions of this file once per particle or node. Each goes through the tuple at compile time and calls the hook that the effect
+registered, or nothing. So an empty tuple compiles to the bare loop, a missing hook costs nothing, a new combination of effects compiles
 once and then loads from the disk cache, and new values never recompile.
 
 Hooks, per unit of undeformed volume unless said. `effect` is the record of the step, `data` (k,) the table; magnet (3,) is the particle's
-remanence Br in the undeformed body (T), rho its density (kg/m^3), x (3,) its deformed position (m), F (3, 3) its deformation gradient:
+remanence Br in the undeformed body (T; with a fourth number where an effect marks particles, acting.marked), rho its density (kg/m^3),
+x (3,) its deformed position (m), F (3, 3) its deformation gradient:
 
 ``energy(effect, data, magnet, rho, x, F) -> float``            potential energy W, J/m^3
 ``stress(effect, data, magnet, rho, x, F, P)``                  adds dW/dF to P (3, 3), Pa
@@ -18,11 +19,11 @@ remanence Br in the undeformed body (T), rho its density (kg/m^3), x (3,) its de
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f (3,) N
-                                                                (x, v and f are indexed, v[i], and no more: kernels hand over views)
-``near(effect, data, x) -> float``                              above 0 where `contact` can push a particle at x: where an effect tells it,
-                                                                contact, and the velocities it needs, are left out elsewhere
+                                                                (x, v and f only indexed, v[i]: kernels pass views)
+``near(effect, data, x) -> float``                              above 0 where `contact` can push a particle at x: if an effect has it,
+                                                                contact and the velocities it needs are left out elsewhere
 ``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
-                                                                (indexed, and no more)
+                                                                (only indexed)
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ _wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hook
 
 
 def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]) -> None:
-    """Tell the kernels which compiled functions serve the effect whose parameters have this dtype.
+    """Register the compiled functions of the effect whose parameters have this dtype.
 
     wide: those of its hooks stress, force, rate_stress and near that are plain arithmetic (+ - * /, no branch on a particle's values, no
     array of their own): motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction.
-    They give the same numbers.
+    The results are the same.
     Raises ValueError on an unknown hook, or if another effect has the same field names: they are what tells effects apart.
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):

@@ -1,10 +1,10 @@
 """magnetic_force: an outside field that varies in space pulls hard-magnetic material.
 
 With W = -(1/mu0) B(x) . (F Br), whose stress is magnetic_torque, the force per undeformed volume is f = -dW/dx = (1/mu0) (grad B)^T F Br,
-(grad B)_ij = dB_i/dx_j. Its tangent: d2W/dx2 = -(1/mu0) grad grad (B . F Br), and d2W/dx_i dF_jL = -(1/mu0) dB_j/dx_i Br_L, in which the
-change of magnetic_torque's stress with place is included.
-W itself is counted by magnetic_torque. Either effect alone has no energy: it runs in motion, and not in statics.
-Source: Zhao et al., JMPS 124 (2019) 244-263; the body's centre accelerates at the volume's mean of f over rho.
+(grad B)_ij = dB_i/dx_j. Its tangent: d2W/dx2 = -(1/mu0) grad grad (B . F Br), and d2W/dx_i dF_jL = -(1/mu0) dB_j/dx_i Br_L, which
+includes the change of magnetic_torque's stress with place.
+The energy W is counted in magnetic_torque. Either effect alone has no energy, so it runs in motion but not in statics.
+Source: Zhao et al., JMPS 124 (2019) 244-263. The center of mass accelerates by the volume mean of f over rho.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from magmpm.fields.kernels import gradient as gradient_at
 from magmpm.fields.kernels import pull as pull_at
 from magmpm.fields.schedule import records as field_records
 
-DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
+DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # first: with the name at the end Numba would take it for a subtype of PLACE
 
 
 class MagneticForce(Effect):
-    """An outside field that varies in space pulls the magnetised segments. No settings."""
+    """An outside field that varies in space pulls the magnetized segments. No settings."""
 
     PHASE = "force"
 

@@ -1,15 +1,15 @@
-"""magnetic_interaction: the magnetised segments turn and pull each other.
+"""magnetic_interaction: the magnetized segments turn and pull each other.
 
-A segment is cut into blocks, as near to cubes as its shape allows; a block stands as a dipole, with the moment m = sum V F Br/mu0 of its
-particles, at their mean place x. Dipoles of different segments act on each other, those of blocks that touch by 15 % less, as cubes do:
-E = -1/2 sum m_a . B_b(x_a). So block a's particles feel
-the field B_a of all other segments' dipoles at x_a, as P = -(1/mu0) B_a (x) Br, and the force grad(m_a . B_a), spread evenly over its
-volume. These are the exact derivatives of E: forces of each pair cancel, and so do their torques with the moments'. What a segment does
-to itself (its demagnetising field) is left out.
+A segment is divided into blocks that are as close to cubes as its shape allows. A block acts as a dipole with the moment
+m = sum V F Br/mu0 of its particles, at their mean position x. Dipoles of different segments act on each other, with the energy
+E = -1/2 sum m_a . B_b(x_a); for blocks that touch it is 15 % smaller, as for cubes. The particles of block a get the stress
+P = -(1/mu0) B_a (x) Br, with B_a the field of all other segments' dipoles at x_a, and the force grad(m_a . B_a), spread evenly over the
+block's volume. These are the exact derivatives of E: the forces of each pair cancel, and so do their torques together with those on the
+moments. The field of a segment in itself (its demagnetizing field) is left out.
 
-B_a and the forces stand in `data`, and are found anew (`refresh`) from the deformed body: in statics at every step (statics.interacting);
-in motion before every chunk of steps (a few hundred), so that they lag by at most so many steps, far less than the body takes to bend.
-While they stand they act as a load of fixed direction, which is what `energy` counts; `shared_energy` is E itself.
+B_a and the forces are kept in `data` and computed again (`refresh`) for the deformed body: in statics at every step
+(statics.interacting); in motion before every chunk of a few hundred steps, much less time than the body takes to bend. In between they
+act as a load of fixed direction, whose energy is `energy`; `shared_energy` is E itself.
 Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6; a cube has no quadrupole moment.
 """
 
@@ -28,17 +28,17 @@ from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, K
 
-MOST = 3000  # blocks: a refresh takes some 0.2 s then
-TOUCHING = 0.151  # cubes face to face act on each other by so much less than dipoles: (1/2 - 3/2 of the 2 x 1 x 1 prism's demagnetising
-# factor along it, 0.1983) over 1/(2 pi) is 0.849 (Aharoni, J. Appl. Phys. 83 (1998) 3432)
-NEAR = 1.35  # edges: from here on they are dipoles
-SIZE = 6  # floats a block: B/mu0 (3) A/m, force per volume (3) N/m^3
+MOST = 3000  # blocks: a refresh then takes about 0.2 s
+# Two cubes face to face interact less than two dipoles, by this fraction: (1/2 - 3/2 N) / (1/(2 pi)) = 0.849, with N = 0.1983 the
+# demagnetizing factor of a 2 x 1 x 1 prism along its length (Aharoni, J. Appl. Phys. 83 (1998) 3432).
+TOUCHING = 0.151
+NEAR = 1.35  # distance in edges from which on cubes interact as dipoles
+SIZE = 6  # floats per block: B/mu0 (3) A/m, force per volume (3) N/m^3
 DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
 
-
 class MagneticInteraction(Effect):
-    """The magnetised segments turn and pull each other."""
+    """The magnetized segments turn and pull each other."""
 
     PHASE = "force"
     REFRESHED = DTYPE
@@ -59,10 +59,10 @@ class MagneticInteraction(Effect):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How strong the segments' fields are in each other."""
+        """The field of a segment in the one beside it."""
         on = scene.magnetized_regions()
         if len(on) < 2:
-            return Advice(0.0, "no two magnetised segments to act on each other")
+            return Advice(0.0, "no two magnetized segments to act on each other")
         remanence = float(np.linalg.norm(scene.region_remanence()[on], axis=1).max())
         # A face of charge Br/mu0, seen over its own width, gives a mean of about Br/12 over a neighbor of two diameters (8.3 mT for 0.1 T).
         field = f"{1e3 * remanence / 12:.2g} mT"
@@ -109,9 +109,9 @@ class MagneticInteraction(Effect):
 
 
 def _layers(cell: NDArray[np.int64], volume: Array) -> NDArray[np.int64]:
-    """Which layer of cells (from 0) each particle is in; a first or last layer that is less than half full counts with its neighbour.
+    """Layer of cells (from 0) of each particle; a first or last layer less than half full is joined to the next one.
 
-    Blocks are made of whole cells: particles sit at Gauss points of a cell, and only the cell's mean place is the middle of its part.
+    Blocks consist of whole cells: particles are at the Gauss points of a cell, and only their mean is the center of the cell's material.
     """
     layer = cell - cell.min()
     sizes = np.bincount(layer, volume)
@@ -150,7 +150,7 @@ def dipoles(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Arra
 def _act(places, moments, edges, of, field, force):
     """Field (k, 3) T of the other segments' dipoles at each dipole, and the force (k, 3) N on it. edges (k,) m: of cubes as large.
 
-    E_ab = g(r) (dipoles' energy), g of NEAR and TOUCHING; its derivatives are taken whole.
+    E_ab = g(r) (energy of the dipoles), with g from NEAR and TOUCHING; the derivatives include that of g.
     """
     for a in prange(len(places)):
         m0, m1, m2 = moments[a, 0], moments[a, 1], moments[a, 2]
@@ -186,7 +186,7 @@ def _act(places, moments, edges, of, field, force):
 
 @compiled
 def _row(data, magnet):
-    """Where a particle's block begins in data; -1 for none."""
+    """Index in data of the first number of a particle's block; -1 for none."""
     if len(magnet) < 4 or magnet[3] < 0.0:
         return -1
     return SIZE * int(magnet[3])
@@ -194,7 +194,7 @@ def _row(data, magnet):
 
 @compiled
 def energy(effect, data, magnet, rho, x, F):
-    """-(1/mu0) B . (F Br) - f . x, J/m^3: of the load as it stands."""
+    """-(1/mu0) B . (F Br) - f . x, J/m^3: of the load at its present values."""
     at = _row(data, magnet)
     if at < 0:
         return 0.0

@@ -1,8 +1,8 @@
 """magnetic_torque: an outside field turns hard-magnetic material.
 
-W = -(1/mu0) B . (F Br), so P = -(1/mu0) B (x) Br. In a uniform field that is constant, with no tangent and no net force: kernels take
-it as it is. In a field that varies in space, B is that of the particle's place; what W does as the place changes is magnetic_force, and
-the two together are the derivatives of one energy, which this effect counts.
+W = -(1/mu0) B . (F Br), so P = -(1/mu0) B (x) Br. In a uniform field P is constant, with no tangent and no net force. In a
+field that varies in space, B is taken at the particle's position; the derivative of W with respect to position is magnetic_force. The two
+together are the derivatives of one energy, which this effect counts.
 The Cauchy stress it makes is not symmetric; its skew part is the torque density (1/mu0) (F Br) x B.
 Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
 """
@@ -23,7 +23,7 @@ from magmpm.fields.schedule import places
 from magmpm.fields.schedule import records as field_records
 
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
-VARYING = np.dtype([("turns", np.int64), *PLACE])  # not at the end: numba would take it for a subtype of PLACE
+VARYING = np.dtype([("turns", np.int64), *PLACE])  # first: with the name at the end Numba would take it for a subtype of PLACE
 
 
 def parameters(field: Array) -> Records:
@@ -35,7 +35,7 @@ def parameters(field: Array) -> Records:
 
 
 class MagneticTorque(Effect):
-    """The outside field turns the magnetised segments. No settings."""
+    """The outside field turns the magnetized segments. No settings."""
 
     PHASE = "force"
 

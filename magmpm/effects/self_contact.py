@@ -1,10 +1,10 @@
 """self_contact: the body's parts and folds touch each other and separate again.
 
-The updated formulation has it of itself. STL parts that do not touch as they are made have a grid each, and act on each other where they
-come nearer than half a cell (kernels.multi_grid_contact): they stick (no slip) while they are pressed together, and part freely.
-Folds of one component share grid nodes, and so velocities: they cannot pass through each other, feel each other when they come nearer than
-one to two cells, stick, and let go over some hundred steps (dynamics.drift_correction). Naming self_contact switches to that formulation;
-it has no hooks and no settings, and costs nothing beyond.
+It is a property of the updated formulation. STL parts that do not touch in the undeformed body have a grid each, and act on each other
+when they come nearer than half a cell (kernels.multi_grid_contact): they stick (no slip) while they are pressed together, and separate
+freely. Folds of one component share grid nodes, and so velocities: they cannot pass through each other, act on each other from a distance
+of one to two cells, stick, and separate over some hundred steps (dynamics.drift_correction). Naming self_contact selects that formulation;
+it has no hooks and no settings, and no further cost.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from magmpm.effects.base import Advice, Contact, Effect, Records, RestEstimate, 
 from magmpm.effects.contact_law import reach
 from magmpm.effects.estimates import MEASURE, no_rest
 
-WITHIN = 1.5  # cells: a larger gap is told as this
+WITHIN = 1.5  # cells: a larger gap is reported as this
 
 
 class SelfContact(Effect):
@@ -39,7 +39,7 @@ class SelfContact(Effect):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body's rest, could it pass through itself, would."""
+        """Whether the body would overlap itself in equilibrium if nothing prevented it."""
         if (why := no_rest(scene)) is not None:
             return Advice(None, f"not estimated: {why}; {MEASURE}; needs the updated formulation")
         points = body.rest(scene)
@@ -64,13 +64,13 @@ def gap(
     apart: float,
     within: float,
 ) -> float:
-    """Smallest gap (m) between surfaces of parts of the body that are not neighbours in it; negative: they overlap; inf: none is near.
+    """Smallest gap (m) between surfaces of the body that are not neighbors in it; negative: they overlap; inf: none is near.
 
-    position, reference (n, 3) m: particles now and in the undeformed body; size m: a particle's, which is as far from its neighbour as two
-    surfaces in touch have their outermost particles; apart m: particles nearer than that in the undeformed body are neighbours (a few cells
-    more than the body's thickness); within m: how far to look, at most `apart`.
+    position, reference (n, 3) m: particles now and in the undeformed body; size m: distance between the outermost particles of two surfaces
+    in contact; apart m: particles nearer than that in the undeformed body are neighbors (a few cells more than the body's thickness);
+    within m: search distance, at most `apart`.
     """
-    from scipy.spatial import cKDTree  # only where a body touches itself
+    from scipy.spatial import cKDTree  # imported only where it is used
 
     pairs = cKDTree(position).query_pairs(within, output_type="ndarray")
     rest = np.linalg.norm(reference[pairs[:, 0]] - reference[pairs[:, 1]], axis=1)
@@ -82,12 +82,12 @@ def gap(
 
 
 def observe(model: Any, x: Array) -> Contact:
-    """The gap of a model's body with its particles at x (n, 3) m, as contact: depth is minus the gap (m), at least -WITHIN cells; count:
-    pairs of particles nearer than a cell; the force on the body as a whole is zero. Particles of STL parts count with their distance from
-    the surface as it was made.
+    """The gap of a model's body with its particles at x (n, 3) m, as a contact: depth is minus the gap (m), at least -WITHIN cells; count
+    is the number of pairs of particles nearer than a cell; the force on the whole body is zero. For STL parts the distance of particles
+    from the undeformed surface is taken into account.
 
-    Not neighbours are particles of components that do not touch as they are made; of one part, those that were farther apart than twice its
-    thickness and 3 cells; and of different parts of a component, those that were 3 cells apart.
+    Two particles are not neighbors if they belong to components that do not touch in the undeformed body; in one part, if they were
+    farther apart than twice its thickness and 3 cells; in different parts of a component, if they were 3 cells apart.
     """
     scene, rest = model.scene, model.particles.position
     shape, cell = scene.body.shape, scene.cell
@@ -113,13 +113,13 @@ def _near(
     apart: float,
     in_part: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of particles within a distance (m) that are not neighbours: of two components, or that were farther than `apart` (m) from
-    each other undeformed, than `in_part` (m) in the same part.
+    """Pairs of particles within a distance (m) that are not neighbors: they are of two components, or were farther than `apart` (m) from
+    each other in the undeformed body, or than `in_part` (m) in the same part.
 
-    x, rest (n, 3) m: now and undeformed; cell (n, 3), component, part (n,): of each. A body has a hundred times as many pairs of neighbours
-    as of others: those whose cells can't hold others are left out before there are pairs of particles.
+    x, rest (n, 3) m: now and undeformed; cell (n, 3), component, part (n,): of each. A body has a hundred times as many pairs of neighbors
+    as of others, so pairs of cells that hold only neighbors are dropped before pairs of particles are formed.
     """
-    from scipy.spatial import cKDTree  # only where a body touches itself
+    from scipy.spatial import cKDTree  # imported only where it is used
 
     cluster = _numbered(cell, part)
     order, count = np.argsort(cluster, kind="stable"), np.bincount(cluster)
@@ -150,7 +150,7 @@ def _apart(
     apart: float,
     in_part: float,
 ) -> NDArray[np.bool_]:
-    """Which particles a and b (k,), `between` (k, 3) m from each other undeformed, are no neighbours."""
+    """Which particles a and b (k,), `between` (k, 3) m from each other undeformed, are not neighbors."""
     far = np.where(part[a] == part[b], in_part, apart)
     return np.asarray((np.linalg.norm(between, axis=1) > far) | (component[a] != component[b]))
 
@@ -163,6 +163,6 @@ def _numbered(cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[n
 
 
 def _balls(x: Array, first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[Array, float]:
-    """Centres (k, 3) of clusters, and the radius around them that holds every particle, m; x (n, 3) m in the order of the clusters."""
-    centre = np.add.reduceat(x, first, axis=0) / count[:, None]
-    return centre, float(np.sqrt(((x - np.repeat(centre, count, axis=0)) ** 2).sum(axis=1).max()))
+    """Centers (k, 3) of clusters, and the radius around them that holds every particle, m; x (n, 3) m in the order of the clusters."""
+    center = np.add.reduceat(x, first, axis=0) / count[:, None]
+    return center, float(np.sqrt(((x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1).max()))

@@ -69,7 +69,7 @@ class Viscosity(Effect):
 
 @compiled
 def rate_stress(effect, data, rho, F, dF, P):
-    """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written out: it serves eight particles at a time."""
+    """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written without loops: it serves eight particles at a time."""
     a, b, c, d, e, f, g, h, i = F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
     cofactors = (
         (e * i - f * h, f * g - d * i, d * h - e * g),

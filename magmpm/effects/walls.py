@@ -1,8 +1,7 @@
 """walls: the body lies in a lumen, a tube around a path or the inside of a closed surface, and touches its wall, with friction.
 
-The distance from the wall comes from a table (bodies.signed_distance), so a particle costs the same whatever the wall's shape; force,
-friction, stiffness and what a body sinks in: see effects.contact_law. What lies beyond the table, as past the open ends of a tube,
-touches nothing.
+The distance from the wall comes from a table (bodies.signed_distance), so the cost does not depend on the wall's shape. For force,
+friction and stiffness see effects.contact_law. Outside of the table, as beyond the open ends of a tube, there is no contact.
 """
 
 from __future__ import annotations
@@ -207,7 +206,7 @@ class Walls(Obstacle):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body's rest, were the wall not there, would be through it."""
+        """Whether the body would come to rest beyond the wall without it."""
         named = scene.effects.walls
         if named is None:
             return Advice(None, "no lumen is given")
@@ -240,7 +239,7 @@ def depth(effect, data, x):
     planes, rows, columns = effect.walls_shape[0], effect.walls_shape[1], effect.walls_shape[2]
     if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
         return -np.inf, 0.0, 0.0, 0.0
-    # The nearest point's coefficient is within 2 s of the distance: most particles are done with it.
+    # The nearest coefficient differs from the distance by at most 2 s: for most particles this decides.
     near = data[(int(p + 0.5) * rows + int(q + 0.5)) * columns + int(r + 0.5)]
     if near > effect.walls_reach + 2.0 * s:
         return effect.walls_reach - near, 0.0, 0.0, 0.0
@@ -250,7 +249,7 @@ def depth(effect, data, x):
 
 @compiled
 def near(effect, data, x):
-    """How far a particle at x is beyond it, m."""
+    """How far the body's surface at a particle at x is beyond the wall, m."""
     return depth(effect, data, x)[0]
 
 

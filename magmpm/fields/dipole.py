@@ -1,7 +1,7 @@
 """The field of a point dipole, and its first and second derivatives, in closed form.
 
 B = k (3 (m . d) d / r^5 - m / r^3), k = mu0 / 4 pi, d from the dipole to the point. With a moment n at that point,
-n . B = k (3 (m . d) (n . d) / r^5 - (m . n) / r^3), whose derivatives give force and tangent. Outside a uniformly magnetised sphere
+n . B = k (3 (m . d) (n . d) / r^5 - (m . n) / r^3), whose derivatives give force and tangent. Outside a uniformly magnetized sphere
 the field is exactly this; within `radius` of the dipole the functions give the sphere's inner field, constant 2 k m / radius^3, so that
 they stay finite. Source: Jackson, Classical Electrodynamics, 3rd ed., sections 5.6 and 5.10.
 

@@ -1,9 +1,8 @@
-"""A magnet as a cloud of dipoles: for sources that turn or that the body goes round, where no box keeps clear of the magnet.
+"""A magnet as a cloud of dipoles: for sources that turn or that the body surrounds, where no box excludes the magnet.
 
 Each dipole stands for a piece of the magnet, at Gauss points of a block, or of a cylinder's height, radius squared and angle.
-Their error falls exponentially with the number along an edge (a cube, at one edge from its face: 3 a side err by 0.11 %, 4 by 0.008 %),
-and that number grows until
-the field at the asked distance is as exact as asked, against magpylib.
+Their error falls exponentially with the number along an edge (a cube, at one edge from its face: 0.11 % with 3 per edge, 0.008 % with 4).
+That number grows until the field at the given distance agrees with magpylib within the tolerance.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, POINT, K
 from magmpm.fields.magnets import Solid
 
-MAX_DIPOLES = 1000  # a magnet: some 40 microseconds a particle
+MAX_DIPOLES = 1000  # per magnet: some 40 microseconds per particle
 
 
 def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], distance: float, tolerance: float) -> Array:
@@ -46,7 +45,7 @@ def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], di
         if error <= tolerance:
             radius = np.full((len(positions), 1), POINT)
             return np.concatenate([positions, moments, radius], axis=1)
-        # finer first where the pieces are longest
+        # refine first where the pieces are longest
         pieces = solid.half / count
         count = np.where(pieces > 0.7 * pieces.max(), count + 1, count)
 

@@ -1,4 +1,4 @@
-"""The box in which a body may meet the field: what it can reach, less what magnets and wires take up."""
+"""The box in which a body may need the field: what it can reach, without the space of magnets and wires."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from magmpm.fields.magnets import Solid
 from magmpm.fields.schedule import places, sample_times
 from magmpm.fields.sources import FieldSource
 
-KEPT_OFF = 0.25  # of the gap between the undeformed body and a magnet: how far from the magnet the box ends
+KEPT_OFF = 0.25  # of the gap between the undeformed body and a magnet: distance from the magnet at which the box ends
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box in the sources' frame, corners (3,) m. cut: names of what it was cut short for."""
+    """A box in the sources' frame, corners (3,) m. cut: names of the sources for which it was cut."""
 
     lower: Array
     upper: Array
@@ -41,9 +41,9 @@ class Box:
 
 
 def reach(body: Box, anchored: bool) -> Box:
-    """What a body can reach from its undeformed box: as far as its diagonal, for a held body from the middle of its lower x face.
+    """What a body can reach from its undeformed box: a held body, its diagonal from the middle of its lower x face.
 
-    A body that nothing holds may go anywhere; it is given its own diagonal on each side, and a larger box is the user's to ask for.
+    A free body may go anywhere; its box gets one diagonal on each side, and users may set a larger one.
     """
     diagonal = float(np.linalg.norm(body.upper - body.lower))
     if anchored:
@@ -64,7 +64,7 @@ def seen_from_sources(field: FieldSource, box: Box) -> Box:
 
 
 def cut_for(box: Box, body: Box, obstacles: list[Solid]) -> Box | None:
-    """The box, cut short by planes so that no obstacle is in it and the body still is; None where no plane parts the two."""
+    """The box, cut by planes so that it contains the body but no obstacle; None where no plane separates the two."""
     for solid in obstacles:
         low, high = solid.box()
         if not box.meets(low, high):

@@ -5,7 +5,7 @@
 
     B(x) = uniform + strength R B0(R^T (x - origin)),   R = frame (row by row)
 
-It changes from step to step where the field changes in time; `data` does not. Results are tuples: no array is made.
+It changes from step to step if the field changes in time; `data` does not. Results are tuples: no array is made.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Magnets and coils of finite size: their exact fields through magpylib, and the space that they take up.
+"""Magnets and coils of finite size: their exact fields through magpylib, and the space that they occupy.
 
 magpylib evaluates closed forms in double precision (Ortner and Coliado Bandeira, SoftwareX 11 (2020) 100466).
 The extra `magnets` installs it.
@@ -16,13 +16,13 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SceneError
 from magmpm.fields.sources import Dipole, FieldSource, Magnet
 
-CHUNK = 200_000  # points a call: magpylib's work arrays are some twenty times as large
-SLACK = 1e-3  # of a coil's diameter: how near its wire counts as in it
+CHUNK = 200_000  # points per call: magpylib's work arrays are some twenty times as large
+SLACK = 1e-3  # of a coil's diameter: nearer to its wire counts as in it
 
 
 @dataclass(frozen=True)
 class Solid:
-    """Something a body can't be in. name: as messages call it; frame (3, 3): columns its axes; half (3,) m: of its box."""
+    """A solid that a body can't enter. name: in messages; frame (3, 3): columns its axes; half (3,) m: of its box."""
 
     name: str
     position: Array
@@ -58,7 +58,7 @@ def frame_of(axis: Sequence[float]) -> Array:
 
 
 def taken(field: FieldSource) -> list[Solid]:
-    """What the sources of a field take up. Coils are thin: a hundredth of their diameter about the wire's circle is not modelled."""
+    """The solids among the sources of a field. Coils are thin and are left out; their wire has no cross-section."""
     found = []
     for k, dipole in enumerate(field.dipole or ()):
         if dipole.diameter is not None:
@@ -78,7 +78,7 @@ def taken(field: FieldSource) -> list[Solid]:
 
 
 def bare_dipoles(field: FieldSource) -> list[tuple[str, Array]]:
-    """Dipoles that take up no space, by name, with their position (3,) m in the sources' frame."""
+    """Point dipoles, by name, with their position (3,) m in the sources' frame."""
     return [
         (_name("dipole", k, field.dipole), np.array(dipole.position))
         for k, dipole in enumerate(field.dipole or ())
@@ -87,7 +87,7 @@ def bare_dipoles(field: FieldSource) -> list[tuple[str, Array]]:
 
 
 def wires(field: FieldSource) -> list[Solid]:
-    """Coils as flat boxes: a table must not hold their wire, where the field has no bound."""
+    """Coils as flat boxes: a table must not contain their wire, where the field has no bound."""
     return [
         Solid(
             _name("coils", k, field.coils),

@@ -24,7 +24,7 @@ from magmpm.inputs.vectors import Point
 MAX_NODES = 500_000
 MAX_ROWS = 100_000
 FEWEST = 4  # nodes along each axis of a map: a cubic spline needs as many
-SAME = 1e-4  # of the spacing: two coordinates closer than this are one plane of the grid
+SAME = 1e-4  # of the spacing: two coordinates closer than this belong to one plane of the grid
 _MAP = {name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names}
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
 _NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as over_time.Keyframe has them
@@ -42,7 +42,7 @@ _START_SCHEDULE = "begin the file with a header such as time_s,strength or time_
 
 
 class Grid3(Settings):
-    """A field on a regular grid, as a map is kept once it is read: SI, the values as base64 of little-endian doubles."""
+    """A map after reading: a field on a regular grid, in SI, with the values as base64 of little-endian doubles."""
 
     lower: tuple[float, float, float]
     spacing: tuple[float, float, float]

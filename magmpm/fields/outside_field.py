@@ -1,7 +1,7 @@
 """The outside field: B(x, t), its derivatives, and where it is known.
 
-`outside_field(...)` makes a Field of its sources: dipoles in closed form; magnets and coils on a table, or, where one turns or the body
-goes round it, as clouds of dipoles; a measured map as the spline through it. Kernels evaluate the same data (fields.kernels).
+`outside_field(...)` makes a Field of its sources: dipoles in closed form; magnets and coils on a table, or as clouds of dipoles where
+one turns or the body surrounds it; a measured map as the spline through it. Kernels evaluate the same data (fields.kernels).
 In the sources' frame nothing changes in time: a schedule changes strength and place of that frame (fields.schedule).
 """
 
@@ -26,16 +26,16 @@ from magmpm.fields.sources import FieldSource, Tabulation
 __all__ = ["Field", "end_time", "outside_field", "places", "records"]
 
 Corner = tuple[float, float, float]
-ARCS = 48  # of a coil's wire, each in a box of its own
-NEAREST = 0.5  # of the undeformed body's distance from a magnet: how near a cloud of dipoles is made good for
-SWEPT = 3.0  # times the body's reach: a table larger than this is for sources that turn or travel, which clouds of dipoles suit better
-ROUNDING = 1e-3  # of a map's spacing: what its planes may be off by (field_tables), and its margin with them
-ODD = 0.05  # of grad B: curl or divergence of a measured map that is worth a warning
+ARCS = 48  # pieces of a coil's wire, each in a box
+NEAREST = 0.5  # of the undeformed body's distance from a magnet: a cloud of dipoles is accurate down to this distance
+SWEPT = 3.0  # times the volume of the body's reach: moving sources that need a larger table become clouds of dipoles
+ROUNDING = 1e-3  # of a map's spacing: tolerance of its planes (measured_map), and so of its margin
+ODD = 0.05  # of grad B: curl or divergence of a measured map from which on there is a warning
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A box (in the sources' frame) out of which a source is not known, and what to say then."""
+    """A box (in the sources' frame) outside of which a source is not known; remedy: for the message."""
 
     box: Box
     name: str
@@ -46,9 +46,9 @@ class Limit:
 class Field:
     """A field of any sources over time.
 
-    data: the sources as the kernels take them (fields.kernels); solids: what the body can't be in, each with the distance (m) up to
-    which the field is good; limits: boxes out of which it is not known; errors: of the table of magnets and coils, if there is one;
-    cell: the grid's, m, of what the body is: nearer to a point dipole its field has no meaning.
+    data: the sources as the kernels take them (fields.kernels); solids: magnets, which the body can't enter, each with the distance (m)
+    from which on the field is accurate; limits: boxes outside of which it is not known; errors: of the table of magnets and coils, if there
+    is one; cell: width of a grid cell of the body, m: nearer to a point dipole its field has no meaning.
     """
 
     source: FieldSource
@@ -77,7 +77,7 @@ class Field:
         return out
 
     def outside_domain(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
-        """Where points (n, 3) m of a body are not where the field is known: what happened, the source, the remedy; else None."""
+        """If some points (n, 3) m of a body are where the field is not known: what happened, the source, the remedy; else None."""
         bare = bare_dipoles(self.source)
         if not (self.solids or self.limits or bare) or len(points) == 0:
             return None
@@ -88,7 +88,7 @@ class Field:
             worst = int(np.argmax(depth))
             if depth[worst] > 0:
                 return (
-                    f"the body's point at {_mm(points[worst])} is inside {solid.name}, centre {_mm(_outward(place, solid.position))}",
+                    f"the body's point at {_mm(points[worst])} is inside {solid.name}, center {_mm(_outward(place, solid.position))}",
                     solid.name,
                     "move the magnet away, or make the pull weaker: nothing stops a body at a magnet's surface but contact with walls",
                 )
@@ -121,7 +121,7 @@ class Field:
         return None
 
     def check(self, points: Array, time: float | None = None) -> None:
-        """Raises SolveError where a body at points (n, 3) m has come into a magnet, or to where the field is not known."""
+        """Raises SolveError where a body at points (n, 3) m is in a magnet, or where the field is not known."""
         found = self.outside_domain(points, time)
         if found is not None:
             raise SolveError(f"{found[0]}; {found[2]}")
@@ -188,7 +188,7 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
 def _table_box(
     source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]
 ) -> Box | None:
-    """The box of the table; None where a magnet can't be kept out of it and has to be a cloud of dipoles."""
+    """The box of the table; None where a magnet can't be kept out of it and must become a cloud of dipoles."""
     if options.lower is not None and options.upper is not None:
         box = seen_from_sources(source, Box(np.array(options.lower), np.array(options.upper)))
         for solid in named:
@@ -200,7 +200,7 @@ def _table_box(
 
 
 def _arcs(named: list[Solid]) -> list[Solid]:
-    """Magnets as they are, coils as the boxes of ARCS arcs of their wire: a body may well be inside a coil."""
+    """Magnets unchanged, coils as the boxes of ARCS arcs of their wire: a body may be inside a coil."""
     out = []
     for solid in named:
         if not solid.name.startswith("field.coils"):
@@ -208,21 +208,21 @@ def _arcs(named: list[Solid]) -> list[Solid]:
             continue
         radius, thin = solid.half[0], solid.half[2]
         for angle in 2 * np.pi * (np.arange(ARCS) + 0.5) / ARCS:
-            centre = solid.position + radius * (solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0]))
+            center = solid.position + radius * (solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0]))
             half = np.array([thin + radius * np.sin(np.pi / ARCS)] * 3)
-            out.append(Solid(solid.name, centre, np.eye(3), half, False))
+            out.append(Solid(solid.name, center, np.eye(3), half, False))
     return out
 
 
 def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
-    """Whether magnets move so far that a table over all they see of the body would be many times as large as the body's reach."""
+    """Whether magnets move so far that a table would be many times as large as the body's reach."""
     return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
 
 
 def _clouds(
     source: FieldSource, options: Tabulation, body: Box
 ) -> tuple[list[Array], list[tuple[Solid, float]]]:
-    """All magnets as clouds of dipoles, and how near each is good for."""
+    """All magnets as clouds of dipoles, and the distance (m) from which on each is accurate."""
     if source.coils:
         rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"
         remedy = "move the coil away from the body, or put the body's reach in a box of your own, field.tabulation.lower and upper"
@@ -239,7 +239,7 @@ def _clouds(
                 when = "" if source.over_time is None else f" at {time:.4g} s"
                 raise SceneError(
                     solid.name,
-                    found=f"the magnet, centre {_mm(_outward(place, solid.position))}{when}, is in the box around the body, {body.text()}",
+                    found=f"the magnet, center {_mm(_outward(place, solid.position))}{when}, is in the box around the body, {body.text()}",
                     rule="the undeformed body must be outside of every magnet, at all times",
                     remedy="move the magnet away",
                 )

@@ -1,7 +1,7 @@
 """A field's schedule: strength, uniform part and place of its sources at any time.
 
-Strengths of ramp, oscillation and keyframes multiply. What the keyframes move is moved first; then the whole field, uniform part and
-sources, turns about the rotation's axis. Before a part begins it is as at its beginning, after its end as at its end.
+The strengths of ramp, oscillation and keyframes are multiplied. Sources are first moved as the keyframes say; then the whole field, uniform
+part and sources, turns about the axis of the rotation. Before it begins, each part has its initial value; after its end, its final value.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def end_time(field: FieldSource) -> float:
 
 
 def sample_times(field: FieldSource) -> Array:
-    """Times (k,) s that show every place the sources pass: for finding what region of theirs the body may reach."""
+    """Times (k,) s that sample the whole path of the sources, to find which part of their frame the body may reach."""
     over = field.over_time
     if over is None:
         return np.zeros(1)
@@ -96,7 +96,7 @@ def _strength(over: OverTime, times: Array) -> Array:
 
 
 def _framed(frames: tuple[Keyframe, ...], key: str, times: Array, otherwise: Array) -> Array:
-    """A keyframed quantity at times (k,): straight between the keyframes that give it, constant outside of them."""
+    """A keyframed quantity at times (k,): linear between the keyframes that give it, constant outside of them."""
     given = [(frame.time, getattr(frame, key)) for frame in frames if getattr(frame, key) is not None]
     if not given:
         return otherwise
@@ -115,5 +115,5 @@ def _turn(over: OverTime, times: Array) -> Array:
     turns = np.maximum(times - turning.start, 0.0) * turning.frequency
     if turning.turns is not None:
         turns = np.clip(turns, -turning.turns, turning.turns)
-    angle = 2 * np.pi * (turns - np.rint(turns))  # whole turns out first: a hundred hours on, the angle is still right
+    angle = 2 * np.pi * (turns - np.rint(turns))  # whole turns are removed first: the angle is accurate even after a hundred hours
     return Rotation.from_rotvec(angle[:, None] * turning.axis).as_matrix()

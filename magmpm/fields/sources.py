@@ -31,7 +31,7 @@ else:
 
 
 class _OneOrMore(BeforeValidator):
-    """A single mapping where a list is due is a list of one."""
+    """A single mapping counts as a list of one."""
 
     def __init__(self) -> None:
         super().__init__(lambda value: [value] if isinstance(value, (Mapping, Settings)) else value)
@@ -42,7 +42,7 @@ class _OneOrMore(BeforeValidator):
 
 
 class Dipole(Settings):
-    """A magnet far away, or a magnetised sphere: the field of a point dipole."""
+    """A magnet far away, or a magnetized sphere: the field of a point dipole."""
 
     position: Point = Field(description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
     moment: Moment = Field(
@@ -73,7 +73,7 @@ class Cylinder(Settings):
 
 
 class Magnet(Settings):
-    """A permanent magnet of finite size, magnetised evenly."""
+    """A permanent magnet of finite size, magnetized evenly."""
 
     cuboid: Cuboid | None = Field(
         default=None, description="Its shape: a block.", examples=[{"size": ["20 mm", "20 mm", "10 mm"]}]
@@ -81,7 +81,7 @@ class Magnet(Settings):
     cylinder: Cylinder | None = Field(
         default=None, description="Its shape: a cylinder.", examples=[{"diameter": "20 mm", "length": "20 mm"}]
     )
-    position: Point = Field(description="Its centre: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
+    position: Point = Field(description="Its center: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
     axis: Axis = Field(
         default=(0.0, 0.0, 1.0),
         description="Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless given.",
@@ -92,7 +92,7 @@ class Magnet(Settings):
     )
     magnetization: Axis | None = Field(
         default=None,
-        description="Direction of its magnetisation in space; along its axis unless given.",
+        description="Direction of its magnetization in space; along its axis unless given.",
         examples=[[1, 0, 0]],
     )
 
@@ -109,7 +109,7 @@ class Magnet(Settings):
 class Coil(Settings):
     """A thin round coil."""
 
-    position: Point = Field(description="Its centre: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]])
+    position: Point = Field(description="Its center: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]])
     axis: Axis = Field(
         default=(0.0, 0.0, 1.0),
         description="Its axis; a positive current makes a field along it. [0, 0, 1] unless given.",

@@ -1,13 +1,13 @@
 """Tricubic B-splines through values on a regular grid: coefficients, and compiled evaluation with first and second derivatives.
 
 A spline through N nodes along an axis has N + 2 coefficients; the two extra ones come from the not-a-knot condition (the fourth
-difference of the coefficients vanishes at either end), so cubic polynomials are met exactly and the error is of fourth order up to the
+difference of the coefficients vanishes at either end), so cubic polynomials are exact and the error is of fourth order up to the
 faces of the box. The spline has two continuous derivatives. Source: de Boor, A Practical Guide to Splines, chapters 4 and 9.
 
 Compiled functions take one 1-D array `data` and the place `at` where a table begins in it:
-lower corner (3) m, nodes per metre (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 4), last index fastest. The fourth
-component is empty: so the 4 x 3 numbers of a row of a cell along z are two vectors of eight (magmpm.compiled.simd), and are summed as such.
-Beyond the box they go on with the value at the nearest point of its surface: finite, and for `Field.check` to complain about.
+lower corner (3) m, nodes per meter (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 4), last index fastest. The fourth
+component is empty, so that the 4 x 3 numbers of a row of a cell along z are two vectors of eight (magmpm.compiled.simd).
+Beyond the box the functions return the value at the nearest point of its surface: finite, and refused by `Field.check`.
 """
 
 from __future__ import annotations

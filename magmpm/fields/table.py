@@ -1,7 +1,7 @@
-"""Magnets and coils on a table: a tricubic spline through their exact field, refined until it is as exact as asked.
+"""Magnets and coils on a table: a tricubic spline through their exact field, refined to the given tolerance.
 
-Checked at points of a fixed random sample, denser at the faces: the field's error, the gradient's error (ten times the tolerance, of
-the gradient's size), and that the spline's curl and divergence, which the field has not, stay below the same bound.
+A fixed random sample of points, denser at the faces, checks the error of the field, the error of the gradient (at most ten times the
+tolerance, relative to the gradient), and the spline's curl and divergence, which are zero for the exact field (the same bound).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from magmpm.fields import spline
 from magmpm.fields.domain import Box
 from magmpm.fields.kernels import PLACE, fields_at, gradients_at
 
-FIRST = 20  # cells along the longest side, to begin with
+FIRST = 20  # cells along the longest side at first
 GROWTH = 1.5
 MAX_NODES = 2_500_000  # 60 MB
 SAMPLE = 1500
-GRADIENT = 10.0  # times the tolerance: what the gradient may err by; a cubic's derivative converges one order slower
-STEP = 2e-6  # m, of the differences that give the exact gradient
+GRADIENT = 10.0  # times the tolerance: allowed error of the gradient; a cubic's derivative converges one order slower
+STEP = 2e-6  # m, of the differences for the exact gradient
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def evaluate(packed: Array, points: Array) -> tuple[Array, Array]:
 
 
 def _sample(box: Box) -> Array:
-    """Points all over the box (two thirds) and on its faces."""
+    """Points in the whole box (two thirds) and on its faces."""
     rng = np.random.default_rng(20)
     inside = rng.random((SAMPLE, 3))
     faces = rng.random((SAMPLE // 12 * 6, 3))

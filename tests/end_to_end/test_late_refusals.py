@@ -43,7 +43,7 @@ TURNING = (
          ("outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (", "make the lumen wider")),
         (NEAR, EFFECT, '9: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]', ("nearer than a cell", "move the dipole")),
         (TURNING, EFFECT, '7: field.magnet: received {"cylinder": {',
-         ("the magnet, centre (", " s, is in the box around the body", "move the magnet")),
+         ("the magnet, center (", " s, is in the box around the body", "move the magnet")),
     ],
     ids=["ground", "walls", "dipole", "magnet"],
 )  # fmt: skip

@@ -107,7 +107,7 @@ def test_a_magnet_that_is_brought_too_close_stops_the_motion() -> None:
     """The magnet moves through the catheter: the run ends with a message (time, magnet, place) and the last good state."""
     frames = [{"time": 0.0, "move": (0, 0, 0)}, {"time": 4e-3, "move": (-25e-3, 0, 0)}]
     field = {"dipole": {**SPHERE, "position": (30e-3, 0, 0)}, "over_time": {"keyframes": frames}}
-    with pytest.raises(SolveError, match=r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, centre \(.*, 0, 0\) mm") as caught:
+    with pytest.raises(SolveError, match=r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, center \(.*, 0, 0\) mm") as caught:
         run(moving(in_field(rod_scene(length=8e-3), field, BOTH), duration=4e-3, output_every=1e-3))
     assert caught.value.state is not None
     assert caught.value.state.time < 4e-3

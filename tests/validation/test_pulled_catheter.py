@@ -109,7 +109,7 @@ def test_a_catheter_that_snaps_to_the_magnet_is_an_error_that_says_so() -> None:
 
 
 def test_a_magnet_in_the_body_is_refused() -> None:
-    says = r"field.magnet: the magnet, centre .* mm, is in the box around the body.*\n  rule: the undeformed body must be outside of"
+    says = r"field.magnet: the magnet, center .* mm, is in the box around the body.*\n  rule: the undeformed body must be outside of"
     with pytest.raises(InputError, match=says):
         run(pulled({"magnet": {**MAGNET, "position": (45e-3, 0, 0)}}))
 

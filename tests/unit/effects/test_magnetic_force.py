@@ -181,7 +181,7 @@ def test_equilibrium_needs_both(alone: str) -> None:
 
 def test_a_magnet_in_the_body_is_refused_before_the_run() -> None:
     sphere = {"position": (7e-3, 0, 2e-3), "moment": (0.1, 0, 0), "diameter": 2e-3}
-    with pytest.raises(InputError, match=r"field.dipole: the body's point at .* is inside field.dipole, centre \(7, 0, 2\) mm"):
+    with pytest.raises(InputError, match=r"field.dipole: the body's point at .* is inside field.dipole, center \(7, 0, 2\) mm"):
         build(scene_in({"dipole": sphere}, *BOTH))
 
 
@@ -212,7 +212,7 @@ def test_a_magnet_that_passes_through_the_body_is_met_in_time() -> None:
     scene = scene_in({"dipole": sphere, "over_time": moves}, *BOTH)
     x, source = build(scene).particles.position, scene.outside_field()
     source.check(x, 0.0)
-    with pytest.raises(SolveError, match=r"is inside field.dipole, centre \(6, 0, 0\) mm; move the magnet away"):
+    with pytest.raises(SolveError, match=r"is inside field.dipole, center \(6, 0, 0\) mm; move the magnet away"):
         source.check(x, 0.6)
 
 
