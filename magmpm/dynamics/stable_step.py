@@ -105,7 +105,7 @@ def present_bound(motion: TotalMotion | UpdatedMotion) -> float:
 def stiffness(model: Model, F: Array, formulation: str) -> Array:
     """About the largest eigenvalue of each particle's tangent over its density, (n,) m^2/s^2; F (n, 3, 3).
 
-    What the kernels look at in every step; formulas in kernels.particle_group. In the total formulation dP/dF, else dP/dF F^T.
+    What the kernels look at in every step; formulas in materials. In the total formulation dP/dF, else dP/dF F^T.
     """
     J, cofactor = np.linalg.det(F), np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
     I1, I2 = np.einsum("nij,nij->n", F, F), np.einsum("nij,nij->n", cofactor, cofactor)

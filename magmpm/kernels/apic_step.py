@@ -42,16 +42,9 @@ from magmpm.compiled.simd import (
 from magmpm.compiled.simd_views import row
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.kernels.multi_grid_contact import meet
-from magmpm.kernels.particle_group import (
-    add_effects,
-    any_effect,
-    determinant,
-    group_room,
-    neo_hookean,
-    stiffest_in_space,
-    touches,
-)
+from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import BROKEN, WHY, clear, see, stops
+from magmpm.materials import group_determinant, neo_hookean, stiffest_in_space
 
 ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 of place, 4 unused
 DRIFT = 0.95  # cells a particle may move before it must be sorted again; less than 1
@@ -130,7 +123,7 @@ class State(NamedTuple):
     """What steps change, in blocks of eight: x m, v m/s (3 n,), C (APIC's) and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
 
     L is written and read only where an effect has a rate stress; else it may be empty. stiffness: the last step's
-    (particle_group.stiffest_in_space over density), NaN before the first.
+    (materials.stiffest_in_space over density), NaN before the first.
     """
 
     x: Array
@@ -151,7 +144,7 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
     """
     F, P, dF, place, velocity, f, _ = work
     x, v, C, at = state.x, state.v, state.C, 72 * block
-    J, K = determinant(F, at), load(particles.bulk, 8 * block)
+    J, K = group_determinant(F, at), load(particles.bulk, 8 * block)
     pressure = (J - 1.0) * K
     scale, I1, _ = neo_hookean(F, at, J, load(particles.shear, 8 * block), pressure, P)
     density = load(particles.density, 8 * block)

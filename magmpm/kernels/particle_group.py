@@ -1,4 +1,4 @@
-"""What both formulations do with a group of eight particles: neo-Hookean stress, and what the effects add.
+"""What the effects add to a group of eight particles, in both formulations of motion.
 
 A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
-from magmpm.compiled.simd import WIDTH, cube_root_guess, highest, load, magnitude, store
+from magmpm.compiled.simd import WIDTH, highest, load
 from magmpm.compiled.simd_views import matrix, single, vector
 from magmpm.effects.hooks import (
     add_contact,
@@ -37,78 +37,6 @@ from magmpm.effects.hooks import (
 def any_effect(effects):
     """Whether any effect acts on particles; known while compiling."""
     return has_stress(effects) or has_force(effects) or has_rate_stress(effects) or has_contact(effects)
-
-
-@compiled
-def inverse_cube_root(x):
-    """x^(-1/3) of positive, normal lanes to a few units in the last place: Newton's method on y^-3 = x, from a guess good to 4 %.
-
-    Each step squares the error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. Elsewhere (x <= 0) the value means nothing.
-    """
-    y = cube_root_guess(x)
-    third = x * (1.0 / 3.0)
-    for _ in range(4):
-        y = y * (4.0 / 3.0 - third * y * y * y)
-    return y
-
-
-@compiled
-def determinant(F, at):
-    """det F of a group, F (9 8,) from index `at`."""
-    a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
-    d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
-    g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-
-
-@compiled
-def neo_hookean(F, at, J, shear, pressure, P):
-    """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (materials.stress).
-
-    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, from which `stiffest` and `stiffest_in_space` are found.
-    """
-    a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
-    d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
-    g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
-    root = inverse_cube_root(J)
-    scale = shear * root * root
-    I1 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
-    k = pressure - scale * I1 / (3.0 * J)
-    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
-    D, E, Q = c * h - b * i, a * i - c * g, b * g - a * h
-    R, S, T = b * f - c * e, c * d - a * f, a * e - b * d
-    store(P, 0, scale * a + k * A)
-    store(P, 8, scale * b + k * B)
-    store(P, 16, scale * c + k * C)
-    store(P, 24, scale * d + k * D)
-    store(P, 32, scale * e + k * E)
-    store(P, 40, scale * f + k * Q)
-    store(P, 48, scale * g + k * R)
-    store(P, 56, scale * h + k * S)
-    store(P, 64, scale * i + k * T)
-    return scale, I1, A * A + B * B + C * C + D * D + E * E + Q * Q + R * R + S * S + T * T
-
-
-@compiled
-def stiffest(J, scale, I1, I2, pressure, bulk):
-    """About the largest eigenvalue, Pa, of the tangent dP/dF of a group: what the largest stable step goes with.
-
-    The tangent (materials.tangent) is g 1 + a H(x)H + b swap(H, H) - 2/3 g (F(x)H + H(x)F) with g = G J^(-2/3), H = F^-T,
-    a = 2/9 g I1 + p J + K J^2 and b = g I1/3 - p J. The first three are bounded term by term, |H(x)H| = |swap| = |H|^2 = I2/J^2; the
-    last is left out: it is negative where the others are large. 3 K + 6 G at rest, where the true one is 3 K.
-    """
-    r = 1.0 / J
-    shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
-    along = shape * (2.0 / 3.0) + turned + bulk * J * J
-    return scale + (0.5 * (along + magnitude(along)) + magnitude(shape - turned)) * I2 * r * r
-
-
-@compiled
-def stiffest_in_space(J, scale, I1, pressure, bulk):
-    """The same, Pa, of the tangent with respect to places now, dP F^T/d grad u, per undeformed volume."""
-    shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
-    along = shape * (2.0 / 3.0) + turned + bulk * J * J
-    return shape + 3.0 * (0.5 * (along + magnitude(along)) + magnitude(shape - turned))
 
 
 @inlined

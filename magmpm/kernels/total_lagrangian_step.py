@@ -31,16 +31,9 @@ from magmpm.compiled.simd import (
 )
 from magmpm.compiled.simd_views import row
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
-from magmpm.kernels.particle_group import (
-    add_effects,
-    any_effect,
-    determinant,
-    group_room,
-    neo_hookean,
-    stiffest,
-    touches,
-)
+from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import clear, see, stops
+from magmpm.materials import group_determinant, neo_hookean, stiffest
 
 
 @compiled
@@ -200,7 +193,7 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """What steps change. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2: the last step's
-    (particle_group.stiffest over density), NaN before the first."""
+    (materials.stiffest over density), NaN before the first."""
 
     u: Array
     v: Array
@@ -231,7 +224,7 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
         gather(state.u, node, cells.along_x, cells.along_y, particles.splines, particles.pattern[group], F, at, u, at // 3)
         for i in range(3):
             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
-        det = determinant(F, at)
+        det = group_determinant(F, at)
         store(J, 8 * (group - first), det)
         least, bad = smaller(det, least), flag_unless_positive(det, bad)
         _project(particles.modes, particles.moments[group], group, 8 * (group - first), particles.mode_count, particles.volume, J, c)

@@ -2,7 +2,7 @@
 
 `watch` (5,) float64 goes in and out of a kernel:
 
-0  the stiffness (m^2/s^2, particle_group.stiffest over density) above which the time step may be too long for the body
+0  the stiffness (m^2/s^2, materials.stiffest over density) above which the time step may be too long for the body
 1  the largest share of the body's stiffness by which a particle's may change in a step; beyond it steps do not resolve the motion
 2  out: largest stiffness since the watch was set
 3  out: largest change in a step since then, over the largest stiffness

@@ -16,9 +16,9 @@ from magmpm.compiled.simd import (
     splat,
     store,
 )
-from magmpm.kernels.particle_group import neo_hookean, stiffest
 from magmpm.kernels.total_lagrangian_step import CellRoom, State, _projected, grid_to_particles, scatter
 from magmpm.kernels.watch import clear, see, stops
+from magmpm.materials import neo_hookean, stiffest
 
 
 @inlined
