@@ -13,7 +13,6 @@ Beyond the box the functions return the value at the nearest point of its surfac
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
@@ -32,6 +31,10 @@ def coefficients(values: Array) -> Array:
 
 
 def _along(values: Array, axis: int) -> Array:
+    from scipy.linalg import (
+        solve_banded,  # only where a field has a table: its import takes a quarter of a second
+    )
+
     moved = np.moveaxis(values, axis, 0)
     n = len(moved)
     if n < FEWEST:
