@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING
+from collections.abc import Set
+from typing import Any, Protocol
 
+from magmpm.effects.base import SceneLike
 from magmpm.inputs.settings import Key, fault
-
-if TYPE_CHECKING:
-    from magmpm.scene.scene import Scene
 
 NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.without_energy)
     "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
@@ -16,7 +15,19 @@ NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.
 )
 
 
-def check(scene: Scene, *, written: bool) -> None:
+class WholeScene(SceneLike, Protocol):
+    """What the rules ask of a scene (magmpm.scene.Scene) beyond what effects ask."""
+
+    reference: Any  # centreline, rows [s, x, y, z] in m; or None
+
+    @property
+    def static(self) -> bool: ...
+
+    @property
+    def model_fields_set(self) -> Set[str]: ...
+
+
+def check(scene: WholeScene, *, written: bool) -> None:
     """Raises PydanticCustomError (see `fault`) for the first rule that is broken.
 
     written: whether the scene is a file's, which must hold together; scenes made in Python may be incomplete, to be changed further.
@@ -43,7 +54,7 @@ def check(scene: Scene, *, written: bool) -> None:
                 _field_acts(scene, effect)
 
 
-def _materials_are_there(scene: Scene) -> None:
+def _materials_are_there(scene: WholeScene) -> None:
     """Every material that the body names."""
     for at, name in _materials_named(scene):
         if name not in scene.materials:
@@ -52,7 +63,7 @@ def _materials_are_there(scene: Scene) -> None:
             raise fault(f"must be a name from `materials`: {', '.join(scene.materials)}", remedy, at)
 
 
-def _materials_named(scene: Scene) -> list[tuple[Key, str]]:
+def _materials_named(scene: WholeScene) -> list[tuple[Key, str]]:
     """Where the body names materials, and which."""
     named: list[tuple[Key, str]] = []
     if (material := getattr(scene.body.shape, "material", None)) is not None:
@@ -63,7 +74,7 @@ def _materials_named(scene: Scene) -> list[tuple[Key, str]]:
     return named
 
 
-def _densities_are_given(scene: Scene) -> None:
+def _densities_are_given(scene: WholeScene) -> None:
     """Gravity and motion need the mass of what they act on."""
     gravity = scene.effects.gravity is not None
     if not gravity and scene.static:
@@ -77,7 +88,7 @@ def _densities_are_given(scene: Scene) -> None:
             )
 
 
-def _reference_fits(scene: Scene) -> None:
+def _reference_fits(scene: WholeScene) -> None:
     """A reference is no longer than its body."""
     if scene.reference is not None and scene.reference.centreline[-1][0] > scene.length * (1 + 1e-6):
         kind = scene.body.kind
@@ -88,7 +99,7 @@ def _reference_fits(scene: Scene) -> None:
         )
 
 
-def _motion_has_its_solver(scene: Scene) -> None:
+def _motion_has_its_solver(scene: WholeScene) -> None:
     """Effects that act on a moving body only need the dynamic solver."""
     if not scene.static:
         return
@@ -101,7 +112,7 @@ def _motion_has_its_solver(scene: Scene) -> None:
             )
 
 
-def _contact_has_its_formulation(scene: Scene) -> None:
+def _contact_has_its_formulation(scene: WholeScene) -> None:
     """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
     dynamic = scene.solver.dynamic
     if scene.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
@@ -112,7 +123,7 @@ def _contact_has_its_formulation(scene: Scene) -> None:
         )
 
 
-def _feed_can_push(scene: Scene) -> None:
+def _feed_can_push(scene: WholeScene) -> None:
     """The guide must hold some of a catheter, and go on holding it."""
     feed, catheter = scene.effects.feed, scene.body.catheter
     if feed is None:
@@ -141,7 +152,7 @@ def _feed_can_push(scene: Scene) -> None:
         )
 
 
-def _field_suits_the_solver(scene: Scene) -> None:
+def _field_suits_the_solver(scene: WholeScene) -> None:
     """Equilibrium has one field, the one at the end of the schedule, and is a minimum of one energy."""
     if not scene.static:
         return
@@ -155,7 +166,7 @@ def _field_suits_the_solver(scene: Scene) -> None:
         )
 
 
-def without_energy(scene: Scene) -> str | None:
+def without_energy(scene: WholeScene) -> str | None:
     """In a field that varies in space, which of torque and force is missing from an equilibrium; None where all is well."""
     torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
     if not scene.static or not scene.field.varies or (torque is None) == (force is None):
@@ -163,7 +174,7 @@ def without_energy(scene: Scene) -> str | None:
     return "magnetic_torque" if torque is None else "magnetic_force"
 
 
-def _field_acts(scene: Scene, effect: str) -> None:
+def _field_acts(scene: WholeScene, effect: str) -> None:
     """A file that asks for an outside field's torque or force must have something to turn and something to turn it.
 
     Only asked of files: a study or a test may well set the field or all magnetizations to zero.

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from magmpm.scene.scene import Scene
+from magmpm.effects.base import SceneLike
 
 
-def warnings(scene: Scene) -> list[str]:
+def warnings(scene: SceneLike) -> list[str]:
     """What the author may not have meant: one sentence each."""
     found: list[str] = []
     magnetized = scene.magnetized_regions()

@@ -1,14 +1,14 @@
 """The shape of the house: how long files and functions are, how high imports stand, and that they never run in a circle.
 
-A room is a file at the root of magmpm, a folder there, studies, or viz. An arrow goes from a room to another that it imports, also for its
-types alone. A package's face, an `__init__.py` of at most 40 lines that defines nothing of its own, is not drawn. Which rooms stand above
-which, import-linter checks (setup.cfg).
+A room is a file at the root of magmpm, a folder there, studies, or viz. An arrow goes from a file or room to another that it imports, also
+for its types alone. A package's face, an `__init__.py` of at most 40 lines that defines nothing of its own, is not drawn. Which rooms stand
+above which, import-linter checks (setup.cfg).
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -40,19 +40,11 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def statements(node: ast.AST, types: bool) -> Iterator[ast.AST]:
-    """All of a tree; without `if TYPE_CHECKING:`, unless types are asked for."""
-    yield node
-    for child in ast.iter_child_nodes(node):
-        if types or not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
-            yield from statements(child, types)
-
-
-def imported(module: str, path: Path, known: Iterable[str], types: bool) -> set[str]:
-    """Which of the known modules a module imports, anywhere in its file."""
+def imported(module: str, path: Path, known: Iterable[str]) -> set[str]:
+    """Which of the known modules a module imports, anywhere in its file, also for its types alone."""
     found = set()
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    for node in statements(tree(path), types):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -77,15 +69,14 @@ def room(module: str) -> str:
 
 
 @cache
-def between_files(types: bool = False) -> Graph:
-    """Within a room, a file may name a class for its types alone that another defines which calls it."""
-    return {name: imported(name, path, files(), types) for name, path in files().items() if not is_face(path)}
+def between_files() -> Graph:
+    return {name: imported(name, path, files()) for name, path in files().items() if not is_face(path)}
 
 
 @cache
 def between_rooms() -> Graph:
     graph: Graph = {room(module): set() for module in files()}
-    for module, others in between_files(types=True).items():
+    for module, others in between_files().items():
         graph[room(module)] |= {room(other) for other in others} - {room(module)}
     return graph
 
