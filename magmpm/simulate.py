@@ -70,7 +70,7 @@ def run(
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
     try:
-        found = solve_static(model, correction=_neighbour(model, start), on_step=on_progress)
+        found = solve_static(model, correction=_neighbor(model, start), on_step=on_progress)
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
@@ -150,12 +150,12 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     )
 
 
-def _neighbour(model: StaticModel, start: Result | None) -> Array | None:
+def _neighbor(model: StaticModel, start: Result | None) -> Array | None:
     """The grid correction of a neighboring design: nearly the same for this design."""
     if start is None:
         return None
     if start.grid_correction.shape != (model.layout.planes, model.layout.m):
-        raise ValueError("start: the neighbouring result must be on the same grid")
+        raise ValueError("start: the neighboring result must be on the same grid")
     return start.grid_correction
 
 
@@ -177,8 +177,8 @@ def _warnings(scene: Scene) -> list[str]:
 def _particles(model: Model, position: Array, F: Array, time: float | None) -> dict[str, Any]:
     """What every result holds: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
     scene, particles = model.scene, model.particles
-    centre = particles.volume @ position / particles.volume.sum()
-    outside = scene.outside_field().at(centre, time)[0] if scene.effects.in_a_field else np.zeros(3)
+    center = particles.volume @ position / particles.volume.sum()
+    outside = scene.outside_field().at(center, time)[0] if scene.effects.in_a_field else np.zeros(3)
     return {
         "name": scene.name,
         "scene": scene.to_si(),

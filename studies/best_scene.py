@@ -52,7 +52,7 @@ def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
     assert study.scene_file is not None
     made_of = _from_folder(study.scene_file, path.parent)
     return (
-        f"# The best design of the study {study.name}: trial {best['number']}, rms {1e3 * best['rms_m']:.4g} mm from the wanted shape.\n"
+        f"# The best design of the study {study.name}: trial {best['number']}, rms {1e3 * best['rms_m']:.4g} mm from the target shape.\n"
         f"# `magmpm design` made it of {made_of}, and writes it anew when a trial is better: copy it before you change it.\n"
         "#\n"
         f"#   magmpm run {path} --render\n\n"

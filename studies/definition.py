@@ -50,7 +50,7 @@ class Vary(Settings):
     """What the study may change."""
 
     magnetization: VaryMagnetization | None = Field(
-        default=None, description="The direction of each magnetised segment: {}.", examples=["{}"]
+        default=None, description="The direction of each magnetized segment: {}.", examples=["{}"]
     )
     field: VaryField | None = Field(
         default=None, description="The outside field, up to a greatest strength.", examples=["{max: 10 mT}"]
@@ -98,7 +98,7 @@ class StudyFile(Settings):
         examples=["../scenes/five_segments.yaml"],
     )
     vary: Vary = Field(description="What the study may change.", examples=["{magnetization: {}}"])
-    match: Match = Field(description="The wanted shape.", examples=["{centreline: ../targets/s_shape.csv}"])
+    match: Match = Field(description="The target shape.", examples=["{centreline: ../targets/s_shape.csv}"])
     trials: int = Field(
         default=35,
         strict=True,
@@ -164,8 +164,8 @@ class Study:
         """
         scene = self.scene
         if self.vary_magnetization:
-            magnetised = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
-            scene = scene.with_magnetizations(np.outer(magnetised, [1.0, 0.0, 0.0]))
+            magnetized = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
+            scene = scene.with_magnetizations(np.outer(magnetized, [1.0, 0.0, 0.0]))
         content = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
         if self.field_max is not None:
             content["field"] = "varied"
@@ -260,8 +260,8 @@ def _check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         rule = "the scene of a study must name the effect magnetic_torque: without it, magnets do nothing"
         remedy = "add `effects: {magnetic_torque: {}}` to the scene"
     elif not scene.magnetized_regions():
-        rule = "the scene of a study must have a magnetised segment"
-        remedy = "give the segments that may be magnetised a direction, say, `magnetization: [1, 0, 0]`"
+        rule = "the scene of a study must have a magnetized segment"
+        remedy = "give the segments that may be magnetized a direction, say, `magnetization: [1, 0, 0]`"
     elif file.vary.field is None and not scene.field.acts:
         rule = "the field of the scene must not be zero while the study does not vary it"
         remedy = "give the scene a field, or add `field: {max: 10 mT}` to `vary`"

@@ -76,7 +76,7 @@ class SearchSpace:
 
     @property
     def count(self) -> int:
-        """Directions in a design: one a magnetised segment, and the field's."""
+        """Directions in a design: one a magnetized segment, and the field's."""
         return len(self.segments) + (self.field_max is not None)
 
     @property

@@ -80,7 +80,7 @@ class Snapshot:
     magnetized        (k,) bool of each part; held (k,) bool: parts that cannot move, or None
     length, thickness m, of the undeformed body: they size the marks
     axis              (m, 3) m, deformed center line from base to tip, drawn as a line, or shape (0, 3)
-    target            (q, 3) m, wanted points, or None; target_name is what the legend calls them
+    target            (q, 3) m, points of the target shape, or None; target_name is what the legend calls them
     arrows            (a, 2, 3) m, start and vector of magnetization arrows; arrow_width in m
     obstacles         what is around it; ground: the plane, or None
     contact           (c, 3) m, where the body touches; forces (f, 2, 3) m: starts and vectors of the forces on it

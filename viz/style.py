@@ -65,7 +65,7 @@ TEXT_LARGE, TEXT_MEDIUM, TEXT_SMALL = 0.034, 0.028, 0.024
 def segment_colors(magnetized: np.ndarray) -> np.ndarray:
     """Color (k, 3) in 0..1 of each segment; magnetized: (k,) bool.
 
-    Grey where not magnetized. Magnetized segments take the palette's colors in order, base to tip, and start again at its end.
+    Gray where not magnetized. Magnetized segments take the palette's colors in order, base to tip, and start again at its end.
     """
     colors = np.empty((len(magnetized), 3))
     used = 0

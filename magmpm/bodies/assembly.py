@@ -51,7 +51,7 @@ class MeshPart(Settings):
     material: str = Field(description="A name from `materials`.", examples=["silicone"])
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed part: [x, y, z], normalised, or "
+        description="Direction in the undeformed part: [x, y, z], normalized, or "
         "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
         examples=[[0, 0, 1]],
     )

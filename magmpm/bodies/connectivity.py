@@ -22,7 +22,7 @@ def connected_components(
     full = np.unique(np.ravel_multi_index((*(cell - cell.min(axis=0)).T, part), box))
     *places, of = np.unravel_index(full, box)
     near = np.zeros((count, count), bool)
-    pairs = of[cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbours by a face
+    pairs = of[cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbors by a face
     near[pairs[:, 0], pairs[:, 1]] = True
     number = csgraph.connected_components(near & touching, directed=False)[1]
     return np.asarray(np.asarray(number, np.int64)[part])

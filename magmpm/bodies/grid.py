@@ -1,7 +1,7 @@
 """The grid in the undeformed body and its quadratic B-splines.
 
 A grid is a box of cells. Along each axis, cell i carries the three uniform quadratic B-splines of nodes i, i+1 and i+2
-(node i is centred on cell i - 1), so that n cells have n + 2 nodes. Knots lie on the cell faces, where a body's flat faces are put.
+(node i is centered on cell i - 1), so that n cells have n + 2 nodes. Knots lie on the cell faces, where a body's flat faces are put.
 Source: de Boor, A Practical Guide to Splines; for the role in MPM, Steffen, Kirby, Berzins, IJNME 76 (2008).
 """
 
@@ -45,7 +45,7 @@ def clamp_first_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
 def clamp_last_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
     """Splines of the last cell of an axis when the displacement is zero on that cell's upper face.
 
-    The mirror image of ``clamp_first_node``: the last node's coefficient is minus its neighbour's, and takes no part. The stencil stays.
+    The mirror image of ``clamp_first_node``: the last node's coefficient is minus its neighbor's, and takes no part. The stencil stays.
     """
     zero = np.zeros_like(weights[..., 0])
     moved = [np.stack([v[..., 0], v[..., 1] - v[..., 2], zero], axis=-1) for v in (weights, slopes)]
@@ -73,7 +73,7 @@ class Grid:
         return (self.cells[0] + 2, self.cells[1] + 2, self.cells[2] + 2)
 
     def node_coordinates(self, axis: int) -> Array:
-        """Centres (m) of the splines along one axis, (nodes,): where a coefficient acts most (Greville points)."""
+        """Centers (m) of the splines along one axis, (nodes,): where a coefficient acts most (Greville points)."""
         return self.origin[axis] + self.spacing[axis] * (np.arange(self.nodes[axis]) - 0.5)
 
     def locate(self, points: Array, cell: NDArray[np.int64]) -> Array:

@@ -24,7 +24,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Line:
-    """A straight body along +x: base (3,) m, the centre of its base face; length m."""
+    """A straight body along +x: base (3,) m, the center of its base face; length m."""
 
     base: Vector
     length: float

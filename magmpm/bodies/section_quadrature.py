@@ -2,7 +2,7 @@
 
 Every piece of the body that a grid cell cuts out gets its own small rule: tensor Gauss points, moved and stretched so that
 the piece's volume, centroid and second moments are exact. In a cell that the body fills, this is the Gauss rule itself.
-So the section's area and second moments are right to rounding for any cell size; the usual lattice particles of a 4 mm disc at
+So the section's area and second moments are right to rounding for any cell size; the usual lattice particles of a 4 mm disk at
 0.5 mm have second moments wrong by 2 to 5 %, and bending stiffness with them.
 """
 
@@ -54,9 +54,9 @@ def gauss_depth(count: int) -> float:
 
 
 def disc_moments(low: Array, high: Array, radius: float) -> Array:
-    """Moments of a disc cut by rectangles: integrals of 1, y, z, y^2, y z, z^2 over each piece.
+    """Moments of a disk cut by rectangles: integrals of 1, y, z, y^2, y z, z^2 over each piece.
 
-    low, high (n, 2) m: corners of the rectangles; radius m, disc centred at 0. Returns (n, 6).
+    low, high (n, 2) m: corners of the rectangles; radius m, disk centered at 0. Returns (n, 6).
     The integral over z is closed; over y = radius sin t the integrand is a trigonometric polynomial between the points where
     the circle crosses an edge, and 12 Gauss points make it exact to rounding.
     """
@@ -209,7 +209,7 @@ def _extrude(
 
 
 def strip_grid(base: Array, size: Array, cells_across: int, *, one_wide: bool = False) -> Grid:
-    """Grid of a strip: knots on all its faces. base (3,) m: centre of the base face; size (3,) m: length, width, thickness.
+    """Grid of a strip: knots on all its faces. base (3,) m: center of the base face; size (3,) m: length, width, thickness.
 
     Cells are cubes within rounding of the length, but up to WIDEST times as long along a width that is many cells: what bends
     varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).

@@ -25,7 +25,7 @@ class Segment(Settings):
 
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed body: [x, y, z], normalised, or "
+        description="Direction in the undeformed body: [x, y, z], normalized, or "
         "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
         examples=[[1, 0, 0]],
     )

@@ -49,7 +49,7 @@ class Strip(StraightBody):
     )
     position: Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], three("[0 mm, 0 mm, 1 mm]")] = Field(
         default=(0.0, 0.0, 0.0),
-        description="Centre of the base face: [x, y, z]; the origin unless given.",
+        description="Center of the base face: [x, y, z]; the origin unless given.",
         examples=[["0 mm", "0 mm", "1 mm"]],
     )
     plane_strain: bool = Field(

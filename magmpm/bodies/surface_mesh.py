@@ -35,7 +35,7 @@ FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, 
 RAYS = 400  # points from which the thickness is measured
 LEAST_RAY = 1e-6  # of the mesh's size: a surface nearer than this is the one the ray starts from
 THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
-_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])  # of binary STL
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])  # of binary STL
 
 
 @dataclass(frozen=True)

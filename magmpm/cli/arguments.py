@@ -14,10 +14,10 @@ from magmpm.cli.answers import STYLES
 Commands = Any  # argparse gives its sub-commands no public type
 
 HELP = """\
-Simulate magnetic soft catheters, and find the magnetisation that makes a wanted shape.
+Simulate magnetic soft catheters, and find the magnetization that makes a target shape.
 
   magmpm run data/scenes/five_segments.yaml --render    one shape, with its picture
-  magmpm design data/studies/s_shape.yaml               the magnetisation that makes a shape
+  magmpm design data/studies/s_shape.yaml               the magnetization that makes a shape
   magmpm accuracy data/scenes/five_segments.yaml        what accuracy costs in time
   magmpm stability                                      the hard cases, with their bounds
   magmpm effects data/scenes/five_segments.yaml         what each effect would do here, and cost
@@ -48,7 +48,7 @@ def _run(commands: Commands) -> argparse.ArgumentParser:
 def _design(commands: Commands) -> argparse.ArgumentParser:
     parser = commands.add_parser(
         "design",
-        help="search the design that makes a wanted shape",
+        help="search the design that makes a target shape",
         description="Run a design study; run it again to resume it.",
     )
     parser.add_argument("study", metavar="STUDY", help="study file, such as data/studies/s_shape.yaml")

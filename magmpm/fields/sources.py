@@ -66,7 +66,7 @@ class Cuboid(Settings):
 
 
 class Cylinder(Settings):
-    """A round bar or disc."""
+    """A round bar or disk."""
 
     diameter: _Size = Field(description="Diameter.", examples=["20 mm"])
     length: _Size = Field(description="Length along its axis.", examples=["20 mm"])

@@ -1,6 +1,6 @@
 """Robots of the magneticMPM format -> scenes.
 
-For each segment a robot file names an STL mesh (in millimetres, in the folder `meshes` beside it), a magnetisation vector, density
+For each segment a robot file names an STL mesh (in millimeters, in the folder `meshes` beside it), a magnetization vector, density
 (kg/m^3), shear modulus (Pa) and whether it is fixed, and one `remenance` (T, so spelled) for all. K = 20 G is implied. It says nothing of
 field, ground or damping: the scene that is written has a zero field to fill in, weight, and what the robot needs to run at all.
 Source: Davy, Lloyd, Chandler, Valdastri, A framework for simulation of magnetic soft robots using the material point
@@ -44,7 +44,7 @@ class RobotSegment(Settings):
 
     mesh: str = Field(min_length=1, description="STL file in the folder `meshes`.", examples=["base.stl"])
     magnetisation_vector: Annotated[tuple[_Number, _Number, _Number], three("[0, 0, 1]")] = Field(
-        description="Direction of magnetisation; zeros: unmagnetised.", examples=[[0, 0, 1]]
+        description="Direction of magnetization; zeros: unmagnetized.", examples=[[0, 0, 1]]
     )
     density: float = Field(strict=True, gt=0, le=30_000, description="kg/m^3", examples=[1882])
     shear_modulus: float = Field(strict=True, gt=0, le=1e10, description="Pa", examples=[120000])
@@ -135,7 +135,7 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> Imported:
             remedy="set `fixed: False` on those that are",
         ))  # fmt: skip
     if not any(any(s.magnetisation_vector) for s in robot.segments) or robot.remenance == 0.0:
-        warnings.append("no segment is magnetised: a field will do nothing, and the scene does not name magnetic_torque")
+        warnings.append("no segment is magnetized: a field will do nothing, and the scene does not name magnetic_torque")
     folder = target.resolve().parent
     relative = [Path(os.path.relpath(mesh.resolve(), folder)).as_posix() for mesh in found]
     low = min(float(unpack_mesh(text).vertices[:, 2].min()) for text in texts)
@@ -152,16 +152,16 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
     materials: dict[str, Any] = {}
     parts = []
     for segment, mesh in zip(robot.segments, meshes, strict=True):
-        magnetised = any(segment.magnetisation_vector) and robot.remenance > 0
-        name = f"{'magnetic' if magnetised else 'plain'} {segment.shear_modulus:.9g} Pa, {segment.density:.9g} kg per m^3"
+        magnetized = any(segment.magnetisation_vector) and robot.remenance > 0
+        name = f"{'magnetic' if magnetized else 'plain'} {segment.shear_modulus:.9g} Pa, {segment.density:.9g} kg per m^3"
         materials[name] = {
             "shear_modulus": f"{segment.shear_modulus:.12g} Pa",
             "bulk_to_shear": BULK_TO_SHEAR,
             "density": f"{segment.density:.12g} kg/m^3",
-            **({"remanence": f"{robot.remenance:.12g} T"} if magnetised else {}),
+            **({"remanence": f"{robot.remenance:.12g} T"} if magnetized else {}),
         }
         part: dict[str, Any] = {"mesh": mesh, "material": name}
-        if magnetised:
+        if magnetized:
             part["magnetization"] = [float(x) for x in segment.magnetisation_vector]
         parts.append({**part, "clamp": True} if segment.fixed else part)
     held = any(segment.fixed for segment in robot.segments)

@@ -113,7 +113,7 @@ class Resolution(Settings):
     """How fine the grid is."""
 
     not_there_yet: ClassVar[Mapping[str, str]] = {
-        "error": "the grid chosen for a wanted error",
+        "error": "the grid chosen for a given error",
         "seconds": "the grid chosen for a time",
     }
     cells_across: int = Field(

@@ -11,7 +11,7 @@ from magmpm.simulate import run
 from studies.hard_cases.case import Case
 from studies.hard_cases.scenes import LENGTH, bending_field, rod, twisting_field
 
-X_SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))  # magnetisations that bend and twist
+X_SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))  # magnetizations that bend and twist
 EULER = np.pi**2 / 4  # critical load of theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0
 
 
@@ -58,7 +58,7 @@ def _incompressible(scene: Scene) -> float:
     return worst
 
 
-def _from_a_loaded_neighbour(scene: Scene) -> float:
+def _from_a_loaded_neighbor(scene: Scene) -> float:
     """Largest displacement of the unloaded body, over L, if the solve starts from the grid correction of a bent neighbor."""
     back = run(scene.with_field([0.0, 0.0, 0.0]), start=run(scene))
     return float(np.abs(back.particle_position - back.particle_reference).max()) / LENGTH
@@ -81,7 +81,7 @@ CASES = (
         "error of the tip's twist, rad",
         _twist,
         0.03,
-        "theta'' + (M B A L^2/(G J)) cos(theta) = 0, Saint-Venant's torsion of a disc",
+        "theta'' + (M B A L^2/(G J)) cos(theta) = 0, Saint-Venant's torsion of a disk",
     ),
     Case(
         "K/G from 20 to 500",
@@ -93,11 +93,11 @@ CASES = (
         "Cosserat rod; it and a solid of L/D = 10 differ by 0.05 D/L of the deflection (tests/validation/test_rod_statics.py)",
     ),
     Case(
-        "no load, begun from a loaded neighbour",
+        "no load, begun from a loaded neighbor",
         lambda: rod(field=bending_field(25.0, np.radians(150)), cells=3),
         "keeps a part of what it began from",
         "displacement left, over L",
-        _from_a_loaded_neighbour,
+        _from_a_loaded_neighbor,
         1e-8,
         "elastic: no load, no displacement; statics has no path, motion does (`loaded and unloaded`)",
     ),

@@ -28,7 +28,7 @@ def rod(
     effects: Mapping[str, Any] | None = None,
     dynamic: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """A catheter 4 mm thick of equal segments with these magnetisations. field (3,) T; shear: Pa, one a segment."""
+    """A catheter 4 mm thick of equal segments with these magnetizations. field (3,) T; shear: Pa, one a segment."""
     moduli = [G] * len(directions) if shear is None else list(shear)
     kinds = {
         f"material {k}": {"shear_modulus": g, "bulk_to_shear": ratio, "density": DENSITY, "remanence": REMANENCE}
@@ -50,7 +50,7 @@ def rod(
 
 
 def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH) -> list[float]:
-    """Field (3,) T at an angle to +x in the x-z plane, for a load M B A L^2/(E I) on a rod magnetised along its axis.
+    """Field (3,) T at an angle to +x in the x-z plane, for a load M B A L^2/(E I) on a rod magnetized along its axis.
 
     Source: Wang et al., JMPS 142 (2020) 104045; A/I = 16/D^2.
     """
@@ -60,7 +60,7 @@ def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH)
 
 
 def twisting_field(load: float) -> list[float]:
-    """Field (3,) T along z, for a load M B A L^2/(G J) on a rod magnetised along y; A/J = 8/D^2."""
+    """Field (3,) T along z, for a load M B A L^2/(G J) on a rod magnetized along y; A/J = 8/D^2."""
     return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]
 
 
@@ -79,7 +79,7 @@ def opening_strip() -> Scene:
 
 
 def folding_strip() -> Scene:
-    """A free strip of two halves magnetised against each other: across its plane a field folds it like a book."""
+    """A free strip of two halves magnetized against each other: across its plane a field folds it like a book."""
     silicone = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": REMANENCE}
     halves = [{"magnetization": [1.0, 0.0, 0.0]}, {"magnetization": [-1.0, 0.0, 0.0]}]
     strip = {"length": 20e-3, "width": 2e-3, "thickness": 1e-3, "material": "silicone", "clamp": "none", "segments": halves}

@@ -125,9 +125,9 @@ def _one_particle(scene: Scene) -> float:
     thin = replace(
         full,
         particles=replace(full.particles, position=middle, volume=volume, segment=full.particles.segment[first], cell=cells),
-        **{name: getattr(full, name)[first] for name in ("weights", "slopes", "shear", "bulk", "magnet", "density", "held")},
+        **{name: getattr(full, name)[first] for name in ("shear", "bulk", "remanence", "density", "held")},
         modes=np.zeros((len(cells), 0)),
-    )  # splines of the updated formulation are found anew at every step; those of the model are not used
+    )
     gained, kept = _swung(thin)
     return max(gained, 1.0 - kept / _swung(full)[1])
 
@@ -215,7 +215,7 @@ CASES = (
             effects={"damping": {"rate": 12.0}},
             dynamic={"duration": 2.0, "output_every": 0.1},
         ),
-        "takes the soft neighbour's step, or tears at the joint",
+        "takes the soft neighbor's step, or tears at the joint",
         "settled tip from statics, over L",
         _settled,
         0.002,

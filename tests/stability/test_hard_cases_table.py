@@ -31,8 +31,8 @@ def test_names_tell_cases_apart() -> None:
 
 def test_command(capsys: pytest.CaptureFixture[str]) -> None:
     """A table or one JSON object; exit status 0 if all pass, 3 if one fails, 2 for an unknown case."""
-    quick = "no load, begun from a loaded neighbour"
-    assert main(["stability", "--case", "LOADED NEIGHBOUR", "--json"]) == 0
+    quick = "no load, begun from a loaded neighbor"
+    assert main(["stability", "--case", "LOADED NEIGHBOR", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [case["name"] for case in found["cases"]] == [quick]
     assert found["failed"] == []
