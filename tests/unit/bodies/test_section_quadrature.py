@@ -18,7 +18,6 @@ from magmpm.scene import Scene
 from magmpm.scene.memory import fewest_particles
 
 # Sections are differences of two discs: their rounding error grows for thin walls, 1e-16 / (1 - ratio).
-# Regions below EMPTY of a cell are dropped; the walls here are thousands of times larger.
 EXACT = 1e-11
 
 
@@ -29,7 +28,8 @@ def rectangles(edges_y: np.ndarray, edges_z: np.ndarray) -> tuple[np.ndarray, np
     return low, high
 
 
-def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float, count: int) -> None:
+def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float, count: int, dropped: float = 0.0) -> None:
+    """Areas and moments of a ring on rectangles. dropped: the most area of slivers that the quadrature may leave out."""
     points, areas, home = bodies.section_points(low, high, outer, inner, count)
     area, moment = np.pi * (outer**2 - inner**2), np.pi / 4 * (outer**4 - inner**4)
     y, z = points.T
@@ -38,12 +38,12 @@ def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float,
     assert np.all(points >= low[home] - slack)
     assert np.all(points <= high[home] + slack)
     assert np.all(np.diff(home) >= 0), "sorted by rectangle"
-    assert areas.sum() == pytest.approx(area, rel=EXACT)
-    assert areas @ y**2 == pytest.approx(moment, rel=EXACT)
-    assert areas @ z**2 == pytest.approx(moment, rel=EXACT)
-    assert areas @ (y * z) == pytest.approx(0, abs=EXACT * moment)
-    assert areas @ y == pytest.approx(0, abs=EXACT * area * outer)
-    assert areas @ z == pytest.approx(0, abs=EXACT * area * outer)
+    assert areas.sum() == pytest.approx(area, abs=EXACT * area + dropped)
+    assert areas @ y**2 == pytest.approx(moment, abs=EXACT * moment + dropped * outer**2)
+    assert areas @ z**2 == pytest.approx(moment, abs=EXACT * moment + dropped * outer**2)
+    assert areas @ (y * z) == pytest.approx(0, abs=EXACT * moment + dropped * outer**2)
+    assert areas @ y == pytest.approx(0, abs=EXACT * area * outer + dropped * outer)
+    assert areas @ z == pytest.approx(0, abs=EXACT * area * outer + dropped * outer)
 
 
 @given(st.integers(2, 16), st.one_of(st.just(0.0), st.floats(1e-3, 0.999)), st.sampled_from([2, 3, 4]))
@@ -61,11 +61,16 @@ def test_section_is_exact(cells: int, ratio: float, count: int) -> None:
     st.lists(st.floats(-1.2, 1.2), min_size=0, max_size=5, unique=True),
     st.floats(0.0, 0.95),
 )
+@example([0.96875], [0.24687], 0.0)  # a sliver of 2e-10 of the largest rectangle
 @settings(max_examples=60)
 def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[float], ratio: float) -> None:
-    """Unequal rectangles, off the center of the disc: the result does not depend on symmetry."""
+    """Unequal rectangles, off the center of the disc: the result does not depend on symmetry.
+
+    A cut less than EMPTY of the largest rectangle is left out. On a scene's grid, whose cells are alike, there is none: the test above.
+    """
     edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
-    check_section(*rectangles(*edges), 1.0, ratio, 2)
+    low, high = rectangles(*edges)
+    check_section(low, high, 1.0, ratio, 2, dropped=len(low) * bodies.EMPTY * float(np.prod(high - low, axis=1).max()))
 
 
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 4))
