@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from magmpm.bodies.grid import ClampPlane, spline_weights
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.drift_correction import INTERVAL, DriftCorrection
+from magmpm.dynamics.moving_grid import Box
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.steps import Look, at_step
 from magmpm.effects.hooks import has_hook
@@ -98,7 +96,6 @@ class UpdatedMotion:
                 f"the box around the particles has {' x '.join(map(str, self.shape))} nodes for each of {grids} components; "
                 "a particle has flown off, or the components are too many"
             )
-        self.low = low
         free = np.flatnonzero(~model.held)  # what is held has no rows: its nodes are at rest, it moves nothing and does not move
         nodes = int(np.prod(self.shape))
         order, self.slab_first, component = self._sorted((cell - low)[free], self.component[free])
@@ -108,7 +105,7 @@ class UpdatedMotion:
             self.touching = self.drift_correction.touching(cell - low, self.shape)
         real = order >= 0
         source = np.where(real, order, order[np.maximum.accumulate(np.where(real, np.arange(len(order)), 0))])
-        self.grid, self.weight, self.shared = self._new_grid(cell - low, grids)
+        self.grid, self.weight, self.shared = Box(model, self.component, low, self.shape).grid(cell - low)
         self.slabs, self.moved = new_slabs(len(self.slab_first) - 1), np.zeros(len(self.slab_first) - 1)
         self.drift = 0.0
         return order, source
@@ -130,90 +127,6 @@ class UpdatedMotion:
         row = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first[:-1] * WIDTH, counts)
         padded[row] = order
         return padded, first[::grids].astype(np.int64), np.repeat(np.arange(len(counts)) % grids, blocks)
-
-    def _new_grid(self, cell: Index, grids: int) -> tuple[kernels.Grid, Array, Index]:
-        """The grids' nodes for particles at cells (n, 3); held mass (`_held_nodes`); where components may meet (`_reached`)."""
-        model, h, nodes = self.model, self.model.grid.spacing, int(np.prod(self.shape))
-        origin = model.grid.origin + self.low * h
-        planes, shared = self._reached(cell)
-        fixed, weight = self._held_nodes(origin, grids)
-        mirrors, next_to_faces = self._mirrors(fixed)
-        grid = kernels.Grid(
-            origin, h, *self._along(), nodes, np.zeros(4 * grids * nodes + 8), np.zeros(4 * grids * nodes + 8), planes, fixed, mirrors,
-            next_to_faces, model.plane_strain, self._nodes_place(origin) if has_hook("node", model.effects) else np.zeros(3),
-        )  # fmt: skip
-        return grid, weight, shared
-
-    def _along(self) -> tuple[int, int]:
-        """Nodes from one to the next along x and y."""
-        return int(self.shape[1] * self.shape[2]), int(self.shape[2])
-
-    def _reached(self, cell: Index) -> tuple[Index, Index]:
-        """Planes of nodes, of all components' grids in turn, that may get mass until particles at cells (n, 3) are sorted again;
-        and the box (2, 3) of nodes, from the first to one past the last, that two components may both reach: empty where none can meet.
-
-        A particle of cell c sees nodes c to c + 2, and moves by less than a cell.
-        """
-        first = np.array([cell[self.component == k].min(axis=0) - 1 for k in range(int(self.component.max()) + 1)])
-        last = np.array([cell[self.component == k].max(axis=0) + 4 for k in range(len(first))])
-        first, last = np.maximum(first, 0), np.minimum(last, self.shape)
-        planes = np.concatenate([k * self.shape[0] + np.arange(a, b) for k, (a, b) in enumerate(zip(first[:, 0], last[:, 0], strict=True))])
-        pairs = combinations(range(len(first)), 2)
-        shared = [(np.maximum(first[a], first[b]), np.minimum(last[a], last[b])) for a, b in pairs]
-        shared = [box for box in shared if (box[0] < box[1]).all()]
-        if not shared:
-            return planes, np.zeros((2, 3), np.int64)
-        inside = np.array([np.min([low for low, _ in shared], axis=0), np.max([high for _, high in shared], axis=0)])
-        return planes, np.clip(inside, 1, self.shape - 1)  # slopes look at a node's neighbours
-
-    def _held_nodes(self, origin: Array, grids: int) -> tuple[NDArray[np.int8], Array]:
-        """(grids nodes,) 1 where a held particle of the grid's component has weight; and, if components can meet, the held mass, kg."""
-        nodes, along = int(np.prod(self.shape)), self._along()
-        fixed, weight = np.zeros(grids * nodes, np.int8), np.zeros(grids * nodes if grids > 1 else 0)
-        held = np.flatnonzero(self.model.held)
-        if len(held):
-            s = (self.model.particles.position[held] - origin) / self.model.grid.spacing
-            first = s.astype(np.int64) @ np.array([*along, 1]) + nodes * self.component[held]
-            mass, N = self.model.density[held] * self.model.particles.volume[held], spline_weights(s - np.floor(s))
-            for a, b, c in product(range(3), repeat=3):
-                node = first + a * along[0] + b * along[1] + c
-                fixed[node] = 1
-                if len(weight):
-                    np.add.at(weight, node, mass * N[:, 0, a] * N[:, 1, b] * N[:, 2, c])
-        return fixed, weight
-
-    def _mirrors(self, fixed: NDArray[np.int8]) -> tuple[Index, int]:
-        """(pairs, 2) nodes on either side of a face that is at rest, the outer one first: it moves as the inner one does, backwards.
-
-        So the face is at rest, and nothing more (bodies.grid.clamp_first_node). And how many of the pairs, the first, are next to a
-        face: behind the base's, all nodes mirror those before it, or are fixed. Nodes inside a face are free, though a held part touches
-        them: `fixed` is changed.
-        """
-        model, found = self.model, [np.zeros((0, 2), np.int64)]
-        number = np.arange(len(fixed)).reshape(-1, *self.shape)  # of every component's grid
-        for plane in (*model.planes, *([ClampPlane(0, True, 0)] if model.clamped_face else [])):
-            inner, axis = plane.cell + 1 - int(self.low[plane.axis]), 1 + plane.axis
-            pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=axis)
-            pairs = np.moveaxis(pair, axis, -1).reshape(-1, 2)
-            if model.held.any():
-                pairs = pairs[(fixed[pairs] != 0).all(axis=1)]
-            found.append(pairs)
-        next_to_faces = sum(len(pairs) for pairs in found)
-        for outer in range(-int(self.low[0]) if model.clamped_face else 0):
-            inner = 1 - 2 * int(self.low[0]) - outer
-            if inner < self.shape[0]:
-                found.append(np.stack([number[:, outer], number[:, inner]], axis=-1).reshape(-1, 2))
-            else:
-                fixed[number[:, outer]] = 1
-        mirrors = np.concatenate(found)
-        if model.held.any():
-            fixed[mirrors[:, 1]] = 0
-        return mirrors, next_to_faces
-
-    def _nodes_place(self, origin: Array) -> Array:
-        h = self.model.grid.spacing
-        axes = [origin[a] + h[a] * (np.arange(self.shape[a]) - 0.5) for a in range(3)]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).ravel()
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s), stopping early where a sort is due. Returns steps taken and whether the motion broke."""

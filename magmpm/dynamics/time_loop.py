@@ -162,15 +162,7 @@ def integrate(
         _go_on_from(moved, saved)
         moved.every = saved.every
     _measure(moved, moved.motion.look())
-    writer = None
-    if folder is not None and saved is None:
-        forget_motion(folder)
-        writer = MotionWriter(folder, model, max_disk=options.max_disk)
-    elif folder is not None and saved is not None:
-        writer = MotionWriter(
-            folder, model, max_disk=options.max_disk, resume_at=moved.time,
-            resume_frames=saved.frame + 1, resume_contacts=moved.contacts,
-        )  # fmt: skip
+    writer = None if folder is None else _writer(moved, folder, saved)
     balance = watchdog.EnergyBalance() if _conserves(model) else None
     if balance is not None and saved is None:  # a checkpoint's velocities are half a step behind: less kinetic energy than there was
         balance.look(moved.energies)
@@ -202,6 +194,16 @@ def integrate(
         if folder is not None and last is not saved_last:
             _save(moved, last, folder)
     return moved
+
+
+def _writer(moved: SimulationState, folder: Path | str, saved: Checkpoint | None) -> MotionWriter:
+    """A new file of frames in a folder; or, after a checkpoint, the one that is there, from the checkpoint's frame on."""
+    model, most = moved.motion.model, _options(moved.motion.model.scene).max_disk
+    if saved is None:
+        forget_motion(folder)
+        return MotionWriter(folder, model, max_disk=most)
+    frames = saved.frame + 1
+    return MotionWriter(folder, model, max_disk=most, resume_at=moved.time, resume_frames=frames, resume_contacts=moved.contacts)
 
 
 def _save(moved: SimulationState, last: Checkpoint, folder: Path | str) -> None:

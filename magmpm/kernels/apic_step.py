@@ -3,14 +3,11 @@
 Stress goes to the nodes, and F grows, by the splines' own gradients, so that strain is that of the motion that carries the particles.
 (MLS-MPM uses APIC's C for both, a mean of the gradient over a cell: bodies at rest under load then creep; docs/stability.md.)
 
-A node holds four floats: mass and momentum, or 0 and velocity. Two nodes of a row along z are one register, so a particle scatters to its
-27 nodes in 36 multiplications and additions, and no sum over lanes is needed; neighbours in one cell share the registers. All else
-(splines, stress, effects, the move) is done for eight particles at a time; rows of a particle and lanes of eight are transposed in
-registers: 64 floats a particle. Particles are sorted by slabs of four planes of cells, each slab's number rounded up to
-eight by particles without mass; a particle drifts by less than a cell before it is sorted again, so two slabs of one colour never
-touch the same node, and every sum is made in one order: the same bits at any number of threads.
+Eight particles are worked on at a time (kernels.apic_transfer). Particles are sorted by slabs of four planes of cells. Particles without
+mass fill each slab up to a multiple of eight. A particle drifts by less than a cell before it is sorted again, so two slabs of one color
+never touch the same node. Every sum is made in one order: results have the same bits at any number of threads.
 
-Sources: Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC); Steffen, Kirby, Berzins, IJNME 76 (2008) 922 (MPM with B-splines).
+Source: Jiang et al., ACM Trans. Graph. 34 (2015) 51 (APIC).
 """
 
 from __future__ import annotations
@@ -24,9 +21,6 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, kernel, prange
 from magmpm.compiled.simd import (
     flag_unless_positive,
-    floor,
-    four,
-    halves,
     larger,
     load,
     load_rows,
@@ -35,47 +29,18 @@ from magmpm.compiled.simd import (
     smaller,
     splat,
     store,
-    store_folded,
     store_rows,
     total,
-)
+)  # fmt: skip
 from magmpm.compiled.simd_views import row
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
+from magmpm.kernels.apic_transfer import ROW, gather, locate, scatter
 from magmpm.kernels.multi_grid_contact import meet
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import BROKEN, WHY, clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest_in_space
 
-ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 of place, 4 unused
 DRIFT = 0.95  # cells a particle may move before it must be sorted again; less than 1
-
-
-@compiled
-def _splines(x, block, axis, origin, cells, h):
-    """Of eight particles along an axis: first node; three splines N; three N d, d the node's place less the particle's (m); slopes (1/m).
-
-    cells: 1 / h.
-    """
-    s = (load(x, 24 * block + 8 * axis) - origin[axis]) * cells
-    first = floor(s)
-    t = s - first
-    u = 1.0 - t
-    a, b, c, d = 0.5 * (u * u), 0.5 + t * u, 0.5 * (t * t), (-0.5 - t) * h
-    return first, a, b, c, a * d, b * (d + h), c * (d + 2.0 * h), u * (-cells), (u - t) * cells, t * cells
-
-
-@compiled
-def _locate(block, grid, particles, state, rows):
-    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z."""
-    x, origin, h, lift = state.x, grid.origin, grid.spacing, particles.lift[block]
-    i, a0, a1, a2, a3, a4, a5, a6, a7, a8 = _splines(x, block, 0, origin, 1.0 / h[0], h[0])
-    j, b0, b1, b2, b3, b4, b5, b6, b7, b8 = _splines(x, block, 1, origin, 1.0 / h[1], h[1])
-    k, c0, c1, c2, c3, c4, c5, c6, c7, c8 = _splines(x, block, 2, origin, 1.0 / h[2], h[2])
-    first = i * float(grid.along_x) + j * float(grid.along_y) + k + lift
-    store_rows(rows, 32, ROW, first, a0, a1, a2, a3, a4, a5, a6)
-    store_rows(rows, 40, ROW, a7, a8, b0, b1, b2, b3, b4, b5)
-    store_rows(rows, 48, ROW, b6, b7, b8, c0, c1, c2, c3, c4)
-    store_rows(rows, 56, ROW, c5, c6, c7, c8, c8, c8, c8, c8)
 
 
 class Grid(NamedTuple):
@@ -192,95 +157,6 @@ def _stress_column(k, scale, F, at, P):
 
 
 @compiled
-def _add(grid, k, low, high):
-    """Adds two registers, three nodes' worth, to a row of nodes."""
-    store(grid, k, load(grid, k) + low)
-    store(grid, k + 8, load(grid, k + 8) + high)
-
-
-@compiled
-def _scatter(grid, along_x, along_y, rows):
-    """Adds mass and momentum of a block's particles (rows (8 ROW,)) to their 27 nodes.
-
-    Node (i, j, k) gets N_i N_j N_k (base + sum over axes q d) - t . grad(N_i N_j N_k), written as A_i N_j + B_j N_i with rows of k in
-    A and B. Neighbours in the order are mostly of one cell: their sums stay in 18 registers until the next cell.
-    """
-    p, zero = 0, splat(0.0)
-    while p < 8:
-        first = rows[ROW * p + 32]
-        a0, a1, a2, a3, a4, a5, a6, a7, a8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-        b0, b1, b2, b3, b4, b5, b6, b7, b8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-        while p < 8 and rows[ROW * p + 32] == first:
-            at = ROW * p
-            ny0, ny1, ny2 = rows[at + 42], rows[at + 43], rows[at + 44]
-            na, nb = halves(rows[at + 51], rows[at + 52]), halves(rows[at + 53], 0.0)
-            q, t = four(rows, at + 12), four(rows, at + 24)
-            za = q * halves(rows[at + 54], rows[at + 55]) - t * halves(rows[at + 57], rows[at + 58])
-            zb = q * halves(rows[at + 56], 0.0) - t * halves(rows[at + 59], 0.0)
-            q, t = four(rows, at + 8), four(rows, at + 20)
-            y0, y1, y2 = q * rows[at + 45] - t * rows[at + 48], q * rows[at + 46] - t * rows[at + 49], q * rows[at + 47] - t * rows[at + 50]
-            ya0, ya1, ya2, yb0, yb1, yb2 = y0 * na, y1 * na, y2 * na, y0 * nb, y1 * nb, y2 * nb
-            base, q, t = four(rows, at), four(rows, at + 4), four(rows, at + 16)
-            n, row = rows[at + 33], base * rows[at + 33] + q * rows[at + 36] - t * rows[at + 39]
-            low, high = row * na + za * n, row * nb + zb * n
-            a0, a1, a2 = a0 + low * ny0 + ya0 * n, a1 + low * ny1 + ya1 * n, a2 + low * ny2 + ya2 * n
-            b0, b1, b2 = b0 + high * ny0 + yb0 * n, b1 + high * ny1 + yb1 * n, b2 + high * ny2 + yb2 * n
-            n, row = rows[at + 34], base * rows[at + 34] + q * rows[at + 37] - t * rows[at + 40]
-            low, high = row * na + za * n, row * nb + zb * n
-            a3, a4, a5 = a3 + low * ny0 + ya0 * n, a4 + low * ny1 + ya1 * n, a5 + low * ny2 + ya2 * n
-            b3, b4, b5 = b3 + high * ny0 + yb0 * n, b4 + high * ny1 + yb1 * n, b5 + high * ny2 + yb2 * n
-            n, row = rows[at + 35], base * rows[at + 35] + q * rows[at + 38] - t * rows[at + 41]
-            low, high = row * na + za * n, row * nb + zb * n
-            a6, a7, a8 = a6 + low * ny0 + ya0 * n, a7 + low * ny1 + ya1 * n, a8 + low * ny2 + ya2 * n
-            b6, b7, b8 = b6 + high * ny0 + yb0 * n, b7 + high * ny1 + yb1 * n, b8 + high * ny2 + yb2 * n
-            p += 1
-        k, x, y = 4 * int(first), 4 * along_x, 4 * along_y
-        _add(grid, k, a0, b0), _add(grid, k + y, a1, b1), _add(grid, k + 2 * y, a2, b2)
-        k += x
-        _add(grid, k, a3, b3), _add(grid, k + y, a4, b4), _add(grid, k + 2 * y, a5, b5)
-        k += x
-        _add(grid, k, a6, b6), _add(grid, k + y, a7, b7), _add(grid, k + 2 * y, a8, b8)
-
-
-@compiled
-def _gather(grid, along_x, along_y, h, rows):
-    """Velocities and their gradients of a block's particles, into rows (8 ROW,): seven rows of four, the first of each unused.
-
-    v; C by column: sum of N v d 4/h^2; L by column: sum of v grad N.
-    """
-    scale_x, scale_y, scale_z = 4.0 / (h[0] * h[0]), 4.0 / (h[1] * h[1]), 4.0 / (h[2] * h[2])
-    zero = splat(0.0)
-    for p in range(8):
-        at = ROW * p
-        ny0, ny1, ny2 = rows[at + 42], rows[at + 43], rows[at + 44]
-        my0, my1, my2 = rows[at + 45], rows[at + 46], rows[at + 47]
-        sy0, sy1, sy2 = rows[at + 48], rows[at + 49], rows[at + 50]
-        # sums over the nodes along x and y, for nodes 0 and 1 and for node 2 along z, named by what multiplies them: N, N d, slope
-        nn_low, nn_high, mn_low, mn_high, sn_low, sn_high = zero, zero, zero, zero, zero, zero
-        nm_low, nm_high, ns_low, ns_high = zero, zero, zero, zero
-        for i in range(3):
-            k, step = 4 * (int(rows[at + 32]) + i * along_x), 4 * along_y
-            a0, a1, a2 = load(grid, k), load(grid, k + step), load(grid, k + 2 * step)
-            b0, b1, b2 = load(grid, k + 8), load(grid, k + step + 8), load(grid, k + 2 * step + 8)
-            n, m, s = rows[at + 33 + i], rows[at + 36 + i], rows[at + 39 + i]
-            a, b = a0 * ny0 + a1 * ny1 + a2 * ny2, b0 * ny0 + b1 * ny1 + b2 * ny2
-            nn_low, nn_high, mn_low, mn_high = nn_low + a * n, nn_high + b * n, mn_low + a * m, mn_high + b * m
-            sn_low, sn_high = sn_low + a * s, sn_high + b * s
-            nm_low, nm_high = nm_low + (a0 * my0 + a1 * my1 + a2 * my2) * n, nm_high + (b0 * my0 + b1 * my1 + b2 * my2) * n
-            ns_low, ns_high = ns_low + (a0 * sy0 + a1 * sy1 + a2 * sy2) * n, ns_high + (b0 * sy0 + b1 * sy1 + b2 * sy2) * n
-        na, nb = halves(rows[at + 51], rows[at + 52]), halves(rows[at + 53], 0.0)
-        ma, mb = halves(rows[at + 54], rows[at + 55]), halves(rows[at + 56], 0.0)
-        sa, sb = halves(rows[at + 57], rows[at + 58]), halves(rows[at + 59], 0.0)
-        store_folded(rows, at, nn_low * na + nn_high * nb)
-        store_folded(rows, at + 4, (mn_low * na + mn_high * nb) * scale_x)
-        store_folded(rows, at + 8, (nm_low * na + nm_high * nb) * scale_y)
-        store_folded(rows, at + 12, (nn_low * ma + nn_high * mb) * scale_z)
-        store_folded(rows, at + 16, sn_low * na + sn_high * nb)
-        store_folded(rows, at + 20, ns_low * na + ns_high * nb)
-        store_folded(rows, at + 24, nn_low * sa + nn_high * sb)
-
-
-@compiled
 def _move(block, dt, h, rows, state, keep):
     """x += dt v and F <- (I + dt L) F for a block of eight particles, with v, C and L from rows. Returns the cells each one moves."""
     x, v, C, L, F, _ = state
@@ -358,8 +234,8 @@ def particles_to_grid(step, dt, grid, particles, state, effects, slabs):
                 high = larger(stiff, high)
                 change = larger(magnitude(stiff - load(state.stiffness, 8 * block)), change)
                 store(state.stiffness, 8 * block, stiff)
-                _locate(block, grid, particles, state, rows)
-                _scatter(grid.momentum, grid.along_x, grid.along_y, rows)
+                locate(block, grid, particles, state, rows)
+                scatter(grid.momentum, grid.along_x, grid.along_y, rows)
             see(slabs, slab, least, bad, high, change)
 
 
@@ -387,8 +263,8 @@ def grid_to_particles(dt, grid, particles, state, keep, moved):
         rows = np.empty(8 * ROW)
         slow, bad = splat(0.0), splat(0.0)
         for block in range(particles.slab_first[slab], particles.slab_first[slab + 1]):
-            _locate(block, grid, particles, state, rows)
-            _gather(grid.velocity, grid.along_x, grid.along_y, grid.spacing, rows)
+            locate(block, grid, particles, state, rows)
+            gather(grid.velocity, grid.along_x, grid.along_y, grid.spacing, rows)
             for part in _move(block, dt, grid.spacing, rows, state, keep):
                 slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is no number
         moved[slab] = -lowest(slow) if total(bad) == 0.0 else np.inf
