@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.inputs.yaml_document import of_file
@@ -150,7 +150,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     )
 
 
-def _neighbor(model: StaticModel, start: Result | None) -> Array | None:
+def _neighbor(model: StaticModel, start: Result | None) -> NDArray[np.float64] | None:
     """The grid correction of a neighboring design: nearly the same for this design."""
     if start is None:
         return None
@@ -174,7 +174,7 @@ def _warnings(scene: Scene) -> list[str]:
     return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
 
 
-def _particles(model: Model, position: Array, F: Array, time: float | None) -> dict[str, Any]:
+def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float64], time: float | None) -> dict[str, Any]:
     """What every result holds: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
     scene, particles = model.scene, model.particles
     center = particles.volume @ position / particles.volume.sum()

@@ -249,11 +249,10 @@ def _place(document: Document, *key: str) -> str:
 
 def _check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
-    strip = scene.body.strip
     if scene.body.shape.line is None:
         rule = "a study compares centrelines, and a body of STL parts has none"
         remedy = "name a scene of a catheter or a strip"
-    elif strip is not None and strip.magnetization_profile is not None and file.vary.magnetization is not None:
+    elif file.vary.magnetization is not None and not scene.body.shape.magnetized_by_region:
         rule = "a study varies segments, and this strip has a magnetization_profile in their place"
         remedy = "give the strip `segments`"
     elif scene.effects.magnetic_torque is None:

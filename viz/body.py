@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from magmpm.bodies.assembly import UNITS
-from magmpm.bodies.surface_mesh import unpack_mesh
+from magmpm.bodies.assembly import Parts
 from magmpm.scene import Scene
 from viz import style
 from viz.binding import Binding
@@ -26,9 +25,8 @@ class Body:
         self.reference, self.volume, self.part = np.asarray(reference, dtype=float), np.asarray(volume, dtype=float), np.asarray(part)
         self.size = spacing(self.volume)
         parts = int(self.part.max()) + 1
-        meshes = None if scene is None else scene.body.parts
         self._plane_strain = scene is not None and scene.body.shape.in_plane_strain
-        self.held = np.zeros(parts, dtype=bool) if meshes is None else np.array([part.clamp for part in meshes.meshes])
+        self.held = np.zeros(parts, dtype=bool) if scene is None else np.array([region.held for region in scene.regions()])
         self.surface, self._binding = self._bound(scene)
         total = np.bincount(self.part, np.linalg.norm(remanence, axis=1), minlength=parts)
         strength = total / np.maximum(np.bincount(self.part, minlength=parts), 1)
@@ -49,7 +47,7 @@ class Body:
         if known is not None:
             return known, Binding(known.points, self.reference)
         if scene is not None and scene.body.parts is not None:
-            whole = _meshes(scene, self.size)
+            whole = _meshes(scene.body.parts, self.size)
             return whole, Binding(whole.points, self.reference, whole.part_of_point, self.part)
         component = connected_components(self.reference, self.size)
         members = [component == k for k in range(int(component.max()) + 1)]
@@ -145,9 +143,6 @@ def _known_shape(scene: Scene, step: float) -> Surface | None:
     return tube(ends, 0.5 * scene.thickness, 0.5 * scene.body.catheter.inner_diameter, step)
 
 
-def _meshes(scene: Scene, step: float) -> Surface:
+def _meshes(parts: Parts, step: float) -> Surface:
     """The surfaces of STL parts, with triangles of about three particles."""
-    parts = scene.body.parts
-    assert parts is not None  # asked of bodies of parts
-    meshes, unit = [unpack_mesh(part.mesh) for part in parts.meshes], UNITS[parts.unit]
-    return Surface.joined([refined(creased(m.vertices * unit, m.faces, k), 3 * step) for k, m in enumerate(meshes)])
+    return Surface.joined([refined(creased(*surface, k), 3 * step) for k, surface in enumerate(parts.surfaces())])

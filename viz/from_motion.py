@@ -121,7 +121,7 @@ class MotionRenderer:
         if self.body.held.any():
             return np.zeros((0, 3))
         x = self.body.reference[:, 0]
-        tip = self._scene is not None and self._scene.body.parts is None and self._scene.anchored
+        tip = self._scene is not None and self._scene.anchored
         members = x > x.max() - 1.5 * self.body.size if tip else np.ones(len(x), dtype=bool)
         # Positions alone, a frame at a time: a motion may be larger than the memory.
         return np.array([self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))])

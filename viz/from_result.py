@@ -167,9 +167,8 @@ def beyond(result: Any) -> str:
 def _size(scene: Scene | None, reference: np.ndarray) -> tuple[float, float]:
     """Length, and thickness or what a slender body's marks are sized by, lest they be too small to see, m."""
     sides = np.sort(np.ptp(reference, axis=0))
-    if scene is None or scene.body.parts is not None:
-        length, thickness = float(sides[2]), float(sides[0])
-    else:
+    length, thickness = float(sides[2]), float(sides[0])
+    if scene is not None and scene.body.shape.line is not None:
         length, thickness = scene.length, scene.thickness
     return length, max(thickness, 0.06 * length)
 
@@ -202,7 +201,7 @@ def _skin(reference: np.ndarray, thickness: float, most: int, scene: Scene | Non
     nearest face. The outermost `most` are taken, where a plain stride would show holes. In other bodies the inside is not known: all of
     their particles are taken, or an even choice of them.
     """
-    if scene is None or scene.body.parts is not None:
+    if scene is None or scene.body.shape.line is None:
         return np.unique(np.linspace(0, len(reference) - 1, min(most, len(reference))).astype(int))
     faces = np.minimum(reference - reference.min(0), reference.max(0) - reference)
     if scene.body.catheter is not None:

@@ -50,8 +50,8 @@ def standing(scene: Scene | None) -> list[Obstacle]:
 
 def _clamps(scene: Scene) -> Iterator[Obstacle]:
     """Plates at the ends by which a catheter or strip is held."""
-    shape = scene.body.catheter or scene.body.strip
-    if shape is None or shape.clamp == "none" or scene.effects.feed is not None:
+    shape = scene.body.shape
+    if shape.line is None or shape.clamp == "none" or scene.effects.feed is not None:
         return
     thick = scene.thickness
     depth = style.CLAMP_THICKNESS * max(thick, 0.1 * shape.length)

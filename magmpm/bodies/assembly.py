@@ -133,9 +133,14 @@ class Parts(BodyShape):
         """Thickness of a part, m: see surface_mesh.thickness_of."""
         return thickness_of(self.meshes[index].mesh) * UNITS[self.unit]
 
+    def surfaces(self) -> list[tuple[Array, NDArray[np.integer]]]:
+        """Each part's surface: vertices (v, 3) m, and faces (f, 3) by vertex, counter-clockwise from outside."""
+        meshes = [unpack_mesh(part.mesh) for part in self.meshes]
+        return [(mesh.vertices * UNITS[self.unit], mesh.faces) for mesh in meshes]
+
     def triangles(self) -> list[Array]:
         """Corners (f, 3, 3) m of each part's surface."""
-        return [unpack_mesh(part.mesh).triangles * UNITS[self.unit] for part in self.meshes]
+        return [vertices[faces] for vertices, faces in self.surfaces()]
 
     @property
     def thickness(self) -> float:

@@ -67,6 +67,11 @@ class BodyShape(Settings):
         """Whether nothing moves along y and nothing varies along it."""
         return False
 
+    @property
+    def magnetized_by_region(self) -> bool:
+        """Whether each region has a direction of magnetization of its own, which may be changed."""
+        return True
+
     @abstractmethod
     def regions(self) -> tuple[Region, ...]:
         """What it is made of, each with one material: segments from base to tip, or parts."""

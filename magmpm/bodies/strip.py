@@ -102,6 +102,10 @@ class Strip(StraightBody):
         return self.plane_strain
 
     @property
+    def magnetized_by_region(self) -> bool:
+        return self.magnetization_profile is None
+
+    @property
     def bends_as_plate(self) -> bool:
         """Whether it keeps its width as it bends: in plane strain, and nearly so where it is much wider than thick."""
         return self.plane_strain or self.width > FLAT * self.thickness

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from magmpm.effects.base import SceneLike
 from magmpm.inputs.settings import Key, fault
 
-NO_ENERGY = (  # rule and remedy, where a static scene names one of them (Scene.without_energy)
+NO_ENERGY = (  # rule and remedy, where a static scene names one of them
     "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
     "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic, where either may act alone",
 )

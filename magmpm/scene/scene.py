@@ -28,7 +28,7 @@ from pydantic import (
 from magmpm.bodies.body import CATHETER, Body
 from magmpm.bodies.regions import Region
 from magmpm.effects.acting import Effects
-from magmpm.errors import InputError
+from magmpm.errors import InputError, report
 from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
 from magmpm.fields.sources import FieldSource
@@ -140,9 +140,11 @@ class Scene(Settings):
         rules.check(self, written=from_file(info))
         return self
 
-    def without_energy(self) -> str | None:
-        """In a field that varies in space, which of torque and force is missing from an equilibrium; None where all is well."""
-        return rules.without_energy(self)
+    def check_energy(self) -> None:
+        """Raises InputError where an equilibrium has no energy: with torque or force alone, in a field that varies in space."""
+        if (missing := rules.without_energy(self)) is not None:
+            rule, remedy = rules.NO_ENERGY
+            raise InputError(report(f"effects.{missing}", received="nothing", rule=rule, remedy=remedy))
 
     @property
     def static(self) -> bool:
@@ -243,13 +245,13 @@ class Scene(Settings):
         regions = self.regions()
         if given.shape != (len(regions), 3):
             raise InputError(f"directions have shape {given.shape}; must be {(len(regions), 3)}")
+        if not self.body.shape.magnetized_by_region:
+            raise InputError("body: a magnetization_profile has no segments to change; give the strip `segments`")
         data = self.to_si()
         for region, direction in zip(regions, given.tolist(), strict=True):
             found = data["body"]
             for key in region.at:
                 found = found[key]
-            if "harmonic" in found:
-                raise InputError("body: a magnetization_profile has no segments to change; give the strip `segments`")
             found["magnetization"] = direction
         return Scene.from_si(data)
 

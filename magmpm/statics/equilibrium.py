@@ -15,9 +15,8 @@ from threadpoolctl import ThreadpoolController
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting as effects
-from magmpm.errors import InputError, SolveError, report
+from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import RodShape, solve_rod
-from magmpm.scene.rules import NO_ENERGY
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimise_together
@@ -63,9 +62,7 @@ def solve_static(
             f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is held somewhere; "
             "name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
         )
-    missing = model.scene.without_energy()
-    if missing is not None:
-        raise InputError(report(f"effects.{missing}", received="nothing", rule=NO_ENERGY[0], remedy=NO_ENERGY[1]))
+    model.scene.check_energy()
     global _controller
     _controller = _controller or ThreadpoolController()
     model, of = arranged(model)

@@ -17,6 +17,7 @@ from magmpm.errors import InputError, SolveError
 from magmpm.fields.dipole import MU0
 from magmpm.model import build
 from magmpm.scene import Scene
+from magmpm.scene.rules import without_energy
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
@@ -173,7 +174,7 @@ def test_records_over_time() -> None:
 def test_equilibrium_needs_both(alone: str) -> None:
     scene = scene_in({"dipole": NEAR}, alone)
     missing = next(name for name in BOTH if name != alone)
-    assert scene.without_energy() == missing
+    assert without_energy(scene) == missing
     assert len(scene.warnings()) == 1
     with pytest.raises(InputError, match=rf"effects.{missing}: received nothing\n.*either alone has no energy"):
         run(scene)
