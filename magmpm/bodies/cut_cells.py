@@ -1,9 +1,10 @@
-"""What a closed mesh fills of each cell of a grid: volume, first and second moments, exact to rounding.
+"""The part of each grid cell that lies inside a closed mesh: its volume, first and second moments, exact to rounding.
 
 The surface is cut at the grid's planes into pieces that each lie in one cell. By the divergence theorem along x, the integral of f over the
-part of the mesh within a cell is the sum over the surface of n_x times the integral of f from the cell's left face: pieces within the cell
-count up to their own x, pieces farther right in the same column up to the cell's right face. No point is ever asked whether
-it is inside. Source: Mirtich, Fast and accurate computation of polyhedral mass properties, J. Graphics Tools 1 (1996), done cell by cell.
+part of the mesh within a cell is the sum over the surface of n_x times the integral of f along x from the cell's left face: up to the
+surface for pieces in the cell, up to the cell's right face for pieces farther right in the same column. No test whether a point is
+inside is needed. Source: Mirtich, Fast and accurate computation of polyhedral mass properties, J. Graphics Tools 1 (1996), applied to each
+cell.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.grid import Grid
 from magmpm.compiled.arrays import Array
 
-EMPTY = 1e-9  # share of a cell below which what is found is rounding
+EMPTY = 1e-9  # share of a cell of the volume, below which it is rounding error
 ON_PLANE = 1e-9  # of a cell: vertices this near a grid plane lie on it
 MOST_CELLS = 30_000_000  # of the box around one part
 
@@ -25,7 +26,7 @@ _WEIGHTS = np.array([9 / 40, *[(155 - 15**0.5) / 1200] * 3, *[(155 + 15**0.5) / 
 
 
 def cell_moments(triangles: Array, grid: Grid) -> tuple[NDArray[np.int64], Array]:
-    """Cells that a closed mesh fills some of, and what of them.
+    """The cells that a closed mesh fills in part or whole, and the moments of the filled part.
 
     triangles (f, 3, 3) m, inside the grid. Returns cell (k, 3), in the order of x, y, z, and moments (k, 10) in the cell's own
     coordinates, 0 to 1 each way: integrals of 1, x, y, z, x^2, xy, xz, y^2, yz, z^2.

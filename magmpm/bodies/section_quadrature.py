@@ -1,9 +1,9 @@
-"""Shapes -> particles: quadrature points of the undeformed body with exact volume and exact section moments.
+"""From shapes to particles: quadrature points of the undeformed body whose volume and section moments are exact.
 
-Every piece of the body that a grid cell cuts out gets its own small rule: tensor Gauss points, moved and stretched so that
-the piece's volume, centroid and second moments are exact. In a cell that the body fills, this is the Gauss rule itself.
-So the section's area and second moments are right to rounding for any cell size; the usual lattice particles of a 4 mm disk at
-0.5 mm have second moments wrong by 2 to 5 %, and bending stiffness with them.
+What a grid cell holds of the body gets its own quadrature rule: tensor-product Gauss points, shifted and scaled so that volume, centroid
+and second moments are exact. In a cell that the body fills, this is the Gauss rule itself. So the section's area and second moments
+are exact to rounding for any cell size. Particles on a regular lattice, as is usual, give a disk of 4 mm at a spacing of 0.5 mm second
+moments that are wrong by 2 to 5 %, and its bending stiffness with them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.grid import Grid
 from magmpm.compiled.arrays import Array
 
-EMPTY = 1e-9  # share of a cell below which a piece is rounding, not material: its moments are differences of far larger ones
+EMPTY = 1e-9  # share of a cell: a piece with less volume is rounding error, as its moments are differences of far larger numbers
 WIDEST = 2.0  # a strip's cells may be this much longer across its width than through its thickness
 DEEPEST = 6  # halvings of a cell's side, after which a piece's points are pulled into the cell
 
@@ -43,22 +43,22 @@ class Particles:
 
 
 def gauss(count: int) -> tuple[Array, Array]:
-    """Gauss-Legendre points scaled to mean 0 and variance 1, and weights that sum to 1. Variance 1 takes count >= 2."""
+    """Gauss-Legendre points scaled to mean 0 and variance 1, and weights that sum to 1. A variance of 1 needs count >= 2."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return points * np.sqrt(3.0), weights / 2
 
 
 def gauss_depth(count: int) -> float:
-    """How deep in a cell the outermost of `gauss` points lie below its face, as a share of the cell's side."""
+    """Distance of the outermost `gauss` points from the cell's face, as a share of the cell's side."""
     return 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)
 
 
-def disc_moments(low: Array, high: Array, radius: float) -> Array:
+def disk_moments(low: Array, high: Array, radius: float) -> Array:
     """Moments of a disk cut by rectangles: integrals of 1, y, z, y^2, y z, z^2 over each piece.
 
     low, high (n, 2) m: corners of the rectangles; radius m, disk centered at 0. Returns (n, 6).
-    The integral over z is closed; over y = radius sin t the integrand is a trigonometric polynomial between the points where
-    the circle crosses an edge, and 12 Gauss points make it exact to rounding.
+    The integral over z is analytical. With y = radius sin t, the integrand over t is a trigonometric polynomial between the points
+    where the circle crosses an edge; 12 Gauss points integrate it to rounding.
     """
     if radius == 0.0:
         return np.zeros((len(low), 6))
@@ -82,10 +82,10 @@ def disc_moments(low: Array, high: Array, radius: float) -> Array:
 def section_points(
     low: Array, high: Array, outer: float, inner: float, count: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Quadrature of a ring cut by rectangles, exact for all polynomials of degree 2.
+    """Quadrature of a ring cut by rectangles, exact for polynomials up to degree 2.
 
-    low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points a direction and cell.
-    Returns points (k, 2) m, areas (k,) m^2 and the rectangle (k,) each belongs to; empty rectangles get none.
+    low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points per direction and cell.
+    Returns points (k, 2) m, areas (k,) m^2 and the rectangle (k,) that each point belongs to; empty rectangles get no points.
     """
     owner, depth = np.arange(len(low)), 0
     found: list[tuple[Array, Array, NDArray[np.int64]]] = []
@@ -99,7 +99,7 @@ def section_points(
         inside = np.all((points >= a[:, None] - slack) & (points <= b[:, None] + slack), axis=(1, 2))
         home = np.repeat(owner[piece[inside]], areas.shape[1])
         found.append((points[inside].reshape(-1, 2), areas[inside].ravel(), home))
-        # A piece so skew that its rule leaves the cell (a thin wall): first the plainest rule, then the piece in quarters.
+        # Points of a very skew piece (a thin wall) may leave the cell: try the 2-point rule first, then cut the piece in quarters.
         bad = piece[~inside]
         if count > 2:
             low, high, owner, count = low[bad], high[bad], owner[bad], 2
@@ -115,7 +115,7 @@ def _piece_rules(
     low: Array, high: Array, outer: float, inner: float, count: int, least: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Indices (k,) of the rectangles that hold at least `least` m^2 of material; their points (k, count^2, 2), areas (k, count^2)."""
-    moments = disc_moments(low, high, outer) - disc_moments(low, high, inner)
+    moments = disk_moments(low, high, outer) - disk_moments(low, high, inner)
     keep = np.flatnonzero(moments[:, 0] > least)
     area = moments[keep, 0]
     centroid = moments[keep, 1:3] / area[:, None]

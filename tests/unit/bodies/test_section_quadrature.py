@@ -74,7 +74,7 @@ def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[fl
 
 
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 4))
-def test_disc_moments_against_a_fine_sum(corners: tuple[float, float, float, float]) -> None:
+def test_disk_moments_against_a_fine_sum(corners: tuple[float, float, float, float]) -> None:
     """Each rectangle separately, against a midpoint sum over 1000 strips along y, exact in z."""
     a, b, c, d = np.round(corners, 3)
     low, high = np.array([[min(a, b), min(c, d)]]), np.array([[max(a, b), max(c, d)]])
@@ -86,7 +86,7 @@ def test_disc_moments_against_a_fine_sum(corners: tuple[float, float, float, flo
     m0, m1, m2 = ((top ** (k + 1) - bottom ** (k + 1)) / (k + 1) for k in range(3))
     expected = dy * np.array([m0.sum(), y @ m0, m1.sum(), y**2 @ m0, y @ m1, m2.sum()])
     # Midpoint sums over the edge of the circle: error (dy)^(3/2) where its slope is infinite, dy <= 3e-3.
-    np.testing.assert_allclose(bodies.disc_moments(low, high, 1.0)[0], expected, atol=2e-4)
+    np.testing.assert_allclose(bodies.disk_moments(low, high, 1.0)[0], expected, atol=2e-4)
 
 
 @given(
