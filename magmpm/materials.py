@@ -1,7 +1,7 @@
 """Neo-Hookean silicone: energy, stress and tangent; conversions between elastic constants.
 
 W = G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2, with F the deformation gradient, J = det F, I1 = F:F.
-Shape and volume are kept apart (``shape_*`` and ``volume_*``) since the anti-locking option averages the volume part over a cell.
+Shape and volume parts are separate (``shape_*`` and ``volume_*``), because the anti-locking option averages the volume part over a cell.
 Source: Simo and Hughes, Computational Inelasticity, section 9.2, with the volume term of Zhao et al., JMPS 124 (2019).
 """
 
@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd import cube_root_guess, load, magnitude, store
 
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
@@ -28,9 +28,15 @@ def poisson_ratio(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
     return (3 * bulk_modulus - 2 * shear_modulus) / (2 * (3 * bulk_modulus + shear_modulus))
 
 
+@inlined
+def determinant_of(a, b, c, d, e, f, g, h, i):
+    """Determinant of the matrix with these entries, row by row: numbers, or lanes of eight particles."""
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
 @compiled
 def determinant(F):
-    """det F of a (3, 3) array."""
+    """det F of a (3, 3) array. Written out: by `determinant_of` the compiler orders the sum in another way, and last bits change."""
     return (
         F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
         - F[0, 1] * (F[1, 0] * F[2, 2] - F[1, 2] * F[2, 0])
@@ -72,7 +78,7 @@ def volume_pressure(J, K):
 
 @compiled
 def stress(F, cof, J, G, p, P):
-    """First Piola-Kirchhoff stress into P (3, 3), Pa: shape part for shear modulus G, volume part for pressure p = dU/dJ.
+    """Write the first Piola-Kirchhoff stress to P (3, 3), Pa: shape part for shear modulus G, volume part for pressure p = dU/dJ.
 
     P = G J^(-2/3) (F - I1/3 F^-T) + p J F^-T
     """
@@ -89,7 +95,7 @@ def stress(F, cof, J, G, p, P):
 
 @compiled
 def tangent(F, cof, J, G, p, stiffness, A):
-    """dP/dF into A (9, 9), Pa; row 3 i + J, column 3 k + L. `stiffness`: d^2U/dJ^2, 0 where the volume part is averaged elsewhere.
+    """Write dP/dF to A (9, 9), Pa; row 3 i + J, column 3 k + L. stiffness: d^2U/dJ^2, or 0 where the volume part is averaged elsewhere.
 
     With H = F^-T and g = G J^(-2/3):
     A_iJkL = g [d_ik d_JL - 2/3 (F_iJ H_kL + H_iJ F_kL) + 2/9 I1 H_iJ H_kL] + (g I1/3 - p J) H_iL H_kJ + (p J + stiffness J^2) H_iJ H_kL
@@ -115,14 +121,14 @@ def tangent(F, cof, J, G, p, stiffness, A):
             A[3 * i + j, 3 * i + j] += g
 
 
-# The same for a group of eight particles, lane by lane. A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
+# The same for a group of eight particles, one lane each. A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 
 
 @compiled
 def inverse_cube_root(x):
-    """x^(-1/3) of positive, normal lanes to a few units in the last place: Newton's method on y^-3 = x, from a guess good to 4 %.
+    """x^(-1/3) of positive, normal lanes to a few units in the last place, by Newton's method on y^-3 = x from a guess good to 4 %.
 
-    Each step squares the error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. Elsewhere (x <= 0) the value means nothing.
+    Each step squares the relative error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. For x <= 0 the value is meaningless.
     """
     y = cube_root_guess(x)
     third = x * (1.0 / 3.0)
@@ -137,14 +143,14 @@ def group_determinant(F, at):
     a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
     d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
     g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return determinant_of(a, b, c, d, e, f, g, h, i)
 
 
 @compiled
 def neo_hookean(F, at, J, shear, pressure, P):
     """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (`stress`).
 
-    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, from which `stiffest` and `stiffest_in_space` are found.
+    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, which `stiffest` and `stiffest_in_space` need.
     """
     a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
     d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
@@ -170,11 +176,11 @@ def neo_hookean(F, at, J, shear, pressure, P):
 
 @compiled
 def stiffest(J, scale, I1, I2, pressure, bulk):
-    """About the largest eigenvalue, Pa, of the tangent dP/dF of a group: what the largest stable step goes with.
+    """Estimate of the largest eigenvalue, Pa, of the tangent dP/dF of a group. The largest stable step depends on it.
 
     The tangent (`tangent`) is g 1 + a H(x)H + b swap(H, H) - 2/3 g (F(x)H + H(x)F) with g = G J^(-2/3), H = F^-T,
-    a = 2/9 g I1 + p J + K J^2 and b = g I1/3 - p J. The first three are bounded term by term, |H(x)H| = |swap| = |H|^2 = I2/J^2; the
-    last is left out: it is negative where the others are large. 3 K + 6 G at rest, where the true one is 3 K.
+    a = 2/9 g I1 + p J + K J^2 and b = g I1/3 - p J. The first three are bounded term by term, |H(x)H| = |swap| = |H|^2 = I2/J^2. The
+    last is left out, because it is negative where the others are large. At rest this gives 3 K + 6 G, where the true value is 3 K.
     """
     r = 1.0 / J
     shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
@@ -184,14 +190,14 @@ def stiffest(J, scale, I1, I2, pressure, bulk):
 
 @compiled
 def stiffest_in_space(J, scale, I1, pressure, bulk):
-    """The same, Pa, of the tangent with respect to places now, dP F^T/d grad u, per undeformed volume."""
+    """The same, Pa, for the tangent with respect to present positions, dP F^T/d grad u, per undeformed volume."""
     shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
     along = shape * (2.0 / 3.0) + turned + bulk * J * J
     return shape + 3.0 * (0.5 * (along + magnitude(along)) + magnitude(shape - turned))
 
 
 def neo_hookean_reference(F: np.ndarray, G: float, K: float) -> tuple[float, np.ndarray]:
-    """Energy density (J/m^3) and stress P (3, 3) Pa, written as the formula stands: the kernels are compared with this."""
+    """Energy density (J/m^3) and stress P (3, 3) Pa, written as the formula stands. Tests compare the kernels with it."""
     J = np.linalg.det(F)
     I1 = np.sum(F * F)
     H = np.linalg.inv(F).T

@@ -1,7 +1,8 @@
 """P2G, grid update and G2P of the updated formulation (APIC): the grid is fixed in space, and particles move through it.
 
-Stress goes to the nodes, and F grows, by the splines' own gradients, so that strain is that of the motion that carries the particles.
-(MLS-MPM uses APIC's C for both, a mean of the gradient over a cell: bodies at rest under load then creep; docs/stability.md.)
+Both the force of the stress on the nodes and the growth of F use the gradients of the splines. So the strain belongs to the same motion
+that carries the particles. (MLS-MPM uses APIC's C for both, a mean of the gradient over a cell. Bodies at rest under load then creep;
+docs/stability.md.)
 
 Eight particles are worked on at a time (kernels.apic_transfer). Particles are sorted by slabs of four planes of cells. Particles without
 mass fill each slab up to a multiple of eight. A particle drifts by less than a cell before it is sorted again, so two slabs of one color
@@ -44,13 +45,13 @@ DRIFT = 0.95  # cells a particle may move before it must be sorted again; less t
 
 
 class Grid(NamedTuple):
-    """Nodes of a box, z fastest, a grid for each component of the body: k grids of `nodes` each, one after the other.
+    """Nodes of a box, z fastest. Each of the k components of the body has its own grid of `nodes` nodes; the grids follow one another.
 
-    origin, spacing (3,) m; along_x, along_y: nodes from one to the next along x and y; momentum, velocity (4 k nodes + 8,): mass kg and
-    momentum N s of each node, empty between steps, and nothing and velocity m/s.
-    planes: those of the k grids that may get mass; fixed (k nodes,): 1 for nodes kept at rest; mirrors (pairs, 2): nodes outside and inside
-    of faces at rest, the first `next_to_faces` of them neighbors; flat: nothing moves along y; place (3 nodes,) m, where an effect changes
-    nodes.
+    origin, spacing (3,) m; along_x, along_y: steps in node number along x and y. momentum (4 k nodes + 8,): mass in kg and momentum in N s
+    of each node, zero between steps; velocity (4 k nodes + 8,): 0 and velocity in m/s of each node.
+    planes: planes of nodes, of all k grids, that may get mass; fixed (k nodes,): 1 for nodes held at rest; mirrors (pairs, 2): nodes
+    outside and inside a face at rest, the first `next_to_faces` pairs right beside it; flat: nothing moves along y; place (3 nodes,) m:
+    positions, needed only where an effect changes nodes.
     """
 
     origin: Array
@@ -69,9 +70,9 @@ class Grid(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """Particles in blocks of eight, flat, sorted by slab and component of the body; padding has no volume.
+    """Particles in blocks of eight, flat, sorted by slab and by component of the body. Padding has volume 0.
 
-    slab_first (slabs + 1,) first block of each slab; lift (blocks,) nodes before the grid of the block's component; volume m^3,
+    slab_first (slabs + 1,): first block of each slab; lift (blocks,): first node of the grid of the block's component; volume m^3,
     shear, bulk Pa, density kg/m^3 (n,); remanence (3 n,) T, or (4 n,) where an effect marks particles (effects.marked).
     """
 
@@ -85,10 +86,10 @@ class Particles(NamedTuple):
 
 
 class State(NamedTuple):
-    """What steps change, in blocks of eight: x m, v m/s (3 n,), C (APIC's) and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
+    """What a step changes, in blocks of eight: x m, v m/s (3 n,), APIC's C and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
 
-    L is written and read only where an effect has a rate stress; else it may be empty. stiffness: the last step's
-    (materials.stiffest_in_space over density), NaN before the first.
+    L is used only where an effect has a rate stress; elsewhere it may be empty. stiffness: materials.stiffest_in_space over density in the
+    last step, NaN before the first step.
     """
 
     x: Array
@@ -101,9 +102,9 @@ class State(NamedTuple):
 
 @inlined
 def _prepare(block, step, dt, particles, state, effects, work, out):
-    """What a block of eight particles gives to its nodes, into out (8 ROW,): seven rows of four each.
+    """What a block of eight particles adds to its nodes, written to out (8 ROW,): seven rows of four for each particle.
 
-    Returns its det F, and its stiffness over its density, m^2/s^2.
+    Returns det F, and stiffness over density, m^2/s^2, lane by lane.
 
     out: [m, m v + dt f], [0, column k of m C] for k = x, y, z, and [0, column k of dt V P F^T].
     """
@@ -148,7 +149,7 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
 
 @compiled
 def _stress_column(k, scale, F, at, P):
-    """Column k of scale P F^T, of a block of eight particles."""
+    """Column k of scale P F^T for a block of eight particles."""
     a, b, c = load(F, at + 24 * k), load(F, at + 24 * k + 8), load(F, at + 24 * k + 16)
     t0 = load(P, 0) * a + load(P, 8) * b + load(P, 16) * c
     t1 = load(P, 24) * a + load(P, 32) * b + load(P, 40) * c
@@ -187,7 +188,7 @@ def _move(block, dt, h, rows, state, keep):
 
 @inlined
 def _update_node(n, step, dt, grid, effects, still):
-    """Velocity of a node that has mass, from its momentum, which is emptied for the next step."""
+    """Velocity of a node with mass, from its momentum. The momentum is set to zero for the next step."""
     momentum, velocity = grid.momentum, grid.velocity
     mass, free = momentum[4 * n], grid.fixed[n] == 0
     for i in range(1, 4):
@@ -202,7 +203,7 @@ def _update_node(n, step, dt, grid, effects, still):
 
 @compiled
 def _fold(momentum, mirrors, count):
-    """Faces at rest: momentum of the outer node of each of the first `count` pairs (pairs, 2) is taken from the inner one."""
+    """Faces at rest: for the first `count` pairs (pairs, 2), the outer node's mass joins the inner node, and its momentum is subtracted."""
     for pair in range(count):
         outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
         momentum[inner] += momentum[outer]
@@ -212,7 +213,7 @@ def _fold(momentum, mirrors, count):
 
 @compiled
 def _mirror(velocity, mirrors):
-    """The outer node of each pair moves as the inner one, backwards: the face between them is at rest."""
+    """The outer node of each pair gets minus the velocity of the inner one, so the face between them is at rest."""
     for pair in range(len(mirrors)):
         outer, inner = 4 * mirrors[pair, 0], 4 * mirrors[pair, 1]
         for i in range(1, 4):
@@ -221,7 +222,7 @@ def _mirror(velocity, mirrors):
 
 @kernel
 def particles_to_grid(step, dt, grid, particles, state, effects, slabs):
-    """P2G: mass, momentum, and the momentum that stress and loads add in dt (s), of all particles to the nodes. Slabs: kernels.watch."""
+    """P2G: all particles add to the nodes their mass, momentum, and the momentum from stress and loads in dt (s). slabs: kernels.watch."""
     count = len(particles.slab_first) - 1
     for color in range(2):
         for half in prange((count + 1 - color) // 2):
@@ -241,23 +242,23 @@ def particles_to_grid(step, dt, grid, particles, state, effects, slabs):
 
 @kernel
 def update_grid(step, dt, grid, contact, effects):
-    """Grid update: velocities of the nodes from their momentum, where components meet, faces are at rest, and effects change nodes."""
+    """Grid update: velocities of the nodes from their momentum, with contact between components, faces at rest, and effects on nodes."""
     _fold(grid.momentum, grid.mirrors, grid.next_to_faces)
     if contact.may_meet:
         meet(grid.momentum, grid.fixed, contact, grid.spacing, (grid.along_x, grid.along_y, 1), grid.nodes)
     still, along_x = np.zeros(3), grid.along_x
     for k in prange(len(grid.planes)):
         for n in range(grid.planes[k] * along_x, (grid.planes[k] + 1) * along_x):
-            if grid.momentum[4 * n] > 0.0:  # of others no particle reads the velocity
+            if grid.momentum[4 * n] > 0.0:  # no particle reads the velocity of the others
                 _update_node(n, step, dt, grid, effects, still)
     _mirror(grid.velocity, grid.mirrors)
 
 
 @kernel
 def grid_to_particles(dt, grid, particles, state, keep, moved):
-    """G2P: velocities of all particles from the nodes', with which they move and their F grows for dt (s).
+    """G2P: all particles take their velocities from the nodes, move for dt (s), and update F.
 
-    keep: whether L is kept, for the next step's stress; moved (slabs,): largest move along an axis, in cells.
+    keep: whether to store L for the stress of the next step; moved (slabs,): largest move along an axis, in cells.
     """
     for slab in prange(len(particles.slab_first) - 1):
         rows = np.empty(8 * ROW)
@@ -266,17 +267,17 @@ def grid_to_particles(dt, grid, particles, state, keep, moved):
             locate(block, grid, particles, state, rows)
             gather(grid.velocity, grid.along_x, grid.along_y, grid.spacing, rows)
             for part in _move(block, dt, grid.spacing, rows, state, keep):
-                slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is no number
+                slow, bad = smaller(-part, slow), flag_unless_positive(DRIFT - part, bad)  # also where it is NaN
         moved[slab] = -lowest(slow) if total(bad) == 0.0 else np.inf
 
 
 @compiled
 def advance(steps, dt, grid, contact, particles, state, effects, watch, slabs, moved, drift):
-    """Take up to `steps` steps of dt (s); fewer where particles have to be sorted again or some det F is 0 or less, or no number.
+    """Take up to `steps` steps of dt (s). It stops early where particles must be sorted again, or where some det F is 0, negative or NaN.
 
-    State and Grid are changed in place; contact: multi_grid_contact.Contact; watch, slabs: see kernels.watch; moved (slabs,); drift: cells
+    Changes State and Grid in place. contact: multi_grid_contact.Contact; watch, slabs: see kernels.watch; moved (slabs,); drift: cells
     that particles may have moved since they were sorted.
-    Returns steps taken and drift; the watch says why they ended: BROKEN also where a particle crosses a cell in one step.
+    Returns the number of steps taken, and drift. The watch says why steps ended: BROKEN also where a particle crosses a cell in one step.
     """
     for step in range(steps):
         particles_to_grid(step, dt, grid, particles, state, effects, slabs)
@@ -299,7 +300,7 @@ def advance(steps, dt, grid, contact, particles, state, effects, watch, slabs, m
 
 @kernel
 def rearrange(rows, width, old, new):
-    """Rows of `width` values in another order: new row r is the old one rows[r] (n,); old, new flat in blocks of eight."""
+    """Reorder rows of `width` values: new row r is old row rows[r], rows (n,). old, new: flat, in blocks of eight."""
     for block in prange(len(rows) // 8):
         for lane in range(8):
             row = rows[8 * block + lane]

@@ -1,7 +1,7 @@
-"""Between eight particles and the nodes around them, for kernels.apic_step: the splines, a scatter and a gather.
+"""Splines, scatter and gather between eight particles and the nodes around them, for kernels.apic_step.
 
-A node holds four floats: mass and momentum, or 0 and velocity. Two nodes of a row along z are one register, so a particle scatters to its
-27 nodes in 36 multiplications and additions, and no sum over lanes is needed. Neighbors in one cell share the registers.
+A node holds four floats: mass and momentum, or 0 and velocity. Two nodes in a row along z fill one register. So a particle scatters to its
+27 nodes in 36 multiplications and additions, with no sum over lanes. Neighboring particles in one cell share the registers.
 The splines are found for eight particles at a time, one lane each; a scatter or gather takes one particle after the other. So lanes are
 transposed into one row of 64 floats for each particle, and back, in registers.
 
@@ -18,9 +18,9 @@ ROW = 64  # floats a particle has in a block's rows: 28 of motion, 4 unused, 28 
 
 @compiled
 def _splines(x, block, axis, origin, cells, h):
-    """Of eight particles along an axis: first node; three splines N; three N d, d the node's place less the particle's (m); slopes (1/m).
+    """First node, splines N, products N d and slopes (1/m), three each, of eight particles along one axis.
 
-    cells: 1 / h.
+    d: position of the node minus position of the particle (m); cells: 1 / h.
     """
     s = (load(x, 24 * block + 8 * axis) - origin[axis]) * cells
     first = floor(s)
@@ -32,7 +32,7 @@ def _splines(x, block, axis, origin, cells, h):
 
 @compiled
 def locate(block, grid, particles, state, rows):
-    """Where a block's particles are, into rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z."""
+    """Write a block's splines to rows (8 ROW,): at 32 the first node; at 33, 42, 51 N, N d and slopes along x, y, z."""
     x, origin, h, lift = state.x, grid.origin, grid.spacing, particles.lift[block]
     i, a0, a1, a2, a3, a4, a5, a6, a7, a8 = _splines(x, block, 0, origin, 1.0 / h[0], h[0])
     j, b0, b1, b2, b3, b4, b5, b6, b7, b8 = _splines(x, block, 1, origin, 1.0 / h[1], h[1])
@@ -46,17 +46,17 @@ def locate(block, grid, particles, state, rows):
 
 @compiled
 def _add(grid, k, low, high):
-    """Adds two registers, three nodes' worth, to a row of nodes."""
+    """Add two registers, which hold three nodes, to a row of nodes."""
     store(grid, k, load(grid, k) + low)
     store(grid, k + 8, load(grid, k + 8) + high)
 
 
 @compiled
 def scatter(grid, along_x, along_y, rows):
-    """Adds mass and momentum of a block's particles (rows (8 ROW,)) to their 27 nodes.
+    """Add mass and momentum of a block's particles, rows (8 ROW,), to their 27 nodes.
 
     Node (i, j, k) gets N_i N_j N_k (base + sum over axes q d) - t . grad(N_i N_j N_k), written as A_i N_j + B_j N_i with rows of k in
-    A and B. Neighbours in the order are mostly of one cell: their sums stay in 18 registers until the next cell.
+    A and B. Consecutive particles mostly share a cell: their sums stay in 18 registers until the next cell.
     """
     p, zero = 0, splat(0.0)
     while p < 8:
@@ -97,7 +97,7 @@ def scatter(grid, along_x, along_y, rows):
 
 @compiled
 def gather(grid, along_x, along_y, h, rows):
-    """Velocities and their gradients of a block's particles, into rows (8 ROW,): seven rows of four, the first of each unused.
+    """Write velocities and velocity gradients of a block's particles to rows (8 ROW,): seven rows of four, the first of each unused.
 
     v; C by column: sum of N v d 4/h^2; L by column: sum of v grad N.
     """
@@ -108,7 +108,7 @@ def gather(grid, along_x, along_y, h, rows):
         ny0, ny1, ny2 = rows[at + 42], rows[at + 43], rows[at + 44]
         my0, my1, my2 = rows[at + 45], rows[at + 46], rows[at + 47]
         sy0, sy1, sy2 = rows[at + 48], rows[at + 49], rows[at + 50]
-        # sums over the nodes along x and y, for nodes 0 and 1 and for node 2 along z, named by what multiplies them: N, N d, slope
+        # sums over the nodes along x and y, low: nodes 0 and 1 along z, high: node 2. Letters: factors along x, y: n N, m N d, s slope
         nn_low, nn_high, mn_low, mn_high, sn_low, sn_high = zero, zero, zero, zero, zero, zero
         nm_low, nm_high, ns_low, ns_high = zero, zero, zero, zero
         for i in range(3):

@@ -1,11 +1,11 @@
 """The steps of a static solve: energy, forces and tangent of the particles on a grid in the undeformed body.
 
-Each Newton step takes the three steps of the method once: `particles_to_grid` scatters forces, or `particles_to_grid_with_tangent` forces
-and tangent; the grid's update is the linear solve and the line search (statics.newton, with the factors of statics.block_cholesky);
-`grid_to_particles` gathers displacement and deformation gradient of its result.
+Each Newton step takes the three steps of the method once. P2G: `particles_to_grid` scatters forces, `particles_to_grid_with_tangent` forces
+and tangent. Grid update: the linear solve and the line search (statics.newton, with the factors of statics.block_cholesky).
+G2P: `grid_to_particles` gathers displacement and deformation gradient.
 
-The grid is cut into slabs of cells along its first axis. Slabs of one color share no node, so each thread owns what it writes; the
-two colors run one after the other. Sums are made in the same order whatever the number of threads: results are the same bit for bit.
+The grid is cut into slabs of cells along its first axis. Slabs of one color share no node, so each thread owns what it writes. The
+two colors run one after the other. The order of every sum does not depend on the number of threads: results are the same bit for bit.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Cells(NamedTuple):
     """Cells with particles of one material, as statics.layout.Layout numbers them.
 
     slab_first (slabs + 1,) first cell of each slab of two base planes; first (cells + 1,) first particle of each cell; plane (cells,) and
-    row (cells, 3): the first plane of nodes, and the rows in a plane, that a cell touches; most: particles in a cell.
+    row (cells, 3): the first plane of nodes, and the rows in a plane, that a cell touches; most: largest number of particles in a cell.
     """
 
     slab_first: Index
@@ -57,8 +57,8 @@ class Particles(NamedTuple):
     """Particles (n) sorted by cell.
 
     weights, slopes (n, 3, 3): values and slopes (1/m) of the splines, axis by node; volume m^3, shear, bulk Pa, density kg/m^3 (n,); modes
-    (n, 0), (n, 1) or (n, 4): what the volume part is projected on, see bodies.volume_modes; remanence (n, 3) T, or (n, 4) where an effect
-    marks particles (effects.marked).
+    (n, 0), (n, 1) or (n, 4): the modes on which the volume part is projected (bodies.volume_modes); remanence (n, 3) T, or (n, 4) where
+    an effect marks particles (effects.marked).
     """
 
     weights: Array
@@ -83,7 +83,7 @@ def _volume_moments(first, last, volume, modes, F, c):
 
 @compiled
 def _volume_change(J, p, modes, c):
-    """What the volume part of the energy sees at particle p: J, or its projection on the cell's modes."""
+    """J at particle p as it enters the volume part of the energy: det F itself, or its projection on the cell's modes."""
     if len(c) == 0:
         return J
     projected = 1.0
@@ -94,7 +94,7 @@ def _volume_change(J, p, modes, c):
 
 @kernel
 def cell_energy(cells, particles, effects, x, F, energy, low, high):
-    """Potential energy of each cell into energy (cells,) J; smallest and largest det F of its particles into low, high (cells,).
+    """Write each cell's potential energy to energy (cells,) J, and the smallest and largest det F of its particles to low, high (cells,).
 
     x (n, 3) m, F (n, 3, 3) of the particles. A cell with det F <= 0 has energy inf.
     """
@@ -119,7 +119,7 @@ def cell_energy(cells, particles, effects, x, F, energy, low, high):
 
 @compiled
 def _particle_gradients(weights, slopes, G):
-    """Gradients of a particle's 27 splines into G (3, 27), 1/m; nodes in the order x slowest."""
+    """Write the gradients of a particle's 27 splines to G (3, 27), 1/m. Nodes are ordered x slowest."""
     for a in range(3):
         for b in range(3):
             nn, dn, nd = (
@@ -136,7 +136,7 @@ def _particle_gradients(weights, slopes, G):
 
 @compiled
 def _add_residual(weights, G, P, f, volume, r):
-    """r (27, 3) += volume (P grad N_a - f N_a), N: one particle's share of the cell's residual."""
+    """r (27, 3) += volume (P grad N_a - f N_a), N: the share of one particle in the cell's residual."""
     for a in range(3):
         for b in range(3):
             nn = weights[0, a] * weights[1, b]
@@ -151,7 +151,7 @@ def _add_residual(weights, G, P, f, volume, r):
 
 @compiled
 def _scatter_vector(plane, rows, r, residual):
-    """A cell's (27, 3) residual into residual (planes, 3 nodes)."""
+    """Add a cell's (27, 3) residual to residual (planes, 3 nodes)."""
     for a in range(3):
         for b in range(3):
             first = 3 * rows[b]
@@ -205,9 +205,9 @@ def _particle_products(q, volume, A, G, T):
 
 @compiled
 def _particle_softening(q, volume, weights, H, M, G, T):
-    """What place adds to a particle's products: its splines N are a fourth row of G, and W depends on x = X + sum N c as well.
+    """Add the terms of an energy W that also depends on position, x = X + sum N c. The splines N of the particle are a fourth row of G.
 
-    d2W/dc_a dc_b = N_a H N_b + N_a M grad N_b + (N_b M grad N_a)^T: row q + 3 of T, and more for rows q .. q + 2.
+    d2W/dc_a dc_b = N_a H N_b + N_a M grad N_b + (N_b M grad N_a)^T: row q + 3 of T, and additions to rows q .. q + 2.
     """
     for a in range(3):
         for b in range(3):
@@ -232,7 +232,7 @@ def _particle_softening(q, volume, weights, H, M, G, T):
 
 
 class Room(NamedTuple):
-    """Where a cell's tangent is worked on: rows of gradients G and products T; of one particle A, P, H, M, cof, f; moments c of the volume
+    """Work space for a cell's tangent: rows of gradients G and products T; A, P, H, M, cof, f of one particle; moments c of the volume
     part and their gradients b; arguments of the matrix product."""
 
     G: Array
@@ -252,7 +252,7 @@ class Room(NamedTuple):
 
 @compiled
 def _room(rows, modes):
-    """Room for `rows` rows and so many modes."""
+    """Work space for this many rows and modes."""
     letters, sizes = np.array([78, 84], np.uint8), np.array([9 * STENCIL, STENCIL, 0], np.int32)  # N T
     return Room(
         np.empty((rows, STENCIL)), np.empty((rows, 3, 3, STENCIL)), np.empty((9, 9)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 9)),
@@ -264,7 +264,7 @@ def _room(rows, modes):
 def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
     """Tangent K [node, i, k, other node] (27, 3, 3, 27) and residual r (27, 3) of one cell.
 
-    K = sum over particles and J of dN/dX_J(node) T(J, i, k, other): one matrix product, left to BLAS.
+    K = sum over particles and J of dN/dX_J(node) T(J, i, k, other): one matrix product, done by BLAS.
     """
     weights, slopes, volume, shear, bulk, modes, remanence, density = particles
     G, T, A, P, H, M, cof, f, b, c, _, _, _ = room
@@ -297,7 +297,7 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
                 for mode in range(len(c)):
                     b[mode, k, node] += modes[p, mode] * change
     _multiply(rows_each * (last - first), fortran, room, K)
-    for mode in range(len(c)):  # the projected volume part's second derivative: one outer product a mode
+    for mode in range(len(c)):  # second derivative of the projected volume part: one outer product for each mode
         for node in range(STENCIL):
             for i in range(3):
                 scale = bulk[first] * b[mode, i, node]
@@ -308,7 +308,7 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
 
 @compiled
 def _multiply(count, fortran, room, K):
-    """K = G^T T of the first `count` rows, by dgemm."""
+    """K = G^T T with the first `count` rows, by dgemm."""
     letters, sizes, factors = room.letters, room.sizes, room.factors
     sizes[2] = count
     plain, trans = letters[0:].ctypes.data, letters[1:].ctypes.data
@@ -320,17 +320,17 @@ def _multiply(count, fortran, room, K):
 
 @compiled
 def _kept_rows(column, a, split):
-    """Which of a cell's three planes are rows of its column plane `column` (its a-th) in the panels: first and one past last."""
+    """Which of a cell's three planes are rows of its a-th plane, column `column` of the panels: the first, and one past the last."""
     if column >= split + 2:
         return 0, a + 1
-    if column >= split:  # the two planes where the halves meet keep only each other
+    if column >= split:  # where the halves meet, each of the two planes keeps only rows of these two
         return a, min(3, a + split + 2 - column)
     return a, 3
 
 
 @compiled
 def _scatter_matrix(plane, rows, split, K, panels):
-    """A cell's tangent into the panels (see statics.block_cholesky): only the rows each column's panel keeps."""
+    """Add a cell's tangent to the panels (statics.block_cholesky): only the rows that each column's panel keeps."""
     m = panels.shape[1]
     for a in range(3):
         column = plane + a
@@ -352,9 +352,9 @@ def _scatter_matrix(plane, rows, split, K, panels):
 
 @kernel
 def particles_to_grid_with_tangent(cells, particles, effects, x, F, split, fortran, residual, panels):
-    """P2G: residual as of `particles_to_grid`; second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
+    """P2G: residual as in `particles_to_grid`, and second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
 
-    split: where the panels' two halves meet (statics.block_cholesky).
+    split: plane where the two halves of the panels meet (statics.block_cholesky).
     """
     slabs = len(cells.slab_first) - 1
     rows = cells.most * (4 if any_softening(effects) else 3)
@@ -373,8 +373,8 @@ def particles_to_grid_with_tangent(cells, particles, effects, x, F, split, fortr
 def grid_to_particles(cells, particles, grid, rest, displacement, F):
     """G2P: displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
 
-    grid (planes, 3 nodes) coefficients in m; rest (3, 3): F at rest, I but for renumbered axes (statics.axis_order); out:
-    displacement (n, 3) m, F (n, 3, 3).
+    grid (planes, 3 nodes): coefficients in m; rest (3, 3): F at rest, the identity unless axes were renumbered (statics.axis_order).
+    Writes displacement (n, 3) m and F (n, 3, 3).
     """
     weights, slopes = particles.weights, particles.slopes
     for cell in prange(len(cells.plane)):

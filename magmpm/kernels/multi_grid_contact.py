@@ -1,11 +1,11 @@
-"""Connected components of a body that meet on a grid where each has its own mass and momentum: what approaches and touches moves as one.
+"""Contact between connected components of a body. Each component has its own mass and momentum on the grid.
 
-At a node that two components share, their velocities are made those of their common centre of mass where they approach each other (no slip,
-no rebound) and touch; what moves apart is left alone. How far apart they are there is read off their masses: of a half-space, the ratio of
-mass to slope of mass at a node depends on nothing but the node's distance from the surface, in cells (`distances`).
+Where two components share a node, touch and approach each other, both get the velocity of their common center of mass: no slip, no rebound.
+Components that move apart are left alone. The gap between them is read off their masses: for a half-space, the ratio of mass to slope of
+mass at a node depends only on the distance of the node from the surface, in cells (`distances`).
 
 Sources: Bardenhagen, Brackbill, Sulsky, CMAME 187 (2000) 529 (contact of velocity fields, normals from slopes of mass); Nairn, Hammerquist,
-Smith, CMAME 362 (2020) 112859 (why components would feel each other at a distance unless it is measured).
+Smith, CMAME 362 (2020) 112859 (without a measured distance, components would feel each other across a gap).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 
-CLOSE = 0.5  # cells: nearer than this touches. Flat faces rest so far apart; what is round or has edges is felt later (docs/effects.md)
-BESIDE = 1.25  # cells: twice as far from the middle of the gap a node may be; deep in a thin part its surface can't be told
-REACH = 1.5  # cells: mass of a half-space is felt as far from its surface
+CLOSE = 0.5  # cells: components touch below this gap. Flat faces rest this far apart; round ones and edges come closer (docs/effects.md)
+BESIDE = 1.25  # cells: a node may be half as far from the middle of the gap; deep in a thin part the surface can't be located
+REACH = 1.5  # cells: how far from its surface nodes feel the mass of a half-space
 
 
 def filling(distance: Array) -> Array:
-    """What a half-space fills of nodes' splines, at distances (n,) from its surface in cells, positive outside: 0 to 1."""
+    """Share of a node's spline that a half-space fills, 0 to 1; distance (n,) of the nodes from its surface in cells, positive outside."""
     t = np.clip(np.abs(distance), 0.0, REACH)
     outside = np.where(t < 0.5, 0.5 - 0.75 * t + t**3 / 3, (1.5 - t) ** 3 / 6)
     return np.asarray(np.where(distance < 0, 1.0 - outside, outside))
@@ -31,12 +31,12 @@ def filling(distance: Array) -> Array:
 
 @compiled
 def share(mass, rise):
-    """q of `distances`: mass at a node, rise of mass in a cell."""
+    """q of `distances`, from the mass at a node and its rise over one cell."""
     return (mass / (mass + rise)) ** (1.0 / 3.0)
 
 
 def distances(points: int = 65) -> Array:
-    """Distance (points,), in cells, from a half-space's surface at evenly spaced q from 0 to 1 (`share`).
+    """Distance (points,), in cells, from a half-space's surface for evenly spaced q from 0 to 1 (`share`).
 
     q^3 = m / (m + h dm/dn), m the mass at a node and dm/dn its slope by central differences over two cells: q falls evenly with distance.
     """
@@ -47,8 +47,8 @@ def distances(points: int = 65) -> Array:
 
 @compiled
 def _slope(momentum, weight, node, strides, h, out):
-    """Slope (3,) of a component's mass at a node, kg/m, into out; returns the node's distance from its surface as q of `distances`."""
-    rise = 0.0  # a cell
+    """Slope (3,) of a component's mass at a node, kg/m, into out; returns its distance from the surface as q of `distances`."""
+    rise = 0.0  # over one cell
     for axis in range(3):
         up, down = node + strides[axis], node - strides[axis]
         out[axis] = (momentum[4 * up] + weight[up] - momentum[4 * down] - weight[down]) / (2.0 * h[axis])
@@ -59,7 +59,7 @@ def _slope(momentum, weight, node, strides, h, out):
 
 @compiled
 def _read(curve, q):
-    """The distance, in cells, at q of `distances`."""
+    """Distance in cells for a value of q, by linear interpolation (`distances`)."""
     at = q * (len(curve) - 1)
     k = min(int(at), len(curve) - 2)
     return curve[k] + (at - k) * (curve[k + 1] - curve[k])
@@ -67,7 +67,7 @@ def _read(curve, q):
 
 @compiled
 def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):
-    """Two components at a node: rows `one` and `other` of the grid. slopes (2, 3): room to work in."""
+    """Contact of two components at a node: rows `one` and `other` of the grid. slopes (2, 3): work space."""
     a, b = 4 * one, 4 * other
     still_a, still_b = fixed[one] != 0, fixed[other] != 0
     if (still_a and still_b) or not (still_a or momentum[a] > 0.0) or not (still_b or momentum[b] > 0.0):
@@ -80,7 +80,7 @@ def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):
     for i in range(3):
         va = 0.0 if still_a else momentum[a + 1 + i] / momentum[a]
         vb = 0.0 if still_b else momentum[b + 1 + i] / momentum[b]
-        approach += (va - vb) * (slopes[1, i] - slopes[0, i])  # from one to the other: where the other's mass grows
+        approach += (va - vb) * (slopes[1, i] - slopes[0, i])  # the normal points from one to the other: where the other's mass grows
     if not approach > 0.0:
         return
     for i in range(1, 4):
@@ -89,9 +89,9 @@ def _meet(momentum, weight, fixed, one, other, strides, h, curve, slopes):
 
 
 class Contact(NamedTuple):
-    """What components need to meet. may_meet: whether any two can; low, high (3,): the box of nodes that two may reach, exclusive.
+    """Contact between components. may_meet: whether any two can meet; low, high (3,): box of nodes that two may reach, high excluded.
 
-    weight (components nodes,) kg: mass of what is held, or (0,) with one component; curve: `distances`.
+    weight (components nodes,) kg: mass of held particles, or (0,) with one component; curve: `distances`.
     """
 
     may_meet: bool
@@ -103,10 +103,10 @@ class Contact(NamedTuple):
 
 @kernel
 def meet(momentum, fixed, contact, h, strides, nodes):
-    """All components, each with a grid of a box of `nodes`, at the nodes where they may meet.
+    """Contact of all components, each with its own grid of `nodes` nodes, wherever they may meet.
 
-    momentum (4 components nodes,): mass and momentum; fixed (components nodes,): whether what is held there keeps the node at rest.
-    Masses are not changed, so planes of nodes may be done at the same time. strides (3,): from node to node along the axes; h (3,) m.
+    momentum (4 components nodes,): mass and momentum; fixed (components nodes,): whether held particles keep the node at rest.
+    Masses do not change, so planes of nodes can be done in parallel. strides (3,): steps in node number along the axes; h (3,) m.
     """
     low, high, weight, curve = contact.low, contact.high, contact.weight, contact.curve
     every = len(fixed)

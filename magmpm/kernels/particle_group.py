@@ -1,4 +1,4 @@
-"""What the effects add to a group of eight particles, in both formulations of motion.
+"""What effects add to the stress and load of a group of eight particles, in both formulations of motion.
 
 A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 """
@@ -35,13 +35,13 @@ from magmpm.effects.hooks import (
 
 @compiled
 def any_effect(effects):
-    """Whether any effect acts on particles; known while compiling."""
+    """Whether any effect acts on particles. Known at compile time."""
     return has_stress(effects) or has_force(effects) or has_rate_stress(effects) or has_contact(effects)
 
 
 @inlined
 def touches(effects, step, group, x, volume):
-    """Whether contact may push a particle of a group, x (3 8,)."""
+    """Whether contact may push any particle of a group at x (3 8,) m."""
     if has_wide_near(effects) and highest(wide_near(effects, step, vector(x, 0))) > 0.0:
         return True
     if has_other_contact(effects):
@@ -52,9 +52,10 @@ def touches(effects, step, group, x, volume):
 
 
 class GroupRoom(NamedTuple):
-    """A group of eight particles as effects see it, flat.
+    """Flat arrays for a group of eight particles, as effects use them.
 
-    F (9 8,) from an index that goes with it; P Pa, dF/dt 1/s (9 8,); x m, v m/s, load per volume f N/m^3 (3 8,); spare (72,) to work in.
+    F: (9 8,) from an index that is passed with it; P Pa, dF/dt 1/s (9 8,); x m, v m/s, load per volume f N/m^3 (3 8,).
+    spare: (72,), work space.
     """
 
     F: Array
@@ -68,17 +69,17 @@ class GroupRoom(NamedTuple):
 
 @inlined
 def group_room(F):
-    """Room for groups whose deformation gradients are in F."""
+    """Work space for groups with deformation gradients in F."""
     return GroupRoom(F, np.empty(72), np.empty(72), np.empty(24), np.empty(24), np.empty(24), np.empty(72))
 
 
 @inlined
 def add_effects(effects, step, dt, group, at, touched, particles, work):
-    """What the effects add to the stress P (Pa) and load f (N/m^3) of a group, work (GroupRoom) with its F from index `at`.
+    """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
 
-    touched: whether contact may push the group (`touches`); particles: with remanence (groups 3 8,), or (groups 4 8,) where an effect marks
-    particles (effects.marked), and density and volume (groups 8,).
-    Flat arrays and no slices: counting references to them would cost as much as an effect.
+    touched: whether contact may push the group (`touches`); particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an
+    effect marks particles (effects.marked), and density and volume (groups 8,).
+    Flat arrays, no slices: counting references to slices would cost as much as an effect.
     """
     F, P, dF, x, v, f, spare = work
     remanence, density, volume = particles.remanence, particles.density, particles.volume
@@ -95,7 +96,7 @@ def add_effects(effects, step, dt, group, at, touched, particles, work):
 
 @compiled
 def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume):
-    """What the effects add whose hooks serve one particle."""
+    """Add the effects with hooks for one particle at a time."""
     F3, P3, dF3 = F[at : at + 9 * WIDTH].reshape(3, 3, WIDTH), P.reshape(3, 3, WIDTH), dF.reshape(3, 3, WIDTH)
     x2, f2 = x.reshape(3, WIDTH), f.reshape(3, WIDTH)
     columns = len(remanence) // len(density)
@@ -113,7 +114,7 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
 
 @compiled
 def _contacts(effects, step, dt, group, x, v, f, room, density, volume):
-    """What contact adds to the loads, particle by particle; room (3 8,) to work in."""
+    """Add contact to the loads, particle by particle; room (3 8,): work space."""
     force = room
     for lane in range(WIDTH):
         V = volume[WIDTH * group + lane]

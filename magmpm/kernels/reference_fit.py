@@ -1,6 +1,6 @@
-"""Kernels of dynamics.drift_correction: between a model's particles and the splines of the grid in its undeformed body, cell by cell.
+"""Kernels of dynamics.drift_correction: from a model's particles to splines on the grid of the undeformed body and back, cell by cell.
 
-Sums are made in one order at any number of threads.
+The order of every sum does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.materials import determinant
+from magmpm.materials import determinant, determinant_of
 
 
 class Cells(NamedTuple):
-    """Cells of the undeformed body, each a run of particles.
+    """Cells of the undeformed body. The particles of a cell are consecutive.
 
-    slab_first (slabs + 1,) first cell of each slab: every second slab shares no node; first (cells + 1,) first particle of each cell; node
-    (cells, 27), z fastest; low (cells, 3) m: lower corners; per (3,) 1/m: 1 / h.
+    slab_first (slabs + 1,): first cell of each slab, every second slab shares no node; first (cells + 1,): first particle of each cell;
+    node (cells, 27): nodes, z fastest; low (cells, 3) m: lower corners; per (3,) 1/m: 1 / h.
     """
 
     slab_first: Index
@@ -30,7 +30,7 @@ class Cells(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """Particles (n): rest (n, 3) m, their places in the undeformed body; volume m^3, density kg/m^3 (n,); modes (n, 0) or (n, 4):
+    """Particles (n): rest (n, 3) m: positions in the undeformed body; volume m^3, density kg/m^3 (n,); modes (n, 0) or (n, 4):
     bodies.volume_modes."""
 
     rest: Array
@@ -41,14 +41,14 @@ class Particles(NamedTuple):
 
 @compiled
 def _splines(t, N, S):
-    """The three splines N (3,) at t of a cell, 0 to 1, and their slopes S (3,) by t."""
+    """The three splines N (3,) at t in a cell, 0 to 1, and their derivatives S (3,) by t."""
     N[0], N[1], N[2] = 0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t
     S[0], S[1], S[2] = t - 1.0, 1.0 - 2.0 * t, t
 
 
 @compiled
 def _weights(a, b, c, out):
-    """out (27,): products of three times three times three numbers."""
+    """out (27,): all products a_i b_j c_k of three numbers each."""
     for i in range(3):
         for j in range(3):
             for k in range(3):
@@ -65,7 +65,7 @@ def _sum(a, b):
 
 @kernel
 def interpolate(cells, rest, field, out):
-    """out (n, 3): a nodal field (nodes, 3) at the particles."""
+    """out (n, 3): values of a nodal field (nodes, 3) at the particles."""
     cell_first, node, low, per = cells.first, cells.node, cells.low, cells.per
     for cell in prange(len(cell_first) - 1):
         N, S, W, near = np.empty((3, 3)), np.empty(3), np.empty(27), np.empty((3, 27))
@@ -106,19 +106,18 @@ def moments(cells, particles, values, out):
 
 
 @compiled
-def _determinant(F, at):
-    """det of the matrix in one lane of a block, its first entry at `at`."""
-    a, b, c, d, e, f, g, h, i = F[at], F[at + 8], F[at + 16], F[at + 24], F[at + 32], F[at + 40], F[at + 48], F[at + 56], F[at + 64]
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+def _lane_determinant(F, at):
+    """det F of one particle of a block: one lane, its first entry at `at`."""
+    return determinant_of(F[at], F[at + 8], F[at + 16], F[at + 24], F[at + 32], F[at + 40], F[at + 48], F[at + 56], F[at + 64])
 
 
 @kernel
 def relax(cells, particles, field, moved, alone, pressed, torn, part, row, x, F):
     """x <- x + part (fit - x) and F <- F + part (A - F), A = I + sum field (x) grad N with its det projected on the cell's modes (F-bar).
 
-    moved (n, 3) m: displacements now. Left as they are: particles that are to be left alone
-    (n,), or torn (m) off the fit, or whose A is turned inside out. pressed (n,): only F goes, and only where it is wider than A.
-    row (n,): of a particle in x and F, flat in blocks of eight (dynamics.apic).
+    moved (n, 3) m: present displacements. Some particles stay as they are: those marked in alone (n,), those farther than torn (m) from
+    the fit, and those whose A has det A <= 0. pressed (n,): for these only F changes, and only where det F is above the projected det.
+    row (n,): row of each particle in x and F, which are flat in blocks of eight (dynamics.apic).
     """
     cell_first, node, low, per = cells.first, cells.node, cells.low, cells.per
     rest, volume, modes = particles.rest, particles.volume, particles.modes
@@ -155,7 +154,7 @@ def relax(cells, particles, field, moved, alone, pressed, torn, part, row, x, F)
             scale = (projected / J[p - first]) ** (1.0 / 3.0)
             block, lane = row[p] // 8, row[p] % 8
             if pressed[p]:
-                if not _determinant(F, 72 * block + lane) > projected:
+                if not _lane_determinant(F, 72 * block + lane) > projected:
                     continue
             else:
                 for i in range(3):

@@ -1,8 +1,8 @@
-"""Force of a body on the grid of its undeformed shape, eight particles at a time: the inner loop of the total formulation.
+"""The three steps of the total formulation, eight particles at a time: the grid lies in the undeformed body.
 
-Every step, particles gather displacement and deformation gradient from the grid's coefficients (G2P) and scatter the force of their
-stress back (P2G), cell by cell. Splines are products of one-dimensional ones, so both are done axis by axis: 270 multiplications and
-additions in place of 486, and 18 numbers a particle in place of 108. A cell's particles lie in groups of eight lanes
+In every step, particles gather displacement and deformation gradient from the grid (G2P) and scatter the force of their stress back (P2G),
+cell by cell. Splines are products of one-dimensional ones, so both go axis by axis. This takes 270 multiplications and additions in
+place of 486, and 18 numbers for each particle in place of 108. The particles of a cell lie in groups of eight lanes
 (dynamics.particle_groups). The plain formulas are in kernels.equilibrium, and in tests/reference.
 
 Flat arrays, as `simd.load` takes them: field (3 nodes,) a value per node and component; splines (patterns 18 8,) values then slopes,
@@ -40,7 +40,7 @@ from magmpm.materials import group_determinant, neo_hookean, stiffest
 def gather(field, node, along_x, along_y, splines, first, gradient, to, value, at):
     """Gradient (9 8,) and value (3 8,) of a nodal field (3 nodes,) at a group of particles, from indices `to` and `at` on.
 
-    node: the cell's first node; along_x, along_y: nodes from one to the next along x and y; first: of the group in splines.
+    node: the cell's first node; along_x, along_y: steps in node number along x and y; first: index of the group in splines.
     """
     zero = splat(0.0)
     u0, u1, u2 = zero, zero, zero
@@ -74,7 +74,7 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
 
 @compiled
 def gather_value(field, node, along_x, along_y, splines, first, value):
-    """Value (3 8,) alone of a nodal field at a group of particles; arguments as of `gather`."""
+    """Value (3 8,) alone of a nodal field at a group of particles; arguments as in `gather`."""
     zero = splat(0.0)
     u0, u1, u2 = zero, zero, zero
     nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
@@ -139,7 +139,7 @@ def _project(modes, at, group, first, count, volume, J, c):
 
 @compiled
 def _projected(modes, at, count, c):
-    """J - 1 of a group as its cell's modes see it."""
+    """J - 1 of a group, projected on the modes of its cell."""
     value = splat(0.0)
     for k in range(count):
         value = value + load(modes, at + 8 * k) * c[k]
@@ -147,10 +147,10 @@ def _projected(modes, at, count, c):
 
 
 class Cells(NamedTuple):
-    """Cells that hold particles, by slabs of at least two planes of cells: every second slab shares no node with another.
+    """Cells that hold particles, in slabs of at least two planes of cells. Slabs of one color share no node.
 
-    slab_first (slabs + 1,) first cell of each slab; first_group (cells + 1,) first group of particles of each cell; first_node (cells,);
-    shear, bulk (cells,) Pa; along_x, along_y: nodes from one to the next along x and y.
+    slab_first (slabs + 1,): first cell of each slab; first_group (cells + 1,): first group of particles of each cell; first_node (cells,);
+    shear, bulk (cells,) Pa; along_x, along_y: steps in node number along x and y.
     """
 
     slab_first: Index
@@ -163,12 +163,12 @@ class Cells(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """Particles in groups of eight, flat: of a lane that holds none, the volume is 0.
+    """Particles in groups of eight, flat. A lane without a particle has volume 0.
 
-    pattern, moments (groups,): where a group's splines and modes begin, as many groups have the same; splines (patterns 18 8,); modes
-    (patterns modes 8,) of the volume part (model.volume_modes), mode_count 0 or 4; volume m^3, density kg/m^3 (groups 8,); remanence
-    (groups 3 8,) T, or (groups 4 8,) where an effect marks particles (effects.marked); reference (groups 3 8,) m: places in the
-    undeformed body.
+    pattern, moments (groups,): where the splines and modes of a group begin, shared by groups that are alike; splines (patterns 18 8,);
+    modes (patterns modes 8,) of the volume part (model.volume_modes), mode_count 0 or 4; volume m^3, density kg/m^3 (groups 8,); remanence
+    (groups 3 8,) T, or (groups 4 8,) where an effect marks particles (effects.marked); reference (groups 3 8,) m: positions in
+    the undeformed body.
     """
 
     pattern: Index
@@ -183,8 +183,8 @@ class Particles(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Nodes of the whole grid, x slowest. active: those that have mass; inverse_mass (3 nodes,) 1/kg, 0 where a component is held at
-    rest; place (3 nodes,) m."""
+    """Nodes of the whole grid, x slowest. active: nodes with mass; inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest;
+    place (3 nodes,) m."""
 
     active: Index
     inverse_mass: Array
@@ -192,8 +192,8 @@ class Nodes(NamedTuple):
 
 
 class State(NamedTuple):
-    """What steps change. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2: the last step's
-    (materials.stiffest over density), NaN before the first."""
+    """What a step changes. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2: materials.stiffest
+    over density in the last step, NaN before the first step."""
 
     u: Array
     v: Array
@@ -202,7 +202,7 @@ class State(NamedTuple):
 
 
 class CellRoom(NamedTuple):
-    """Where the particles of one cell are worked on: F (groups 9 8,), det F (groups 8,), u (groups 3 8,) m, moments of det F - 1 (4,)."""
+    """Work space for the particles of one cell: F (groups 9 8,), det F (groups 8,), u (groups 3 8,) m, moments of det F - 1 (4,)."""
 
     F: Array
     J: Array
@@ -212,9 +212,9 @@ class CellRoom(NamedTuple):
 
 @inlined
 def grid_to_particles(cell, cells, particles, state, room, least, bad):
-    """Displacement, F and det F of a cell's particles from those of the nodes, and the cell's moments of det F - 1, into room.
+    """Write to room the displacement, F and det F of a cell's particles, gathered from the nodes, and the cell's moments of det F - 1.
 
-    Returns lanes: the smallest det F so far, and 1 where some det F was 0 or less, or no number.
+    Returns lanes: the smallest det F so far, and 1 where some det F was 0, negative or NaN.
     """
     first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
     F, J, u, c = room
@@ -233,7 +233,7 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
 
 @inlined
 def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change):
-    """Stress and loads of a cell's particles, and their force on the cell's nodes, added to state.force.
+    """Add to state.force the force of a cell's particles on its nodes, from stress and loads.
 
     Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
     """
@@ -273,7 +273,7 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
 
 @inlined
 def update_grid(node, step, dt, nodes, state, effects):
-    """v += dt f / m, then u += dt v, of one node."""
+    """v += dt f / m, then u += dt v, for one node."""
     n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
     for i in range(3):
         v[n + i] += dt * inverse_mass[n + i] * force[n + i]
@@ -286,9 +286,9 @@ def update_grid(node, step, dt, nodes, state, effects):
 
 @kernel
 def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
-    """Take `steps` steps of dt (s) of Cells, Particles and Nodes; State is changed in place. watch, slabs: see kernels.watch.
+    """Take up to `steps` steps of dt (s). Changes State in place. watch, slabs: see kernels.watch.
 
-    Returns the number of steps taken: fewer where the watch says why.
+    Returns the number of steps taken; if fewer than `steps`, the watch says why.
     """
     count, most = len(cells.slab_first) - 1, 1
     for cell in range(len(cells.first_node)):
@@ -314,9 +314,9 @@ def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
 
 @kernel
 def at_particles(cells, particles, particle, u, v, reference, position, velocity, deformation):
-    """Position and velocity (n, 3), F (n, 3, 3) of the particles of a model, with their places `reference` (n, 3) in the undeformed body.
+    """Write position m, velocity m/s (n, 3) and F (n, 3, 3) of a model's particles; reference (n, 3) m: positions in the undeformed body.
 
-    u, v (3 nodes,); particle (groups, 8): which particle a lane holds, -1 for none.
+    u, v (3 nodes,); particle (groups, 8): the particle in each lane, -1 for none.
     """
     along_x, along_y, splines = cells.along_x, cells.along_y, particles.splines
     for cell in prange(len(cells.first_node)):

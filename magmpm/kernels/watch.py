@@ -1,11 +1,11 @@
-"""What ends a run of steps early: what both formulations' kernels look at in every step.
+"""Checks in every step of both formulations that can end a run of steps early.
 
-`watch` (5,) float64 goes in and out of a kernel:
+`watch` (5,) float64 is both input and output of a kernel:
 
-0  the stiffness (m^2/s^2, materials.stiffest over density) above which the time step may be too long for the body
-1  the largest share of the body's stiffness by which a particle's may change in a step; beyond it steps do not resolve the motion
+0  in: stiffness (m^2/s^2, materials.stiffest over density) above which the time step may be too long for the body
+1  in: largest change of a particle's stiffness in one step, as a share of the body's stiffness; beyond it steps do not resolve the motion
 2  out: largest stiffness since the watch was set
-3  out: largest change in a step since then, over the largest stiffness
+3  out: largest change in one step since then, over the largest stiffness
 4  out: why the steps ended: GOING, BROKEN, STIFF or QUICK
 """
 
@@ -24,7 +24,7 @@ LIMIT, SHARE, HIGHEST, QUICKEST, WHY = range(5)
 
 
 class Slabs(NamedTuple):
-    """What the last step saw in each slab of particles (slabs,): smallest det F; largest stiffness, and largest change of it, m^2/s^2."""
+    """The last step in each slab of particles (slabs,): smallest det F; largest stiffness, and its largest change, m^2/s^2."""
 
     low: Array
     high: Array
@@ -32,29 +32,29 @@ class Slabs(NamedTuple):
 
 
 def new_slabs(count: int) -> Slabs:
-    """Of so many slabs."""
+    """Room for this many slabs."""
     return Slabs(np.zeros(count), np.zeros(count), np.zeros(count))
 
 
 def unlimited() -> Array:
-    """A watch that ends steps only where the body breaks."""
+    """A watch that ends steps only where some det F is 0, negative or NaN."""
     return np.array([np.inf, np.inf, 0.0, 0.0, GOING])
 
 
 @inlined
 def see(slabs, slab, least, bad, high, change):
-    """Write down a slab's step, given lane by lane; bad: not 0 where some det F is 0 or less, or no number."""
+    """Store the extremes of a slab, given lane by lane. bad: not 0 where some det F is 0, negative or NaN."""
     slabs.low[slab] = lowest(least) if total(bad) == 0.0 else np.nan
     slabs.high[slab], slabs.change[slab] = highest(high), highest(change)
 
 
 @compiled
 def stops(watch, slabs):
-    """Whether the steps end here."""
+    """Whether the steps must end here; updates the watch."""
     low, high, change = slabs
     most, changed = 0.0, 0.0
     for slab in range(len(low)):
-        if not low[slab] > 0.0:  # also where it is no number
+        if not low[slab] > 0.0:  # also where it is NaN
             watch[WHY] = BROKEN
             return True
         most, changed = max(most, high[slab]), max(changed, change[slab])
@@ -69,5 +69,5 @@ def stops(watch, slabs):
 
 @compiled
 def clear(values):
-    """Zeros everywhere: the grid of a step that is not taken."""
+    """Set all values to zero: the grid of a step that is not taken."""
     values[:] = 0.0
