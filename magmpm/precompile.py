@@ -325,7 +325,7 @@ def _measured(small: Scene) -> None:
     _, P = energies.elastic(model, F, True)
     energies.add_effects_stress(model, x, F, model.effects, P)
     energies.effect_energies(model, x, F, 0.0)
-    watchdog.look(model, x, np.zeros_like(x))
+    watchdog.check(model, x, np.zeros_like(x))
     strain_of(model, x, F)
     FrameArrays(x, model.remanence[:, :3]).of(x, x, F, P)
 

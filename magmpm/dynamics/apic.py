@@ -1,4 +1,4 @@
-"""State of the updated formulation: particles sorted by slabs of the moving box, eight to a block."""
+"""State of the updated formulation: particles sorted by slabs of the moving box, in blocks of eight."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.drift_correction import INTERVAL, DriftCorrection
 from magmpm.dynamics.moving_grid import Box
 from magmpm.dynamics.particle_groups import slab_edges
-from magmpm.dynamics.steps import Look, at_step
+from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
-from magmpm.kernels import apic_step as kernels
-from magmpm.kernels import multi_grid_contact
+from magmpm.kernels import apic_step, multi_grid_contact
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
-SLAB = 4  # cells: particles that have drifted by up to one cell since they were sorted still touch no other slab of their colour
+SLAB = 4  # cells: after a drift of up to one cell since the last sort, particles still touch no other slab of their color
 MARGIN = 2  # cells around the body
 NODES_MOST = 60_000_000  # 4 GB of grid
 
@@ -28,7 +27,7 @@ NODES_MOST = 60_000_000  # 4 GB of grid
 class UpdatedMotion:
     """Positions, velocities, their affine parts and deformation gradients of a model's particles, moved by `advance`.
 
-    Rows are in sorted order and padded: `particle` (n8,) is the model's particle of a row, -1 for padding, which has no mass.
+    Rows are sorted and padded. `particle` (n8,): index of the row's particle in the model, -1 for padding, which has no mass.
     """
 
     formulation = "updated"
@@ -36,20 +35,20 @@ class UpdatedMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.keeps_gradient = has_hook("rate_stress", model.effects)
-        self.drift_correction: DriftCorrection | None = DriftCorrection(model)  # None: F is what the steps make of it
+        self.drift_correction: DriftCorrection | None = DriftCorrection(model)  # None: F is never corrected
         self.since = 0  # steps since F was last relaxed
         self.component = model.scene.body.shape.components(model.particles)  # one grid each
         self.curve = multi_grid_contact.distances()
-        self.lag, self._last = 0.0, model.effects  # s that velocities are behind the places; effects at the time of the places
+        self.lag, self._last = 0.0, model.effects  # s by which velocities lag behind positions; effects at the time of the positions
         self.watch = unlimited()
         n = len(model.density)
         self.threads = Threads(n)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
 
     def place(self, x: Array, v: Array, F: Array, C: Array, L: Array | None = None) -> None:
-        """Put the particles, in the model's order: x, v (n, 3), F, APIC's C and L = dv/dx (n, 3, 3). Sorts them.
+        """Set and sort the particles, given in the model's order: x m, v m/s (n, 3), F, APIC's C and L = dv/dx 1/s (n, 3, 3).
 
-        L is needed only where an effect's stress depends on it; C by default, which is the same of a motion that is linear in space.
+        L matters only where an effect's stress depends on it. The default is C, which equals L if the velocity is linear in space.
         """
         model = self.model
         order, source = self._fit(x)
@@ -63,7 +62,7 @@ class UpdatedMotion:
         self.particle = order
 
     def sort(self) -> None:
-        """Sort the particles, and fit the box to them: to the same bits as `place` with what they are and do."""
+        """Sort the particles and fit the box to them. Gives the same bits as `place` with their present state."""
         row = self.rows()
         order, source = self._fit(self._places())
         rows = row[source]
@@ -71,20 +70,21 @@ class UpdatedMotion:
         columns |= dict.fromkeys(("shear", "bulk", "density", "stiffness"), 1)
         for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
             moved = np.empty(width * len(rows))
-            kernels.rearrange(rows, width, getattr(self, name), moved)
+            apic_step.rearrange(rows, width, getattr(self, name), moved)
             setattr(self, name, moved)
         self.volume = np.where(order >= 0, self.model.particles.volume[source], 0.0)
         self.particle = order
 
     def _fit(self, x: Array) -> tuple[Index, Index]:
-        """Fit the grid's box and the slabs to positions (n, 3); empties the grid.
+        """Fit the grid's box and the slabs to positions (n, 3) m, and clear the grid.
 
-        Returns the particles in sorted order (n8,), padded with -1, and the particle each row takes its values from.
+        Returns the particles in sorted order (n8,), padded with -1, and the particle from which each row takes its values.
+        Raises SolveError where a position is not finite, or the box would be too large.
         """
         model, h = self.model, self.model.grid.spacing
         cell = np.floor((x - model.grid.origin) / h)
         if not np.all(np.isfinite(x)) or np.abs(cell).max() > 1e7:
-            raise SolveError("a particle's position is no number, or it has left every box")
+            raise SolveError("the position of a particle is not finite, or the particle has left every box")
         cell = cell.astype(np.int64)
         low, high = cell.min(axis=0) - MARGIN, cell.max(axis=0) + MARGIN + 1
         if model.clamped_face:
@@ -94,9 +94,9 @@ class UpdatedMotion:
         if np.prod(self.shape) * grids > NODES_MOST:
             raise SolveError(
                 f"the box around the particles has {' x '.join(map(str, self.shape))} nodes for each of {grids} components; "
-                "a particle has flown off, or the components are too many"
+                "a particle has flown off, or there are too many components"
             )
-        free = np.flatnonzero(~model.held)  # what is held has no rows: its nodes are at rest, it moves nothing and does not move
+        free = np.flatnonzero(~model.held)  # held particles have no rows: their nodes are at rest, so they neither move nor move others
         nodes = int(np.prod(self.shape))
         order, self.slab_first, component = self._sorted((cell - low)[free], self.component[free])
         self.lift = (nodes * component).astype(np.float64)
@@ -129,13 +129,13 @@ class UpdatedMotion:
         return padded, first[::grids].astype(np.int64), np.repeat(np.arange(len(counts)) % grids, blocks)
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
-        """Take up to `steps` steps of dt (s), stopping early where a sort is due. Returns steps taken and whether the motion broke."""
+        """Take up to `steps` steps of dt (s), fewer where a sort is due. Returns the steps taken, and whether the motion broke."""
         return self.threads.run(lambda: self._advance(steps, dt, effects))
 
     def _advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         if not self.keeps_gradient and has_hook("rate_stress", effects):
-            raise ValueError("effects with a rate stress need a motion that was made for a model with one")
-        if self.drift > kernels.DRIFT:
+            raise ValueError("effects with a rate stress need a motion made for a model with such an effect")
+        if self.drift > apic_step.DRIFT:
             self.sort()
         taken, self.drift = self._steps(steps, dt, effects, self.x, self.v, self.C, self.L, self.F)
         self.lag, self._last = dt / 2 if taken else self.lag, at_step(effects, taken)
@@ -148,43 +148,43 @@ class UpdatedMotion:
     def _steps(
         self, steps: int, dt: float, effects: tuple[Any, ...], x: Array, v: Array, C: Array, L: Array, F: Array
     ) -> tuple[int, float]:
-        state = kernels.State(x, v, C, L, F, self.stiffness)
-        particles = kernels.Particles(self.slab_first, self.lift, self.volume, self.shear, self.bulk, self.density, self.remanence)
+        state = apic_step.State(x, v, C, L, F, self.stiffness)
+        particles = apic_step.Particles(self.slab_first, self.lift, self.volume, self.shear, self.bulk, self.density, self.remanence)
         low, high = self.shared
         contact = multi_grid_contact.Contact(bool((low < high).all()), low, high, self.weight, self.curve)
-        taken, drift = kernels.advance(
+        taken, drift = apic_step.advance(
             steps, dt, self.grid, contact, particles, state, effects, self.watch, self.slabs, self.moved, self.drift
         )
         return int(taken), float(drift)
 
     def _kick(self, dt: float, effects: tuple[Any, ...]) -> tuple[Array, Array]:
-        """What forces alone, from where the particles are, add to v and C in dt (s); the watch looks at the motion as it is now."""
+        """Change of v and C in dt (s) by forces alone, at the present positions. The watch checks the present state."""
         v, C = np.zeros_like(self.v), np.zeros_like(self.C)
         self._steps(1, dt, effects, self.x.copy(), v, C, self.L.copy(), self.F.copy())
         return v, C
 
-    def look(self) -> Look:
-        """The motion as it is now, which the watch looks at as well.
+    def kinematics(self) -> Kinematics:
+        """The present kinematics. The watch checks the present state as well.
 
-        Velocities are half a step behind the places, as in the total formulation, and are brought up to them.
+        Velocities lag half a step behind positions, as in the total formulation. Here they are brought up to the time of the positions.
         """
-        if self.drift > kernels.DRIFT:
+        if self.drift > apic_step.DRIFT:
             self.sort()
         with self.threads.alone():
             dv, dC = self._kick(self.lag, self._last)
-            return self._look(self.v + dv, self.C + dC)
+            return self._kinematics(self.v + dv, self.C + dC)
 
-    def _look(self, v: Array, C: Array) -> Look:
+    def _kinematics(self, v: Array, C: Array) -> Kinematics:
         F = self._in_order(self.F, 9).reshape(-1, 3, 3)
         F[self.model.held] = np.eye(3)
-        return Look(self._places(), self._in_order(v, 3), F, self._kinetic(v, C))
+        return Kinematics(self._places(), self._in_order(v, 3), F, self._kinetic(v, C))
 
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
-        """Take the velocities to half a step of dt (s) before the places, where steps of dt expect them (see TotalMotion)."""
+        """Shift the velocities to half a step of dt (s) before the positions, as steps of dt expect them (see TotalMotion)."""
         back = dt / 2 - self.lag
         if abs(back) <= 1e-9 * dt:
             return
-        if self.drift > kernels.DRIFT:
+        if self.drift > apic_step.DRIFT:
             self.sort()
         dv, dC = self._kick(abs(back), effects)
         self.v -= np.sign(back) * dv
@@ -192,13 +192,13 @@ class UpdatedMotion:
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def kept(self) -> dict[str, Any]:
-        """What `rewind` needs, in the same process: cheaper than `state`."""
+        """What `rewind` needs within the same process. Cheaper than `state`."""
         field = None if self.drift_correction is None else self.drift_correction.field.copy()
         changed = {name: getattr(self, name).copy() for name in ("x", "v", "C", "L", "F", "stiffness")}
         return {**vars(self), **changed, "field": field}
 
     def rewind(self, kept: dict[str, Any]) -> None:
-        """Go back to what was kept."""
+        """Go back to the state that `kept` returned."""
         field = kept["field"]
         for name, value in kept.items():
             if name != "field":
@@ -208,14 +208,14 @@ class UpdatedMotion:
             self.drift_correction.field[:] = field
 
     def _relax(self) -> None:
-        """Take places and F towards the fit (dynamics.drift_correction).
+        """Move positions and F toward the fit (dynamics.drift_correction).
 
-        Places that are shifted under their velocities change a free body's spin: it is given back as a rotation of the whole.
+        New positions at old velocities would change the angular momentum of a free body. A rotation of the whole body restores it.
         """
         if self.drift_correction is None:
             return
         before = self.x.copy()
-        self.stiffness[:] = np.nan  # it changes, but not because of the motion
+        self.stiffness[:] = np.nan  # F changes here, but not by the motion
         self.drift += self.drift_correction.relax(self.x, self.F, self.rows(), self.touching, self.since)
         self.since = 0
         if not self.model.free:
@@ -224,7 +224,7 @@ class UpdatedMotion:
         x, v, moved = (self._rowwise(blocks) for blocks in (self.x, self.v, self.x - before))
         lost = -mass @ np.cross(moved, v)
         arm = x - mass @ x / mass.sum()
-        affine = np.diag(self.model.grid.spacing**2 / 4)  # of APIC: C of a particle turns as a block with this second moment does
+        affine = np.diag(self.model.grid.spacing**2 / 4)  # APIC: C of a particle turns like a block with this second moment
         second = arm.T @ (mass[:, None] * arm) + mass.sum() * affine
         turn = np.linalg.solve(np.trace(second) * np.eye(3) - second, lost)
         self.v += _flat(np.cross(turn, arm))
@@ -234,14 +234,14 @@ class UpdatedMotion:
             C[:, 3 * i + j] -= turn[k]
 
     def rows(self) -> Index:
-        """Row (n,) of each of the model's particles; 0 of held ones, which have none."""
+        """Row (n,) of each of the model's particles; 0 for held ones, which have no row."""
         row = np.zeros(len(self.model.density), np.int64)
         real = self.particle >= 0
         row[self.particle[real]] = np.flatnonzero(real)
         return row
 
     def particles(self) -> tuple[Array, Array, Array]:
-        """x, v (n, 3) and F (n, 3, 3), in the model's order."""
+        """x m, v m/s (n, 3) and F (n, 3, 3), in the model's order."""
         F = self._in_order(self.F, 9).reshape(-1, 3, 3)
         F[self.model.held] = np.eye(3)
         return self._places(), self._in_order(self.v, 3), F
@@ -256,7 +256,7 @@ class UpdatedMotion:
         return self._in_order(self.C, 9).reshape(-1, 3, 3)
 
     def _in_order(self, blocks: Array, width: int) -> Array:
-        """(n, width) values in the model's order, of blocks as the kernel has them."""
+        """Values (n, width) in the model's order, from the kernel's blocks."""
         rows = self._rowwise(blocks, width)
         real = self.particle >= 0
         out = np.zeros((len(self.model.density), width))
@@ -265,18 +265,18 @@ class UpdatedMotion:
 
     @staticmethod
     def _rowwise(blocks: Array, width: int = 3) -> Array:
-        """(n8, width) values of blocks as the kernel has them, padding included."""
+        """Values (n8, width) row by row, with padding, from the kernel's blocks."""
         return blocks.reshape(-1, width, WIDTH).transpose(0, 2, 1).reshape(-1, width)
 
     def kinetic_energy(self) -> float:
-        """Of the particles' velocities and of their affine parts, J."""
+        """Kinetic energy of the particles' velocities and of their affine parts, J."""
         return self._kinetic(self.v, self.C)
 
     def _kinetic(self, v: Array, C: Array) -> float:
-        """Of velocities and their affine parts in blocks, J.
+        """Kinetic energy, J, of velocities and their affine parts in blocks.
 
-        What the nodes get from a particle has the second moment m h^2 / 4 along each axis (kernels.apic_step): what turns, or changes
-        shape, moves there as well.
+        The mass that a particle gives to the nodes has the second moment m h^2 / 4 along each axis (kernels.apic_step). So it also moves
+        where the particle turns or changes shape.
         """
         mass = (self.density * self.volume).reshape(-1, 1, WIDTH)
         affine = np.tile(self.model.grid.spacing**2 / 4, 3)[:, None] * C.reshape(-1, 9, WIDTH) ** 2
@@ -284,11 +284,11 @@ class UpdatedMotion:
 
     @property
     def unknowns(self) -> int:
-        """Components of the particles' positions."""
+        """Number of components of the particles' positions."""
         return 3 * len(self.model.density)
 
     def state(self) -> dict[str, Array]:
-        """What `restore` needs; taken just after a sort, going on from it gives the same bits as going on."""
+        """What `restore` needs. If taken right after a sort, a restored motion gives the same bits as one that never stopped."""
         x, v, F = self.particles()
         kept: dict[str, Array] = {"lag": np.array(self.lag)}
         if self.keeps_gradient:
@@ -298,7 +298,7 @@ class UpdatedMotion:
         return {"x": x, "v": v, "F": F, "C": self.affine(), **kept}
 
     def restore(self, state: dict[str, Array]) -> None:
-        """Go back to a state."""
+        """Go back to a `state`."""
         self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"))
         self.lag = float(state.get("lag", 0.0))
         if self.drift_correction is not None:
@@ -306,10 +306,10 @@ class UpdatedMotion:
 
 
 def _blocks(rows: Array, source: Index) -> Array:
-    """Values (n, k) of particles, taken in an order, in blocks of eight: flat, (n8 / 8, k, 8)."""
+    """Values (n, k) of particles, in the order of source, as flat blocks of eight: (n8 / 8, k, 8)."""
     return _flat(rows[source])
 
 
 def _flat(rows: Array) -> Array:
-    """Rows (n8, k) as the kernel has them."""
+    """Rows (n8, k) as the kernel's flat blocks."""
     return np.ascontiguousarray(rows.reshape(-1, WIDTH, rows.shape[1]).transpose(0, 2, 1)).reshape(-1)

@@ -1,4 +1,4 @@
-"""A motion's state on disk, from which it goes on as if it had never stopped."""
+"""State of a motion on disk. From it the motion continues as if it had never stopped."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "contr
 
 
 def motion_hash(scene: Scene) -> str:
-    """Scene.hash() of what decides a motion up to any moment: all but its duration, how often it is looked at, and its budgets."""
+    """Scene.hash() of all settings that decide a motion up to any time: all but its duration, its frames and its budgets."""
     assert scene.solver.dynamic is not None
     endless = scene.solver.dynamic.model_copy(
         update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None}
@@ -31,7 +31,7 @@ def motion_hash(scene: Scene) -> str:
 class Checkpoint:
     """State arrays of a motion after `steps` steps, at frame number `frame`, time s.
 
-    scene_hash: of what (`motion_hash`); every: time between frames, s; control: of StepControl.
+    scene_hash: see `motion_hash`; every s: time between frames; control: state of StepControl.
     """
 
     scene_hash: str
@@ -44,7 +44,7 @@ class Checkpoint:
     state: dict[str, Array]
 
     def save(self, folder: Path | str) -> Path:
-        """Write it into a folder, in place of an earlier one, whole or not at all. Raises OSError, with the file's name."""
+        """Write the checkpoint to a folder, over an earlier one, completely or not at all. Raises OSError, with the name of the file."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         about = {k: getattr(self, k) for k in _ABOUT}
@@ -54,9 +54,9 @@ class Checkpoint:
 
     @classmethod
     def load(cls, folder: Path | str, scene: Scene) -> Checkpoint | None:
-        """The checkpoint in a folder, None if there is none.
+        """The checkpoint in a folder, or None if there is none.
 
-        Raises InputError if it belongs to another scene, has gone on for longer than this one, or can't be read.
+        Raises InputError if it belongs to another scene, if its time exceeds the scene's duration, or if it can't be read.
         """
         path = Path(folder) / CHECKPOINT
         if not path.exists():
@@ -71,7 +71,7 @@ class Checkpoint:
         return saved
 
     def _must_be_of(self, scene: Scene, path: Path) -> None:
-        """Raises InputError unless a scene's motion can go on from here: the same scene, only longer perhaps."""
+        """Raise InputError unless the motion of a scene can continue from here: the same scene, possibly with a longer duration."""
         options = scene.solver.dynamic
         assert options is not None
         if self.scene_hash != motion_hash(scene) or (options.output_every or self.every) != self.every:
@@ -104,11 +104,11 @@ class Checkpoint:
             )
 
     def times(self, options: DynamicOptions) -> list[float]:
-        """Times (s) of the frames after the first of a motion that goes on from here: as often as before."""
+        """Times (s) of all frames but the first of a motion that continues from here, at the same interval."""
         return options.model_copy(update={"output_every": self.every}).frame_times
 
     def must_fit(self, state: dict[str, Array], folder: Path | str) -> None:
-        """Raises InputError unless it holds the arrays that a motion's state has, in their shapes; folder: where it was loaded from."""
+        """Raise InputError unless the checkpoint has the arrays and shapes of a motion's state. folder: where it was loaded from."""
         found, needed = ({name: array.shape for name, array in arrays.items()} for arrays in (self.state, state))
         if found != needed:
             raise _useless(Path(folder) / CHECKPOINT, f"arrays {found}, where this motion has {needed}")

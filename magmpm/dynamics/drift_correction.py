@@ -1,19 +1,19 @@
-"""Keeps the updated formulation's particles true to the body they are of.
+"""Drift correction: ties the particles of the updated formulation to the deformation of their body.
 
-F is integrated step by step, of a velocity that lies in the splines of a grid past which the particles move. In time particles shift,
-by parts of a cell, in ways that relax the strain at the particles and leave the body bent: a strip of two cells that was folded and
-let go kept a bend of 13 % of its length, in steps eight times smaller 3 %. A hyperelastic body has no such memory: its F is the gradient
-of its deformation. So every INTERVAL steps the displacements of the particles are fitted, by least squares, with the splines of the
-undeformed body's grid: the deformations that statics and the total formulation know. Places go a part of the way to that fit,
-and F to its gradient, with its det averaged over cells as in statics (F-bar). The same strip keeps 0.2 %, and a catheter under
-load settles where statics has it (docs/stability.md has the numbers). F alone is not enough: what the fit can't see would then have no
-stiffness, and slowly grows.
+F is integrated step by step from a velocity in the splines of a grid, and the particles move past this grid. In time, particles shift by
+parts of a cell, in ways that relax their strain and leave the body bent. A strip of two cells that was folded and released kept a bend
+of 13 % of its length, or 3 % with steps eight times smaller. A hyperelastic body has no such memory: its F is the gradient of its
+deformation. So every INTERVAL steps the displacements of the particles are fitted by least squares, with the splines of the grid in the
+undeformed body. Statics and the total formulation use the same splines. Positions move part of the way to the fit, and F to its gradient,
+with det F averaged over cells as in statics (F-bar). The same strip then keeps 0.2 %, and a catheter under load settles at the static
+shape (numbers in docs/stability.md). Correcting F alone is not enough: shifts that the fit can't represent would have no stiffness, and
+would slowly grow.
 
-The fit is weighted by mass: the centre of mass stays where it is. Velocities are not touched.
+The fit is weighted by mass, so the center of mass stays where it is. Velocities do not change.
 
-Folds of the body that touch and are not neighbours keep their pressure (it is strain that only the grid in space gives them: relaxed, it
-would let them sink into each other), but not their tension: what sticks lets go within some spans. Left alone is what is OFF cells off
-the fit: there the body has been torn. Components of the body (magmpm.bodies.connectivity) are fitted apart.
+Folds of the body that touch, but are not neighbors, keep their pressure. Only the grid in space gives them this strain; if it relaxed, they
+would sink into each other. They do not keep their tension, so folds that stick separate within a few spans. Particles more than OFF cells
+away from the fit are left alone: there the body is torn. Each component of the body (magmpm.bodies.connectivity) has its own fit.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.dynamics.particle_groups import slab_edges
-from magmpm.kernels import reference_fit as kernels
+from magmpm.kernels import reference_fit
 from magmpm.model import Model
 
 INTERVAL = 512  # steps from one fit to the next
-SPAN = 1024.0  # steps in which they go 1 - 1/e of the way; a third of it is stable as well
-OFF = 0.25  # cells
-EXACT = 1e-6  # cells: what is left of the fit's normal equations, per node
-FAR = 7.0  # of the longest cell: particles within three cells of each other that were farther apart along an axis touch (turned: 5.2)
-MOST = 24  # iterations of a fit: 20 take a swing from rest to within 1e-4 cells of the best
-GOOD = 1e-3  # cells: what a fit may lack; F waits for the next one where it lacks more
+SPAN = 1024.0  # steps in which particles move 1 - 1/e of the way to the fit; a third of it is stable as well
+OFF = 0.25  # cells: particles farther from the fit are left alone
+EXACT = 1e-6  # cells: residual of the normal equations at which the fit stops, per node
+FAR = 7.0  # of the longest cell: particles within three cells of each other touch if they were farther apart along an axis (turned: 5.2)
+MOST = 24  # iterations of a fit: for a swing from rest, 20 reach the best fit to 1e-4 cells
+GOOD = 1e-3  # cells: largest error of a fit that is used; if it is larger, F waits for the next fit
 
 
 class DriftCorrection:
-    """Fits of a model's displacements. `field` (nodes, 3) m: the last fit's coefficients, from which the next one starts."""
+    """Fits of a model's displacements. `field` (nodes, 3) m: coefficients of the last fit, where the next fit starts."""
 
     def __init__(self, model: Model) -> None:
         grid, particles = model.grid, model.particles
@@ -51,8 +51,8 @@ class DriftCorrection:
         self.node_component, within = np.divmod(key, int(np.prod(grid.nodes)))
         self.node_place = grid.origin + grid.spacing * (np.stack(np.unravel_index(within, grid.nodes), axis=1) - 0.5)
         self.per = 1.0 / grid.spacing
-        self.cells = kernels.Cells(_slabs(base[:, 0]), cell_first, node, grid.origin + base * grid.spacing, self.per)
-        self.particles = kernels.Particles(particles.position, particles.volume, model.density, model.modes)
+        self.cells = reference_fit.Cells(_slabs(base[:, 0]), cell_first, node, grid.origin + base * grid.spacing, self.per)
+        self.particles = reference_fit.Particles(particles.position, particles.volume, model.density, model.modes)
         self.rest = particles.position
         self.size = float(grid.spacing.min())
         self.held = model.held
@@ -62,19 +62,19 @@ class DriftCorrection:
 
     def _moments(self, values: Array, nodes: int) -> Array:
         out = np.zeros((nodes, 3))
-        kernels.moments(self.cells, self.particles, values, out)
+        reference_fit.moments(self.cells, self.particles, values, out)
         return out
 
     def _values(self, field: Array) -> Array:
         out = np.empty((len(self.rest), 3))
-        kernels.interpolate(self.cells, self.rest, field, out)
+        reference_fit.interpolate(self.cells, self.rest, field, out)
         return out
 
     def fit(self, moved: Array) -> bool:
-        """Fit displacements moved (n, 3) m, from the last fit on. Returns whether the fit is good enough to be used.
+        """Fit displacements moved (n, 3) m, starting from the last fit. Returns whether the fit is good enough to be used.
 
-        What has changed by an affine motion of each component is added as it is: splines hold it exactly. The rest by conjugate gradients
-        on the normal equations, of all three axes at once.
+        The affine part of each component's motion since then is added directly: splines represent it exactly. Conjugate gradients on the
+        normal equations find the rest, for all three axes at once.
         """
         self._add_affine(moved - self._values(self.field))
         residual = self._moments(moved - self._values(self.field), len(self.field))
@@ -91,11 +91,11 @@ class DriftCorrection:
             self.field += part * step
             residual -= part * pushed
             before = now
-        self.field += residual.sum(axis=0) / self.mass  # splines add up to 1: nothing is left of the centre of mass
+        self.field += residual.sum(axis=0) / self.mass  # splines add up to 1: this removes the residual of the center of mass
         return bool(np.abs(residual / self.node_mass).max() < GOOD * self.size)
 
     def _add_affine(self, left: Array) -> None:
-        """Take the affine part of each component of what is left (n, 3) m into the field: at a node, its value at the spline's middle."""
+        """Add the affine part of the residual left (n, 3) m, by component, to the field: its value at the middle of each spline."""
         for component in np.unique(self.component):
             mine, nodes = self.particle_component == component, self.node_component == component
             middle = self.rest[mine].mean(axis=0)
@@ -105,9 +105,9 @@ class DriftCorrection:
             self.field[nodes] += np.column_stack([np.ones(np.count_nonzero(nodes)), (self.node_place[nodes] - middle) / self.size]) @ affine
 
     def touching(self, cell: Index, shape: Index) -> NDArray[np.bool_]:
-        """Which particles (n,) share nodes with some of their component that are not their neighbours.
+        """Which particles (n,) share nodes with particles of their component that are not their neighbors.
 
-        cell (n, 3): where they are in a box of so many nodes (3,).
+        cell (n, 3): cells of the particles, in a box with shape (3,) nodes.
         """
         where = self.rest * self.per.min()  # cells
         key = np.ravel_multi_index(tuple(cell.T), tuple(shape)) + int(np.prod(shape)) * self.particle_component
@@ -124,9 +124,9 @@ class DriftCorrection:
         return (most - least > FAR).any(axis=1)[of]
 
     def relax(self, x: Array, F: Array, row: Index, touching: NDArray[np.bool_], steps: int) -> float:
-        """Take x m and F the way they go in so many steps: flat in blocks of eight, row (n,) of each particle in them.
+        """Move x m and F toward the fit, by the share due after `steps` steps. Both are flat blocks of eight; row (n,): of each particle.
 
-        touching (n,): keep their pressure. Held particles stay. Returns how far a particle has been moved at most, in cells along an axis.
+        touching (n,): particles that keep their pressure. Held particles stay. Returns the largest move along an axis, in cells.
         """
         block, lane = np.divmod(row, 8)
         moved = x.reshape(-1, 3, 8)[block, :, lane] - self.rest
@@ -135,21 +135,21 @@ class DriftCorrection:
             return 0.0
         before = x.copy()
         part = 1.0 - np.exp(-steps / SPAN)
-        kernels.relax(self.cells, self.particles, self.field, moved, self.held, touching, OFF * self.size, part, row, x, F)
+        reference_fit.relax(self.cells, self.particles, self.field, moved, self.held, touching, OFF * self.size, part, row, x, F)
         return float((np.abs(x - before).reshape(-1, 3, 8).max(axis=(0, 2)) * self.per).max())
 
 
 def _slabs(plane: Index) -> Index:
-    """First cell of each slab of at least two planes, with cells sorted by plane (cells,)."""
+    """First cell of each slab of at least two planes; plane (cells,): sorted plane of each cell."""
     edges = slab_edges(int(plane[-1] - plane[0]) + 1, 2) + plane[0]
     first: Index = np.searchsorted(plane, edges)
     return first
 
 
 def _stencils(base: Index, component: Index, shape: tuple[int, int, int]) -> tuple[NDArray[np.int32], Index]:
-    """The 27 nodes of each cell (cells, 27), numbered over those that any cell of a component has.
+    """The 27 nodes of each cell (cells, 27), numbered over the nodes that the cells of each component touch.
 
-    And (nodes,) which they are: the component times the number of nodes of the grid, plus the node's number in it.
+    And (nodes,) what these are: component times number of nodes in the grid, plus number of the node in the grid.
     """
     offsets = np.array(list(product(range(3), repeat=3)))
     near = base[:, None, :] + offsets

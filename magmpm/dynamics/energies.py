@@ -9,13 +9,13 @@ import numpy as np
 from magmpm import materials
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects import acting as effects
+from magmpm.effects import acting
 from magmpm.effects.hooks import add_energy, add_stress, has_hook
 from magmpm.model import Model
 
 
 def volume_change(model: Model, J: Array, averaged: bool) -> Array:
-    """J - 1 (n,) as the volume part of the energy sees it: projected on the cells' modes where averaged (bodies.volume_modes)."""
+    """J - 1 (n,) as it enters the volume part of the energy: if averaged, projected on the modes of the cells (bodies.volume_modes)."""
     change = J - 1.0
     if not averaged or model.modes.shape[1] == 0:
         return change
@@ -39,7 +39,7 @@ def elastic_energy(model: Model, F: Array, averaged: bool) -> float:
 
 
 def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...], P: Array) -> None:
-    """P (n, 3, 3) Pa += what the effects `named` add to the stress."""
+    """Add the stress of the effects `named` to P (n, 3, 3) Pa."""
     if has_hook("stress", named):
         _add_stress(named, model.remanence, model.density, x, F, P)
 
@@ -50,7 +50,7 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
     for key, effect in model.scene.effects.named().items():
         named = effect.records(model.scene, 1.0, np.array([time]))
         if named and effect.REFRESHED is not None:
-            found[key] = effects.shared_energy(named, model, x, F)
+            found[key] = acting.shared_energy(named, model, x, F)
         elif named and has_hook("energy", named):
             each = np.empty(len(x))
             _energies(named, model.remanence, model.density, x, F, each)
@@ -66,7 +66,7 @@ def _determinants(F, J):  # type: ignore[no-untyped-def]
 
 @compiled
 def _elastic(F, J, change, shear, bulk, volume, P):  # type: ignore[no-untyped-def]
-    """Energy of all particles, J, and the stress of each into P; change (n,): J - 1 as the volume part sees it."""
+    """Energy of all particles, J, and the stress of each into P; change (n,): J - 1 as it enters the volume part."""
     cof, total = np.empty((3, 3)), 0.0
     for p in range(len(F)):
         materials.cofactor(F[p], cof)

@@ -1,9 +1,9 @@
-"""How much too slowly a free body turns: mass that sits on nodes sits farther out than it is.
+"""How much too slowly a free body turns: mass on nodes lies farther out than the mass of the particles.
 
-Nodes get a particle's mass by splines whose second moment is h^2 / 4 along each axis: lumped in the total formulation, and in the updated
-one through APIC's affine part. A body of mass M so turns with the inertia I + M (h_y^2 + h_z^2) / 4 about x, and so on: a cube of two
-cells by 75 % too much, of four by 19 %, of eight by 5 %. Momentum, spin and energy are kept as exactly as ever, and what bends and
-swings has little of it (a rod's first frequency 0.6 % at 2 cells).
+Particles give their mass to the nodes by splines with second moment h^2 / 4 along each axis: in the total formulation as lumped mass, in
+the updated one through the affine part of APIC. So a body of mass M turns with the inertia I + M (h_y^2 + h_z^2) / 4 about x, and likewise
+about y and z. This is 75 % too much for a cube of two cells, 19 % for four, 5 % for eight. Momentum, angular momentum and energy are still
+conserved. Bending and swinging suffer little (0.6 % in the first frequency of a rod of 2 cells).
 
 Source: Belytschko et al., Nonlinear Finite Elements (2014), 2.4 (lumped mass).
 """
@@ -15,11 +15,11 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 
-TOLD = 0.02  # of the inertia: less is not worth a warning
+TOLD = 0.02  # of the inertia: a smaller excess gives no warning
 
 
 def excess(model: Model) -> Array:
-    """Excess (3,) of the moments of inertia over the body's own, smallest first, of the worst free component; 0 if all is held."""
+    """Relative excess (3,) of the moments of inertia of the worst free component, smallest first; 0 if every component is held."""
     particles, found = model.particles, np.zeros(3)
     mass = model.density * particles.volume
     component = model.scene.body.shape.components(particles)
@@ -38,13 +38,13 @@ def excess(model: Model) -> Array:
 
 
 def warnings(model: Model) -> list[str]:
-    """One sentence where a free body turns noticeably too slowly. A body in plane strain turns about y alone."""
+    """One sentence if a free body turns noticeably too slowly, else none. A body in plane strain turns about y alone."""
     if model.plane_strain:
         return []
     least, _, most = excess(model)
     if most < TOLD:
         return []
     return [
-        f"resolution: what is free here turns as if its moments of inertia were {100 * least:.2g} to {100 * most:.2g} % larger "
-        "(mass sits on nodes: M h^2 / 4 along each axis); twice the cells across bring that down to a quarter"
+        f"resolution: a free body here turns as if its moments of inertia were {100 * least:.2g} to {100 * most:.2g} % larger "
+        "(mass sits on nodes: M h^2 / 4 along each axis); twice as many cells across reduce this to a quarter"
     ]

@@ -1,4 +1,4 @@
-"""The grid of the updated formulation: a box of nodes around the particles, one for each component of the body."""
+"""The grid of the updated formulation: a box of nodes around the particles, once for each component of the body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from magmpm.model import Model
 
 
 class Box(NamedTuple):
-    """A box of cells around a model's particles. low (3,): its first cell, of the model's grid; shape (3,): its nodes; component (n,)."""
+    """A box of cells around a model's particles.
+
+    component (n,): of each particle; low (3,): first cell of the box, counted in the model's grid; shape (3,): number of nodes.
+    """
 
     model: Model
     component: Index
@@ -24,7 +27,7 @@ class Box(NamedTuple):
     shape: Index
 
     def grid(self, cell: Index) -> tuple[Grid, Array, Index]:
-        """All grids for particles at cells (n, 3) of the box; held mass (`_held_nodes`); where components may meet (`_reached`)."""
+        """All grids, for particles in cells (n, 3) of the box; held mass (`_held_nodes`); where components may meet (`_reached`)."""
         model, h, nodes = self.model, self.model.grid.spacing, int(np.prod(self.shape))
         origin, grids = model.grid.origin + self.low * h, int(self.component.max()) + 1
         planes, shared = self._reached(cell)
@@ -37,14 +40,14 @@ class Box(NamedTuple):
         return grid, weight, shared
 
     def _along(self) -> tuple[int, int]:
-        """Nodes from one to the next along x and y."""
+        """Steps in node number along x and y."""
         return int(self.shape[1] * self.shape[2]), int(self.shape[2])
 
     def _reached(self, cell: Index) -> tuple[Index, Index]:
-        """Planes of nodes, of all components' grids in turn, that may get mass until particles at cells (n, 3) are sorted again;
-        and the box (2, 3) of nodes, from the first to one past the last, that two components may both reach: empty where none can meet.
+        """Planes of nodes, grid after grid, that may get mass before particles in cells (n, 3) are sorted again. And the box (2, 3) of
+        nodes that two components may both reach, from the first to one past the last: empty if none can meet.
 
-        A particle of cell c sees nodes c to c + 2, and moves by less than a cell.
+        A particle in cell c touches nodes c to c + 2, and moves by less than a cell.
         """
         first = np.array([cell[self.component == k].min(axis=0) - 1 for k in range(int(self.component.max()) + 1)])
         last = np.array([cell[self.component == k].max(axis=0) + 4 for k in range(len(first))])
@@ -56,10 +59,10 @@ class Box(NamedTuple):
         if not shared:
             return planes, np.zeros((2, 3), np.int64)
         inside = np.array([np.min([low for low, _ in shared], axis=0), np.max([high for _, high in shared], axis=0)])
-        return planes, np.clip(inside, 1, self.shape - 1)  # slopes look at a node's neighbors
+        return planes, np.clip(inside, 1, self.shape - 1)  # slopes of mass need the neighbors of a node
 
     def _held_nodes(self, origin: Array, grids: int) -> tuple[NDArray[np.int8], Array]:
-        """(grids nodes,) 1 where a held particle of the grid's component has weight; and, if components can meet, the held mass, kg."""
+        """(grids nodes,) 1 at nodes that held particles of the grid's component touch; and, with several components, the held mass, kg."""
         nodes, along = int(np.prod(self.shape)), self._along()
         fixed, weight = np.zeros(grids * nodes, np.int8), np.zeros(grids * nodes if grids > 1 else 0)
         held = np.flatnonzero(self.model.held)
@@ -75,14 +78,14 @@ class Box(NamedTuple):
         return fixed, weight
 
     def _mirrors(self, fixed: NDArray[np.int8]) -> tuple[Index, int]:
-        """(pairs, 2) nodes on either side of a face that is at rest, the outer one first: it moves as the inner one does, backwards.
+        """Pairs (pairs, 2) of nodes on either side of a face at rest, the outer one first; and how many of them, the first, adjoin a face.
 
-        So the face is at rest, and nothing more (bodies.grid.clamp_first_node). And how many of the pairs, the first, are next to a
-        face: behind the base's, all nodes mirror those before it, or are fixed. Nodes inside a face are free, though a held part touches
-        them: `fixed` is changed.
+        The outer node gets minus the velocity of the inner one. So the face is at rest, and nothing else (bodies.grid.clamp_first_node).
+        Behind the face of the base, all nodes mirror those in front of it, or are fixed. Nodes inside a face are free, even where a held
+        part touches them: this changes `fixed`.
         """
         model, found = self.model, [np.zeros((0, 2), np.int64)]
-        number = np.arange(len(fixed)).reshape(-1, *self.shape)  # of every component's grid
+        number = np.arange(len(fixed)).reshape(-1, *self.shape)  # in the grids of all components
         for plane in (*model.planes, *([ClampPlane(0, True, 0)] if model.clamped_face else [])):
             inner, axis = plane.cell + 1 - int(self.low[plane.axis]), 1 + plane.axis
             pair = number.take([inner - 1 if plane.lower else inner + 1, inner], axis=axis)

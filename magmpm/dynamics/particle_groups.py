@@ -1,4 +1,4 @@
-"""A model's particles in groups of eight lanes, as the total formulation's kernel takes them."""
+"""Particles of a model in groups of eight lanes, for the kernel of the total formulation."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ ALIKE = 12  # decimals
 
 @dataclass(frozen=True)
 class Packed:
-    """Groups of eight particles of one cell and one material, cells sorted by slab; the nodes of the whole grid, x slowest.
+    """Groups of eight particles of one cell and one material, with cells sorted by slab; nodes of the whole grid, x slowest.
 
-    A last group that is not full repeats its first particle with volume 0. particle (groups, 8): which particle of the model a lane
-    holds, -1 where it is a repetition; node_mass (nodes,) kg.
+    If the last group of a cell is not full, its other lanes repeat its first particle with volume 0. particle (groups, 8): the model's
+    particle in each lane, -1 for a repetition; node_mass (nodes,) kg.
     """
 
     cells: Cells
@@ -30,14 +30,14 @@ class Packed:
 
     @property
     def node_place(self) -> Array:
-        """Of the nodes in the undeformed body, (nodes, 3) m."""
+        """Positions of the nodes in the undeformed body, (nodes, 3) m."""
         return self.nodes.place.reshape(-1, 3)
 
 
 def slab_edges(cells: int, least: int) -> Index:
-    """First cell of each slab, and the end: slabs of at least so many cells, in fours where there are enough of them.
+    """First cell of each slab, and the end. Slabs have at least `least` cells, and their number is a multiple of four if possible.
 
-    Two colours on two or more threads then have the same number each: 41 slabs would leave one thread waiting for a twentieth of the time.
+    Then both colors give two threads the same number of slabs: with 41 slabs, one thread would wait a twentieth of the time.
     """
     count = max(1, cells // least)
     count -= count % 4 if count > 4 else 0
@@ -45,7 +45,7 @@ def slab_edges(cells: int, least: int) -> Index:
 
 
 def first_nodes(model: Model) -> Index:
-    """Grid index (n, 3) of the first node each particle touches: its cell, but one up along x in the clamped cells."""
+    """Grid index (n, 3) of the first node each particle touches: its cell, or one more along x in clamped cells."""
     first = model.particles.cell.astype(np.int64)
     if model.clamped_face:
         first[:, 0] = np.maximum(first[:, 0], 1)
@@ -53,10 +53,10 @@ def first_nodes(model: Model) -> Index:
 
 
 def pack(model: Model) -> Packed:
-    """Lanes of a model."""
+    """The particles and nodes of a model, packed in groups of eight."""
     shape = np.array(model.grid.nodes)
     first = first_nodes(model)
-    axis = int(np.argmax(shape))  # slabs across the longest side: the most of them
+    axis = int(np.argmax(shape))  # slabs across the longest side, to get as many as possible
     along = first[:, axis] - first[:, axis].min()
     slab = np.searchsorted(slab_edges(int(along.max()) + 1, 2), along, side="right") - 1
     order = np.lexsort((np.arange(len(slab)), model.particles.segment, first[:, 2], first[:, 1], first[:, 0], slab))
@@ -107,17 +107,17 @@ def pack(model: Model) -> Packed:
 
 
 def _lanes(values: Array, particle: Index) -> Array:
-    """(n, k) values of particles as (groups, k, 8), contiguous."""
+    """Values (n, k) of particles as (groups, k, 8), contiguous."""
     return np.ascontiguousarray(values[particle].transpose(0, 2, 1))
 
 
 def _alike(groups: Array) -> tuple[Index, Array]:
-    """What groups (groups, k, 8) have in common: where in the flat array of the different ones each begins, and those (kinds, k, 8).
+    """The different groups (kinds, k, 8) among groups (groups, k, 8), and where in their flat array each group begins.
 
-    Of numbers of the order of one, the same to rounding: cells are alike but for where they are, and a few kinds stay in the cache where
-    all would have to be read at every step.
+    The numbers are of order one, and groups are the same if they agree to rounding. Cells differ only in position, so there are few kinds.
+    They stay in the cache, where all groups would have to be read in every step.
     """
-    rounded = np.round(groups, ALIKE) + 0.0  # no -0.0
+    rounded = np.round(groups, ALIKE) + 0.0  # turns -0.0 into 0.0
     seen: dict[bytes, int] = {}
     first: list[int] = []
     kind = np.empty(len(groups), dtype=np.int64)

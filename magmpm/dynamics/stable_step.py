@@ -1,19 +1,19 @@
-"""The largest stable time step: what each formulation, and each effect, allows.
+"""The largest stable time step that each formulation and each effect allows.
 
 Explicit steps are stable while dt < 2 / omega of the fastest oscillation (symplectic Euler: Hairer, Lubich, Wanner, Geometric Numerical
 Integration, I.1.4). Three bounds are reported:
 
-* isolated: of a particle alone on its nodes. In the total formulation it holds for any set of particles, since the fastest oscillation
-  of a sum of particles is not faster than that of the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a =
-  sum over nodes of slope^2 / weight along each axis, a particle oscillates at omega^2 = largest eigenvalue of S^(1/2) A S^(1/2) / rho,
-  A the elastic tangent at rest and S = diag(s) on its reference side. In the updated formulation the particle may be
-  anywhere, and s_a = 6 / h_a^2, the most it can be, on a cell's face (4 / h_a^2 in its middle).
-* wave: the smallest cell's width over the speed of pressure waves, h / c. Not a bound by itself; printed to compare with.
-* body: 2 / omega of the body as a whole at its present deformation, by Lanczos iteration (total formulation only). This is what
-  limits the step there: up to twice the isolated bound.
+* isolated: for one particle alone on its nodes. In the total formulation this holds for any set of particles, since particles together
+  do not oscillate faster than the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a = sum over nodes of
+  slope^2 / weight along each axis, omega^2 of a particle is the largest eigenvalue of S^(1/2) A S^(1/2) / rho. A is the elastic tangent
+  at rest, and S = diag(s) acts on its reference side. In the updated formulation the particle may be anywhere. There s_a = 6 / h_a^2, the
+  largest value, on the face of a cell (4 / h_a^2 in its middle).
+* wave: width of the smallest cell over the speed of pressure waves, h / c. Not a bound by itself; printed for comparison.
+* body: 2 / omega of the whole body at its present deformation, by Lanczos iteration (total formulation only). It limits the step there,
+  and is up to twice the isolated bound.
 
-A step is also kept to 1/20 of the period of a field that turns or swings (schedule): no matter of stability, but sampled at
-longer intervals a field seems to change more slowly than it does, or not at all.
+In a field that turns or swings, a step is also at most 1/20 of the period (schedule). This is not for stability: with longer steps, the
+sampled field would seem to change more slowly than it does, or not at all.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from magmpm.compiled.arrays import Array
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.energies import volume_change
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import acting as effects
+from magmpm.effects import acting
 from magmpm.model import Model
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
-STIFFEST = 32  # particles whose bound is found exactly where the updated formulation's is found again
-A_PERIOD = 20  # steps in the shortest period of the field, at least: between two steps it is off a straight line by about 1 %
+STIFFEST = 32  # particles with an exact bound, when the bound of the updated formulation is found again
+A_PERIOD = 20  # least number of steps in the shortest period of the field: between two steps, a straight line is off by about 1 %
 
 
 @dataclass(frozen=True)
 class StableStep:
-    """Bounds in s; `effects` by effect, `schedule` of the field's, `largest` the one that counts."""
+    """Bounds in s. `effects`: by effect; `schedule`: of the field's schedule; `largest`: the smallest bound, which counts."""
 
     isolated: float
     wave: float
@@ -48,21 +48,21 @@ class StableStep:
 
     @property
     def of_body(self) -> float:
-        """The bound of the body's own oscillations, s."""
+        """The bound from the elastic oscillations of the body, s."""
         return self.isolated if self.body is None else self.body
 
     @property
     def largest(self) -> float:
-        """Largest step, s."""
+        """Largest stable step, s."""
         return self.largest_beside(self.of_body)
 
     def largest_beside(self, body: float) -> float:
-        """Largest step, s, where the body's own bound is another."""
+        """Largest stable step, s, with another bound for the body."""
         return min([body, *self.effects.values(), *self._of_schedule.values()])
 
     @property
     def named(self) -> dict[str, float]:
-        """Every bound by its name, s."""
+        """Every bound by name, s."""
         body = {} if self.body is None else {"body": self.body}
         return {"isolated": self.isolated, "wave": self.wave, **body, **self.effects, **self._of_schedule}
 
@@ -72,7 +72,7 @@ class StableStep:
 
 
 def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
-    """Bounds for a motion as it stands."""
+    """Bounds for the present state of a motion."""
     model = motion.model
     total = isinstance(motion, TotalMotion)
     h = model.grid.spacing
@@ -87,13 +87,13 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
         isolated=isolated(sums, model.shear, model.bulk, model.density),
         wave=float(h.min() / speed_of_sound(model).max()),
         body=body_step(motion) if isinstance(motion, TotalMotion) else None,
-        effects=effects.stable_steps(model),
+        effects=acting.stable_steps(model),
         schedule=_of_schedule(model),
     )
 
 
 def present_bound(motion: TotalMotion | UpdatedMotion) -> float:
-    """The bound of the body's own oscillations about its present shape, s: `body`, or `isolated` of the stiffest particles."""
+    """The bound from oscillations about the present shape, s: `body`, or `isolated` for the stiffest particles."""
     if isinstance(motion, TotalMotion):
         return body_step(motion)
     model = motion.model
@@ -103,9 +103,9 @@ def present_bound(motion: TotalMotion | UpdatedMotion) -> float:
 
 
 def stiffness(model: Model, F: Array, formulation: str) -> Array:
-    """About the largest eigenvalue of each particle's tangent over its density, (n,) m^2/s^2; F (n, 3, 3).
+    """Estimate of the largest eigenvalue of each particle's tangent, over density, (n,) m^2/s^2; F (n, 3, 3).
 
-    What the kernels look at in every step; formulas in materials. In the total formulation dP/dF, else dP/dF F^T.
+    Kernels check it in every step; formulas in materials. The tangent is dP/dF in the total formulation, else dP/dF F^T.
     """
     J, cofactor = np.linalg.det(F), np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
     I1, I2 = np.einsum("nij,nij->n", F, F), np.einsum("nij,nij->n", cofactor, cofactor)
@@ -119,7 +119,7 @@ def stiffness(model: Model, F: Array, formulation: str) -> Array:
 
 
 def _isolated_in_space(F: Array, shear: float, bulk: float, density: float, h: Array) -> float:
-    """Largest stable step, s, of a particle alone in the updated formulation, at F (3, 3)."""
+    """Largest stable step, s, of one particle alone in the updated formulation, at F (3, 3)."""
     cof, A = np.empty((3, 3)), np.empty((9, 9))
     materials.cofactor(F, cof)
     J = materials.determinant(F)
@@ -131,12 +131,12 @@ def _isolated_in_space(F: Array, shear: float, bulk: float, density: float, h: A
 
 
 def speed_of_sound(model: Model) -> Array:
-    """Of pressure waves, sqrt((K + 4/3 G) / rho), (n,) m/s."""
+    """Speed of pressure waves, sqrt((K + 4/3 G) / rho), (n,) m/s."""
     return np.sqrt((model.bulk + 4.0 / 3.0 * model.shear) / model.density)
 
 
 def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
-    """Largest stable step, s, of particles alone; sums (n, 3) 1/m^2, see the module's text."""
+    """Largest stable step, s, of particles that are alone; sums (n, 3) 1/m^2: see the module's docstring."""
     kinds = np.unique(np.column_stack([sums, shear / density, bulk / density]), axis=0)
     unit = np.eye(3).ravel()
     swap = np.eye(9).reshape(3, 3, 3, 3).transpose(0, 1, 3, 2).reshape(9, 9)  # F -> F^T
@@ -149,7 +149,7 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
 
 
 def body_step(motion: TotalMotion) -> float:
-    """2 / omega of the body's fastest oscillation about its present shape, s."""
+    """2 / omega of the fastest oscillation of the body about its present shape, s."""
     inverse = motion.packed.nodes.inverse_mass
     free = np.flatnonzero(inverse > 0)
     root = np.sqrt(inverse[free])
@@ -163,14 +163,14 @@ def body_step(motion: TotalMotion) -> float:
         moved[free] += size * step
         return (rest - motion.acceleration(moved)[free]) / (size * root)
 
-    begin = np.random.default_rng(0).standard_normal(len(free))  # the same every time: a resumed run finds the same step
+    begin = np.random.default_rng(0).standard_normal(len(free))  # always the same: a resumed run finds the same step
     operator = LinearOperator((len(free), len(free)), matvec=apply, dtype=float)
     largest = eigsh(operator, k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False)[0]
     return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))
 
 
 def _of_schedule(model: Model) -> float | None:
-    """The step that resolves a field that turns or swings, s; None where it does neither, or no effect feels it."""
+    """Largest step that resolves a field that turns or swings, s. None if the field does neither, or no effect depends on it."""
     over = model.scene.field.over_time
     if over is None or not model.scene.effects.in_a_field:
         return None

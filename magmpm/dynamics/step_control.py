@@ -1,15 +1,15 @@
-"""The time step while a body moves: as long as its present shape and motion allow.
+"""Control of the time step: as long as the present shape and motion of the body allow.
 
-The bound that a motion begins with (stable_step) is that of the undeformed body. Large strain makes silicone stiffer: as a particle is
-crushed (J -> 0) its tangent grows without bound, as J^(-8/3). And a body that is let go from a large strain all at once moves by
-a good part of a cell in a step, of which the bound of small oscillations knows nothing. So kernels look at every step (kernels.watch):
+The bound at the start of a motion (stable_step) belongs to the undeformed body. Large strain makes silicone stiffer: as a particle is
+crushed (J -> 0), its tangent grows without bound, as J^(-8/3). And a body released from a large strain moves by a good part of a cell
+in one step, which the bound for small oscillations does not cover. So kernels check two things in every step (kernels.watch):
 
-* at the stiffness of the stiffest particle: where it has outgrown that for which the step was chosen, the bound is found again for the
-  present shape, and steps are shortened if they must be;
-* at how much of it changes in one step: where it is more than CHANGE, steps are halved, until they resolve the motion. They
-  grow again as it calms down.
+* the stiffness of the stiffest particle. If it exceeds the stiffness for which the step was chosen, the bound is found again for the
+  present shape, and steps become shorter if they must;
+* the change of stiffness in one step. If it exceeds CHANGE, steps are halved until they resolve the motion. They grow again as the
+  motion calms down.
 
-A step that the scene gives itself is never changed: the motion ends where it is too long, and says so.
+A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ import numpy as np
 
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import StableStep, present_bound, stiffness
-from magmpm.dynamics.steps import Look, Records, take
+from magmpm.dynamics.steps import Kinematics, Records, take
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.dynamics.watchdog import Trouble
 from magmpm.kernels.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
 from magmpm.scene.motion_options import DynamicOptions
 
-CHANGE = 0.15  # of the largest stiffness, that a particle's may change by in a step
-RESERVE = 0.95  # of the bound, that a step may reach before the bound is found again
-CALM = 0.25  # of CHANGE: below it halved steps grow again
-SOFTER = 0.7  # of the stiffness that shortened the steps: below it the bound is found again at the next frame
+CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
+RESERVE = 0.95  # of the bound: a step above it asks for a new bound
+CALM = 0.25  # of CHANGE: below it, halved steps grow again
+SOFTER = 0.7  # of the stiffness that shortened the steps: below it, the next frame asks for a new bound
 MOST = 6  # halvings at once
-LEAST = 1e-4  # of the first step: what needs shorter ones is beyond what steps can follow
+LEAST = 1e-4  # of the first step: if even shorter steps are needed, the motion ends
 
 
 class StepControl:
-    """The step of a motion, and when to change it.
+    """The time step of a motion, and when to change it.
 
-    step: the longest the next steps may be, s; shortest: so far, s; why: what shortened it last, in a few words, or "".
+    step s: longest next step; shortest s: shortest step so far; why: what shortened it last, in a few words, or "".
     """
 
     def __init__(self, motion: TotalMotion | UpdatedMotion, stable: StableStep, options: DynamicOptions) -> None:
@@ -51,38 +51,38 @@ class StepControl:
         self._set_watch()
 
     def state(self) -> dict[str, float]:
-        """What `restore` needs: plain numbers."""
+        """What `restore` needs, as plain numbers."""
         return {
             "bound": self._bound, "stiffness": self._stiffness, "halvings": self._halvings, "step": self.step,
             "shortest": self.shortest,
         }  # fmt: skip
 
     def restore(self, state: dict[str, float]) -> None:
-        """Go back to a state."""
+        """Go back to a `state`."""
         self._bound, self._stiffness, self._halvings = state["bound"], state["stiffness"], int(state["halvings"])
         self.step, self.shortest = state["step"], state["shortest"]
         self._set_watch()
 
     def warnings(self) -> list[str]:
-        """One sentence where steps had to be much shorter than at the start."""
+        """One sentence if steps had to be much shorter than at the start, else none."""
         if self.shortest > 0.5 * self._longest:
             return []
         return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why or 'as before'}"]
 
-    def take(self, named: Records, steps: int, dt: float) -> tuple[int, Look, Trouble | None]:
-        """Take up to `steps` steps of dt (s), fewer where the next ones have to be shorter.
+    def take(self, named: Records, steps: int, dt: float) -> tuple[int, Kinematics, Trouble | None]:
+        """Take up to `steps` steps of dt (s), fewer if the next ones must be shorter.
 
-        Returns how many were taken, the motion then, and what is wrong where it can't go on.
+        Returns the number taken, the kinematics after them, and what is wrong if the motion can't go on.
         """
         motion, watch = self._motion, self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()
         taken, _ = take(motion, named, steps, dt)
-        now = motion.look() if watch[WHY] == GOING else None
+        now = motion.kinematics() if watch[WHY] == GOING else None
         trouble = None
         if watch[WHY] in (QUICK, BROKEN):
             trouble = self._halve()
-            if trouble is None:  # the last step was too long: it is not taken
+            if trouble is None:  # the last step was too long: take it back
                 taken = max(taken - 1, 0)
                 motion.rewind(kept)
                 take(motion, named, taken, dt)
@@ -92,17 +92,17 @@ class StepControl:
         elif self._halvings and watch[QUICKEST] < CALM * CHANGE:
             self._halvings -= 1
             self._choose()
-        return taken, now or motion.look(), trouble
+        return taken, now or motion.kinematics(), trouble
 
     def at_frame(self) -> None:
-        """Find the bound again where what had shortened the steps is over."""
+        """Find the bound again if the body is softer than when the steps were shortened."""
         highest = self._motion.watch[HIGHEST]
         if self._bound < self._stable.of_body and 0.0 < highest < SOFTER * self._stiffness:
             self._find_bound()
         self._motion.watch[HIGHEST] = 0.0
 
     def _halve(self) -> Trouble | None:
-        """Shorter steps, by as many halves as the last one was too long."""
+        """Halve the step as often as needed, from how far the last one was too long."""
         broke, given = self._motion.watch[WHY] == BROKEN, self._options.time_step is not None
         over = 16.0 if broke else self._motion.watch[QUICKEST] / CHANGE
         halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), MOST)
@@ -113,7 +113,7 @@ class StepControl:
         return None
 
     def _find_bound(self) -> Trouble | None:
-        """The bound of the body as it is now."""
+        """Find the bound for the present shape of the body."""
         self._bound = present_bound(self._motion)
         self._stiffness = float(self._motion.watch[HIGHEST])
         largest = self._stable.largest_beside(self._bound)
@@ -125,7 +125,7 @@ class StepControl:
         return None
 
     def _choose(self) -> None:
-        """The step for the bound and the halvings as they are."""
+        """Choose the step from the present bound and number of halvings."""
         if self._options.time_step is None:
             largest = self._stable.largest_beside(self._bound)
             allowed = self._longest if self._longest <= RESERVE * largest else self._options.safety * largest

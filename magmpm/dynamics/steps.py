@@ -1,4 +1,4 @@
-"""Steps of a motion under effects that change from step to step."""
+"""Steps of a motion with effects that change from step to step."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from magmpm.effects.hooks import each_record
 from magmpm.kernels.watch import GOING, WHY
 
 
-class Look(NamedTuple):
-    """A motion at a moment: x, v (n, 3) m, m/s and F (n, 3, 3) of its particles, in the model's order; kinetic energy, J."""
+class Kinematics(NamedTuple):
+    """Kinematics of a motion at one time: x m, v m/s (n, 3) and F (n, 3, 3) of its particles, in the model's order; kinetic energy, J."""
 
     x: Array
     v: Array
@@ -18,34 +18,34 @@ class Look(NamedTuple):
     kinetic: float
 
 
-Records = tuple[Any, ...]  # records and data of each effect, in turn: effects.collect
+Records = tuple[Any, ...]  # records and data of each effect, in turn: effects.acting.collect
 
 
 class Motion(Protocol):
-    """What takes steps: dynamics.total_lagrangian.TotalMotion, dynamics.apic.UpdatedMotion."""
+    """A motion that takes steps: dynamics.total_lagrangian.TotalMotion or dynamics.apic.UpdatedMotion."""
 
     watch: Array  # kernels.watch
 
     def advance(self, steps: int, dt: float, effects: Records, /) -> tuple[int, bool]:
-        """Take up to `steps` steps of dt (s). Returns how many were taken, and whether the motion broke."""
+        """Take up to `steps` steps of dt (s). Returns the number taken, and whether the motion broke."""
 
 
 def from_step(named: Records, step: int) -> Records:
-    """The records from one of their steps on; of what does not change in time there is one record for all."""
+    """The records from a given step on. An effect that is constant in time has one record for all steps."""
     return each_record(lambda records: records[step:] if len(records) > 1 else records, named)
 
 
 def at_step(named: Records, step: int) -> Records:
-    """The records of one step, or the last there are."""
+    """The records of one step, or the last ones if there are fewer."""
     return each_record(lambda records: records[min(step, len(records) - 1) :][:1], named)
 
 
 def take(motion: Motion, named: Records, steps: int, dt: float) -> tuple[int, bool]:
-    """Take up to `steps` steps of dt (s). Returns how many were taken, fewer where the motion's watch ended them, and whether it broke."""
+    """Take up to `steps` steps of dt (s). Returns the number taken, fewer if the motion's watch ended them, and whether it broke."""
     taken = 0
     while taken < steps:
         gone, broken = motion.advance(steps - taken, dt, from_step(named, taken))
         taken += gone
-        if motion.watch[WHY] != GOING:  # else the updated formulation only wants its particles sorted again
+        if motion.watch[WHY] != GOING:  # otherwise the updated formulation only needs to sort its particles again
             return taken, broken
     return taken, False

@@ -1,13 +1,13 @@
-"""move(model): a model's motion in time, frame by frame."""
+"""The time loop: `move` follows the motion of a model, frame by frame."""
 
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,9 @@ from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
-from magmpm.dynamics.steps import Look
+from magmpm.dynamics.steps import Kinematics
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import acting as effects
+from magmpm.effects import acting
 from magmpm.effects.hooks import has_hook, pairs
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
@@ -32,17 +32,17 @@ from magmpm.scene import Scene
 from magmpm.scene.memory import GROWTH
 from magmpm.scene.motion_options import DynamicOptions
 
-SAVE_EVERY = 0.5  # s of work that a killed run may have to do again
-CHUNK = 256  # steps between two looks at the motion
+SAVE_EVERY = 0.5  # s of work that a killed run may have to repeat
+CHUNK = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
 
 
 @dataclass
 class SimulationState:
-    """Where a motion has got to.
+    """The present state of a motion.
 
-    stable: the bounds at the start; control: of the step; dt s: of the last step; every s: between frames; time s, steps;
-    x, v (n, 3), F, P (n, 3, 3), energies J.
+    stable: bounds of the step at the start; control: control of the step; dt s: last step; every s: time between frames; time s, steps:
+    so far; x m, v m/s (n, 3), F, P Pa (n, 3, 3), energies J: at the last frame.
     """
 
     motion: TotalMotion | UpdatedMotion
@@ -64,7 +64,7 @@ class SimulationState:
 
 
 def formulation(scene: Scene) -> str:
-    """total or updated: as the scene says, and updated where the body may touch itself."""
+    """The formulation, total or updated: what the scene says, or else updated if the body may touch itself."""
     options = _options(scene)
     touching = scene.effects.self_contact is not None
     return options.formulation or ("updated" if touching else "total")
@@ -78,9 +78,9 @@ def _options(scene: Scene) -> DynamicOptions:
 
 
 def begin(model: Model) -> SimulationState:
-    """A model at rest, with its time step.
+    """A motion that starts from the model at rest, with its time step.
 
-    Raises InputError if the scene's time_step is above the stable bound, or max_memory below what the particles take.
+    Raises InputError if the scene's time_step exceeds the stable step, or the particles need more than max_memory.
     """
     options = _options(model.scene)
     motion = TotalMotion(model) if formulation(model.scene) == "total" else UpdatedMotion(model)
@@ -110,7 +110,7 @@ def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions)
 
 
 def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
-    """The box of the updated formulation grows with the body. Raises BudgetError."""
+    """Raise BudgetError if the grid, which grows with the body in the updated formulation, exceeds the scene's max_memory."""
     if options.max_memory is not None and (needed := memory(motion)) > options.max_memory:
         raise BudgetError(
             report(
@@ -123,9 +123,9 @@ def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> N
 
 
 def memory(motion: TotalMotion | UpdatedMotion) -> int:
-    """Bytes that a process grows by for a motion's particles and grid, its model's and what building them took included.
+    """Bytes by which a process grows for the particles and grid of a motion, including its model and the memory to build them.
 
-    What is measured of a particle (magmpm.scene.memory.GROWTH), or what the arrays that are there add up to, where that is more.
+    The larger of two: measured bytes for each particle (magmpm.scene.memory.GROWTH), and the sum of the present arrays.
     """
     parts_of = (getattr(motion, "packed", None), getattr(motion, "drift_correction", None))
     owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
@@ -136,7 +136,7 @@ def memory(motion: TotalMotion | UpdatedMotion) -> int:
 
 
 def move(model: Model, **options: Any) -> SimulationState:
-    """The whole motion of a model's scene, from rest; options as of `integrate`."""
+    """The whole motion of a model's scene, from rest. options: as in `integrate`."""
     return integrate(begin(model), **options)
 
 
@@ -147,12 +147,12 @@ def integrate(
     resume: bool = False,
     on_progress: Progress | None = None,
 ) -> SimulationState:
-    """The whole motion that `begin` has begun.
+    """The whole motion, from the state that `begin` returned.
 
-    folder: where frames, energies, contacts and checkpoints go (nowhere unless given); resume: go on from the folder's checkpoint;
-    on_progress(time in s, steps so far) is told of every chunk of steps.
-    Raises InputError before the first step; SolveError where the motion goes wrong, with the last good SimulationState as its state and
-    on disk.
+    folder: where to write frames, energies, contacts and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
+    on_progress(time in s, steps so far): called after every chunk of steps.
+    Raises InputError before the first step. Raises SolveError where the motion goes wrong; the last good SimulationState is its state, and
+    is on disk.
     """
     model = moved.motion.model
     options = _options(model.scene)
@@ -161,11 +161,11 @@ def integrate(
         saved.must_fit(moved.motion.state(), folder)
         _go_on_from(moved, saved)
         moved.every = saved.every
-    _measure(moved, moved.motion.look())
+    _measure(moved, moved.motion.kinematics())
     writer = None if folder is None else _writer(moved, folder, saved)
     balance = watchdog.EnergyBalance() if _conserves(model) else None
-    if balance is not None and saved is None:  # a checkpoint's velocities are half a step behind: less kinetic energy than there was
-        balance.look(moved.energies)
+    if balance is not None and saved is None:  # velocities of a checkpoint lag by half a step: less kinetic energy
+        balance.check(moved.energies)
     if saved is None:
         _write(moved, writer)
     times = options.frame_times if saved is None else saved.times(options)
@@ -177,27 +177,27 @@ def integrate(
             now = interval(moved, times[moved.frame], on_progress)
             moved.frame += 1
             _measure(moved, now)
-            if balance is not None and (trouble := balance.look(moved.energies)) is not None:
+            if balance is not None and (trouble := balance.check(moved.energies)) is not None:
                 raise _stopped(moved, trouble)
             _write(moved, writer)
             moved.strain = moved.strain.worst(strain_of(model, moved.x, moved.F, moved.time))
-            moved.control.at_frame()  # before the checkpoint, which holds the step that the motion goes on with
+            moved.control.at_frame()  # before the checkpoint, which stores the next step
             last = _checkpoint(moved, scene_hash)
-            if folder is not None and clock.monotonic() > saved_at + SAVE_EVERY:
+            if folder is not None and monotonic() > saved_at + SAVE_EVERY:
                 _save(moved, last, folder)
-                saved_last, saved_at = last, clock.monotonic()
+                saved_last, saved_at = last, monotonic()
     except SolveError as error:
         _go_on_from(moved, last)
-        _measure(moved, moved.motion.look())
+        _measure(moved, moved.motion.kinematics())
         raise type(error)(error.reason, moved) from None
-    finally:  # also where the run is interrupted
+    finally:  # also if the run is interrupted
         if folder is not None and last is not saved_last:
             _save(moved, last, folder)
     return moved
 
 
 def _writer(moved: SimulationState, folder: Path | str, saved: Checkpoint | None) -> MotionWriter:
-    """A new file of frames in a folder; or, after a checkpoint, the one that is there, from the checkpoint's frame on."""
+    """Writer of a new file of frames in a folder; after a checkpoint, of the existing file, from the checkpoint's frame on."""
     model, most = moved.motion.model, _options(moved.motion.model.scene).max_disk
     if saved is None:
         forget_motion(folder)
@@ -207,7 +207,7 @@ def _writer(moved: SimulationState, folder: Path | str, saved: Checkpoint | None
 
 
 def _save(moved: SimulationState, last: Checkpoint, folder: Path | str) -> None:
-    """Save a checkpoint; where the disk does not take it the motion goes on, with a warning."""
+    """Save a checkpoint. If the disk refuses it, the motion continues with a warning."""
     try:
         last.save(folder)
     except OSError as error:
@@ -217,7 +217,7 @@ def _save(moved: SimulationState, last: Checkpoint, folder: Path | str) -> None:
 
 
 def _checkpoint(moved: SimulationState, scene_hash: str) -> Checkpoint:
-    """A motion as it is after a frame."""
+    """The checkpoint of a motion after a frame."""
     motion = moved.motion
     return Checkpoint(
         scene_hash=scene_hash, every=moved.every, time=moved.time, formulation=motion.formulation,
@@ -226,7 +226,7 @@ def _checkpoint(moved: SimulationState, scene_hash: str) -> Checkpoint:
 
 
 def _go_on_from(moved: SimulationState, saved: Checkpoint) -> None:
-    """Put a motion back to a checkpoint."""
+    """Set a motion back to a checkpoint."""
     moved.motion.restore(saved.state)
     moved.control.restore(saved.control)
     moved.strain = Strain.restored(saved.control)
@@ -234,35 +234,35 @@ def _go_on_from(moved: SimulationState, saved: Checkpoint) -> None:
 
 
 def _conserves(model: Model) -> bool:
-    """Whether nothing can add energy: constant loads, and no contact or constraint."""
+    """Whether no load can add energy: loads are constant, and there is no contact or constraint."""
     scene, named = model.scene, model.scene.effects
-    if effects.feels_itself(scene):  # those loads lag by a chunk of steps
+    if acting.feels_itself(scene):  # such loads lag by a chunk of steps
         return False
     if scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
-        return False  # either alone has no energy
-    records = [record for record, _ in pairs(effects.collect(model.scene, times=np.array([0.0, 1.0])))]
+        return False  # one without the other has no energy
+    records = [record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))]
     return all(len(record) == 1 for record in records) and not any(
         has_hook(hook, model.effects) for hook in ("contact", "node")
     )
 
 
-def interval(moved: SimulationState, until: float, on_progress: Progress | None = None) -> Look:
-    """Steps up to a time (s): of equal size, no longer than moved.control allows, and chosen anew where it changes its mind.
+def interval(moved: SimulationState, until: float, on_progress: Progress | None = None) -> Kinematics:
+    """Take equal steps up to a time (s), no longer than moved.control allows. Where the control changes its bound, choose a new step.
 
     Raises SolveError where the motion can't go on.
     """
     model, motion, control = moved.motion.model, moved.motion, moved.control
-    itself = effects.feels_itself(model.scene)
+    itself = acting.feels_itself(model.scene)
     while moved.time < until:
         start, done = moved.time, 0
         count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
         dt = (until - start) / count
         for first in range(0, count, CHUNK):
             steps = min(CHUNK, count - first)
-            named = effects.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
+            named = acting.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
             if itself:
                 x, _, F = motion.particles()
-                effects.refresh(named, model, x, F)
+                acting.refresh(named, model, x, F)
             motion.set_off(dt, named)
             taken, now, trouble = control.take(named, steps, dt)
             done = first + taken
@@ -279,13 +279,13 @@ def interval(moved: SimulationState, until: float, on_progress: Progress | None 
     return now
 
 
-def _wrong(moved: SimulationState, now: Look) -> watchdog.Trouble | None:
-    """What is wrong with a motion, if anything. Raises BudgetError where it has outgrown its memory."""
+def _wrong(moved: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
+    """What is wrong with a motion, or None. Raises BudgetError where it needs more than max_memory."""
     model = moved.motion.model
     _outgrown(moved.motion, _options(model.scene))
     if moved.motion.watch[WHY] == BROKEN:
         return watchdog.outside_domain(model, now.x, moved.time) or watchdog.broken(model, now.x, now.v, now.F)
-    return watchdog.look(model, now.x, now.v) or watchdog.outside_domain(model, now.x, moved.time)
+    return watchdog.check(model, now.x, now.v) or watchdog.outside_domain(model, now.x, moved.time)
 
 
 def _stopped(moved: SimulationState, trouble: watchdog.Trouble) -> SolveError:
@@ -297,14 +297,14 @@ def _stopped(moved: SimulationState, trouble: watchdog.Trouble) -> SolveError:
     return SolveError(f"step {moved.steps}, t = {moved.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
 
 
-def _measure(moved: SimulationState, now: Look) -> None:
-    """Stress, energies and contacts of a motion as it is now."""
+def _measure(moved: SimulationState, now: Kinematics) -> None:
+    """Store stress, energies and contacts of the present state."""
     model, motion = moved.motion.model, moved.motion
     moved.x, moved.v, moved.F = now.x, now.v, now.F
-    named = effects.collect(model.scene, times=np.array([moved.time]))
+    named = acting.collect(model.scene, times=np.array([moved.time]))
     with motion.threads.alone():
         elastic, moved.P = energies.elastic(model, now.F, motion.formulation == "total")
-        effects.refresh(named, model, now.x, now.F)
+        acting.refresh(named, model, now.x, now.F)
         energies.add_effects_stress(model, now.x, now.F, named, moved.P)
         potentials = energies.effect_energies(model, now.x, now.F, moved.time)
     moved.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
@@ -315,10 +315,10 @@ def _measure(moved: SimulationState, now: Look) -> None:
 
 
 def _write(moved: SimulationState, writer: MotionWriter | None) -> None:
-    """A frame of the motion as it was measured."""
+    """Write the measured state as a frame."""
     if writer is None:
         return
     model = moved.motion.model
-    centre = model.particles.volume @ moved.x / model.particles.volume.sum()
-    field = model.scene.outside_field().at(centre, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
+    center = model.particles.volume @ moved.x / model.particles.volume.sum()
+    field = model.scene.outside_field().at(center, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
     writer.frame(moved.time, moved.x, moved.v, moved.F, moved.P, moved.energies, moved.contacts, field)

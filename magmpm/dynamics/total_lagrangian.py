@@ -9,14 +9,14 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.particle_groups import pack
-from magmpm.dynamics.steps import Look, at_step
-from magmpm.kernels import total_lagrangian_step as kernels
+from magmpm.dynamics.steps import Kinematics, at_step
+from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
 
 class TotalMotion:
-    """Displacement u and velocity v (3 nodes,) of a model's nodes, moved by `advance`; particles follow from them."""
+    """Displacement u m and velocity v m/s (3 nodes,) of a model's nodes, moved by `advance`. Particles follow the nodes."""
 
     formulation = "total"
 
@@ -29,11 +29,11 @@ class TotalMotion:
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
-        self.lag = 0.0  # s that velocities are behind the displacements: half a step of the last advance
+        self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
         self._last: tuple[Any, ...] = ()  # effects at the time of the displacements
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
-        """Take `steps` steps of dt (s). Returns steps taken, and whether it stopped because some det F is 0 or less, or no number."""
+        """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
         taken, _ = self.threads.run(
             lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.stiffness, self.watch), False)
         )
@@ -48,13 +48,14 @@ class TotalMotion:
         p = self.packed
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
-        state = kernels.State(u, v, force, stiffness)
-        return int(kernels.advance(steps, dt, p.cells, p.particles, p.nodes, state, effects, watch, self.slabs))
+        state = total_lagrangian_step.State(u, v, force, stiffness)
+        return int(total_lagrangian_step.advance(steps, dt, p.cells, p.particles, p.nodes, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
-        """Of the nodes (3 nodes,) m/s, at the time of their displacements.
+        """Velocity of the nodes (3 nodes,) m/s, at the time of their displacements.
 
-        Symplectic Euler's v is that of half a step before: with u it gives energies that swing by (omega dt / 2) of a motion's own.
+        The v of symplectic Euler belongs to half a step earlier. Together with u it would give energies that oscillate, by a share
+        omega dt / 2 of the energy of the motion.
         """
         return self._caught_up(None, None)
 
@@ -63,33 +64,33 @@ class TotalMotion:
         self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), stiffness, watch)
         return v
 
-    def look(self) -> Look:
-        """The motion as it is now, which the watch looks at as well."""
+    def kinematics(self) -> Kinematics:
+        """The present kinematics. The watch checks the present state as well."""
         with self.threads.alone():
-            return self._look(self._caught_up(self.stiffness, self.watch))
+            return self._kinematics(self._caught_up(self.stiffness, self.watch))
 
-    def _look(self, v: Array) -> Look:
+    def _kinematics(self, v: Array) -> Kinematics:
         p, n = self.packed, len(self.model.density)
         position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         rest = self.model.particles.position
-        kernels.at_particles(p.cells, p.particles, p.particle, self.u, v, rest, position, velocity, deformation)
+        total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, self.u, v, rest, position, velocity, deformation)
         kinetic = 0.5 * float(np.repeat(p.node_mass, 3) @ v**2)
-        return Look(position, velocity, deformation, kinetic)
+        return Kinematics(position, velocity, deformation, kinetic)
 
     def kept(self) -> dict[str, Any]:
-        """What `rewind` needs, in the same process: cheaper than `state`."""
+        """What `rewind` needs within the same process. Cheaper than `state`."""
         return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness")} | {"lag": self.lag, "_last": self._last}
 
     def rewind(self, kept: dict[str, Any]) -> None:
-        """Go back to what was kept."""
+        """Go back to the state that `kept` returned."""
         for name, value in kept.items():
             setattr(self, name, np.copy(value) if isinstance(value, np.ndarray) else value)
 
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
-        """Take the velocities to half a step of dt (s) before the displacements, where steps of dt expect them.
+        """Shift the velocities to half a step of dt (s) before the displacements, as steps of dt expect them.
 
-        Without it loads that act from the first step on, or from where steps change, would be felt for too long: an error in
-        proportion to dt, not dt^2.
+        Without this shift, loads that act from the first step on, or from a change of step on, would act for too long: an error
+        proportional to dt, not dt^2.
         """
         back = dt / 2 - self.lag
         if abs(back) <= 1e-9 * dt:
@@ -100,23 +101,23 @@ class TotalMotion:
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def acceleration(self, u: Array) -> Array:
-        """Of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, by the body's own stress alone."""
+        """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone."""
         v = np.zeros_like(u)
         self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u))  # a step of one second from rest: v is the acceleration
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
-        """x, v (n, 3) and F (n, 3, 3), in the model's order."""
-        now = self._look(self.velocity())
+        """x m, v m/s (n, 3) and F (n, 3, 3), in the model's order."""
+        now = self._kinematics(self.velocity())
         return now.x, now.v, now.F
 
     def kinetic_energy(self) -> float:
-        """Of the nodes' velocities, J."""
-        return self._look(self.velocity()).kinetic
+        """Kinetic energy of the nodes, J."""
+        return self._kinematics(self.velocity()).kinetic
 
     @property
     def unknowns(self) -> int:
-        """Components of nodes that can move."""
+        """Number of components of nodes that can move."""
         return int(np.count_nonzero(self.packed.nodes.inverse_mass))
 
     def state(self) -> dict[str, Array]:
@@ -124,10 +125,10 @@ class TotalMotion:
         return {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
 
     def restore(self, state: dict[str, Array]) -> None:
-        """Go back to a state."""
+        """Go back to a `state`."""
         self.u[:], self.v[:] = state["u"], state["v"]
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
 
     def sort(self) -> None:
-        """Nothing to sort: the particles stay in their cells."""
+        """Do nothing: the particles stay in their cells."""

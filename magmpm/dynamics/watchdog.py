@@ -1,4 +1,4 @@
-"""Stops a motion that has gone wrong, and says what, when, where and what to change."""
+"""Finds out whether a motion has gone wrong: what, where, and what to change."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.body_reach import FAR
 from magmpm.model import Model
 
-GAIN = 0.05  # of the largest kinetic energy: what the sum of all energies may grow by where nothing does work
+GAIN = 0.05  # of the largest kinetic energy: how much the total energy may grow when no load does work
 REMEDY = "lower solver.dynamic.safety (or time_step)"
 
 
 @dataclass(frozen=True)
 class Trouble:
-    """What went wrong: cause in a few words, the particle (-1: none in particular), and what to change."""
+    """What went wrong: the cause in a few words, the particle (-1: none in particular), and what to change."""
 
     cause: str
     particle: int
@@ -25,10 +25,10 @@ class Trouble:
 
 
 def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
-    """What broke a step: called when the kernel stopped."""
+    """What broke a step. Called after the kernel has stopped."""
     bad = ~(np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(F).all(axis=(1, 2)))
     if bad.any():
-        return Trouble("a position, velocity or deformation is no number", int(np.flatnonzero(bad)[0]), REMEDY)
+        return Trouble("a position, velocity or deformation is not finite", int(np.flatnonzero(bad)[0]), REMEDY)
     J = np.linalg.det(F)
     worst = int(np.argmin(J))
     if J[worst] <= 0.0:
@@ -38,8 +38,8 @@ def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
     return Trouble(f"a particle crosses a cell in one step, at {np.abs(v[fastest]).max():.3g} m/s", fastest, REMEDY)
 
 
-def look(model: Model, x: Array, v: Array) -> Trouble | None:
-    """Whether velocities and places are possible ones."""
+def check(model: Model, x: Array, v: Array) -> Trouble | None:
+    """What is wrong with velocities or positions, if anything."""
     reference = model.particles.position
     finite, fastest, ratio, furthest, way, size = _extremes(x, v, reference, model.shear, model.bulk, model.density)
     if not finite:
@@ -59,8 +59,8 @@ def look(model: Model, x: Array, v: Array) -> Trouble | None:
 
 @compiled
 def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped-def]
-    """Whether all are numbers; the fastest particle, its speed over that of pressure waves (stable_step.speed_of_sound); the one
-    furthest from its place, how far (m); the undeformed body's size (m), corner to corner."""
+    """Whether all values are finite; the fastest particle, and its speed over that of pressure waves (stable_step.speed_of_sound); the
+    particle farthest from its reference position, and its distance (m); size of the undeformed body (m), corner to corner."""
     finite, fastest, furthest, most, way = True, 0, 0, 0.0, 0.0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for p in range(len(x)):
@@ -79,7 +79,7 @@ def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped
 
 
 def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
-    """Whether the body has come into a magnet, or to where the field is not known; places that are no numbers do not count."""
+    """Whether the body has moved into a magnet, or to where the field is not known. Positions that are not finite do not count."""
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
@@ -87,14 +87,14 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
 
 
 class EnergyBalance:
-    """The sum of all energies can't grow where nothing does work."""
+    """Checks that the total energy does not grow while no load does work."""
 
     def __init__(self) -> None:
         self.least = np.inf
         self.kinetic = 0.0
 
-    def look(self, energies: dict[str, float]) -> Trouble | None:
-        """Of a frame's energies, J."""
+    def check(self, energies: dict[str, float]) -> Trouble | None:
+        """What is wrong with the energies of a frame, J, if anything."""
         total = sum(energies.values())
         self.kinetic = max(self.kinetic, energies["kinetic"])
         self.least = min(self.least, total)

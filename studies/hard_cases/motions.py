@@ -60,7 +60,7 @@ def advance(motion: Motion, steps: int, dt: float, start: float = 0.0) -> None:
 
 def energy(motion: Motion, time: float = 0.0) -> float:
     """Kinetic, elastic and the effects' potential energies together, J, of one moment."""
-    now, model = motion.look(), motion.model
+    now, model = motion.kinematics(), motion.model
     elastic = energies.elastic_energy(model, now.F, isinstance(motion, TotalMotion))
     return now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())
 
@@ -70,7 +70,7 @@ def spin(motion: Motion) -> Array:
 
     Mass sits on nodes: a particle's turns with it at a distance whose square is h^2/4 along each axis (dynamics.mass).
     """
-    now, model = motion.look(), motion.model
+    now, model = motion.kinematics(), motion.model
     mass = model.density * model.particles.volume
     if isinstance(motion, TotalMotion):
         p = motion.packed

@@ -45,7 +45,7 @@ def _moved(formulation: str, cells: int) -> tuple[object, int, int]:
 
     moved = begin(build(scene(formulation, cells=cells)))
     advance(moved.motion, 3, moved.dt, moved.motion.model.effects)
-    return (moved, moved.motion.look()), len(moved.motion.model.density), memory(moved.motion)
+    return (moved, moved.motion.kinematics()), len(moved.motion.model.density), memory(moved.motion)
 
 
 def main(formulation: str) -> int:

@@ -25,9 +25,9 @@ def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
     x, v = model.particles.position, np.zeros_like(model.particles.position)
     waves = speed_of_waves(model)
     v[7] = 0.99 * waves * np.array([0.6, 0.0, -0.8])
-    assert watchdog.look(model, x, v) is None
+    assert watchdog.check(model, x, v) is None
     v[7] *= 1.02 / 0.99
-    trouble = watchdog.look(model, x, v)
+    trouble = watchdog.check(model, x, v)
     assert trouble is not None
     assert trouble.particle == 7
     assert f"{1.02 * waves:.3g} m/s, faster than waves in its material" in trouble.cause
@@ -38,9 +38,9 @@ def test_a_particle_ten_sizes_away_is_told(model: Model) -> None:
     x, v = model.particles.position.copy(), np.zeros_like(model.particles.position)
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
     x[3] += 9.9 * size * np.array([0.0, 0.6, 0.8])
-    assert watchdog.look(model, x, v) is None
+    assert watchdog.check(model, x, v) is None
     x[3] += 0.2 * size * np.array([0.0, 0.6, 0.8])
-    trouble = watchdog.look(model, x, v)
+    trouble = watchdog.check(model, x, v)
     assert trouble is not None
     assert trouble.particle == 3
     assert "left the box" in trouble.cause
@@ -51,7 +51,7 @@ def test_a_particle_ten_sizes_away_is_told(model: Model) -> None:
 def test_what_is_no_number_is_told(model: Model, which: str) -> None:
     x, v = model.particles.position.copy(), np.zeros_like(model.particles.position)
     (x if which == "x" else v)[5, 1] = np.nan
-    trouble = watchdog.look(model, x, v)
+    trouble = watchdog.check(model, x, v)
     assert trouble is not None
     assert trouble.particle == 5
     assert "no number" in trouble.cause
@@ -62,7 +62,7 @@ def test_energy_from_nothing_is_told_from_a_twentieth_of_what_moves() -> None:
 
     def told(*sums: tuple[float, float]) -> list[bool]:
         balance = watchdog.EnergyBalance()
-        return [balance.look({"kinetic": kinetic, "elastic": elastic}) is not None for kinetic, elastic in sums]
+        return [balance.check({"kinetic": kinetic, "elastic": elastic}) is not None for kinetic, elastic in sums]
 
     assert told((1.0, 0.0), (0.3, 0.7), (1.0, 0.049)) == [False, False, False]
     assert told((1.0, 0.0), (0.3, 0.7), (1.0, 0.06)) == [False, False, True]
