@@ -1,9 +1,9 @@
-"""Compiled functions on disk, as Numba keeps them, but safe against what happens to files.
+"""Numba's cache of compiled functions on disk, protected against damaged files and full disks.
 
-Every file begins with a checksum of the rest: one that is damaged (cut off by a full disk, changed) is told and compiled anew, where
-Numba would end with whatever error its content leads to, or run code that is not what was compiled. A disk that takes no more files ends
-nothing: what could not be kept is compiled again in the next process.
-Numba's part: numba.core.caching, whose names with an underscore are used here, of versions 0.61 to 0.68.
+Every file begins with a checksum of the rest. A damaged file (cut off by a full disk, or changed) gives a message, and its function is
+compiled anew. Numba alone would fail with some error, or run wrong code. If the disk accepts no more files, the run continues, and the next
+process compiles the function again.
+This relies on private names (with an underscore) of numba.core.caching, versions 0.61 to 0.68.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def jit(**options: Any) -> Callable[..., Any]:
         dispatcher = compiles(function)
         try:
             dispatcher._cache = KernelCache(function)
-        except RuntimeError:  # Numba's, where no folder can be written
+        except RuntimeError:  # raised by Numba if no folder can be written
             _tell("no folder can be written", "is not kept")
         return dispatcher
 
@@ -38,7 +38,7 @@ def jit(**options: Any) -> Callable[..., Any]:
 
 
 def kept_all() -> bool:
-    """Whether all that this process has compiled could be kept."""
+    """Whether the disk has kept everything that this process compiled."""
     return not any("not kept" in line for line in _told)
 
 
@@ -51,14 +51,14 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         self._cache_file = _SealedFiles(self._cache_path, f"{self._impl.filename_base}.sealed", plain._source_stamp)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, if the disk takes it."""
+        """Save a compiled function, if the disk accepts it."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
             _tell(f"{self._cache_path}: {error.strerror or error}", "is not kept")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was kept, or None."""
+        """The saved function, or None."""
         try:
             return super().load_overload(sig, target_context)
         except OSError as error:
@@ -92,7 +92,7 @@ class _SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
 
 
 def _unsealed(path: Path) -> Any:
-    """Content of a file, None where there is none, or none that is whole."""
+    """Content of a file, or None if the file is missing or damaged."""
     try:
         content = path.read_bytes()
     except FileNotFoundError:
@@ -105,7 +105,7 @@ def _unsealed(path: Path) -> Any:
 
 
 def _tell(what: str, then: str) -> None:
-    """Say once what is wrong with the cache, and what becomes of a compiled function."""
+    """Print once what is wrong with the cache, and what happens to a compiled function."""
     line = f"magmpm: compiled kernels on disk: {what}; what belongs there {then}"
     if then == "is not kept":
         line += ", so that every run waits up to a minute for it; free room, or set NUMBA_CACHE_DIR to another folder"

@@ -1,6 +1,6 @@
-"""Settings that libraries read from the environment when they are first imported: made before anything of magmpm is.
+"""Environment variables that libraries read at their first import. They are set before the rest of magmpm is imported.
 
-A user's own settings win; these only fill gaps.
+Settings of the user take precedence.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
 MOST_THREADS = 4096
-LAYERS = ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue")  # names that Numba knows
-KEPT_CACHES = 4  # folders of earlier source versions that stay on disk
+LAYERS = ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue")  # names that Numba accepts
+KEPT_CACHES = 4  # cache folders of earlier source versions to keep on disk
 
 
 def source_hash() -> str:
@@ -29,19 +29,19 @@ def source_hash() -> str:
 
 
 def _cache_folder() -> Path:
-    """Folder of compiled kernels for these sources; in the system's temporary folder where the user's cache can't be written."""
+    """Folder for kernels compiled from these sources. It is in the system's temporary folder if the user's cache can't be written."""
     name = f"numba-{source_hash()}"
     try:
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "magmpm"
         folder = root / name
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ".writable").touch()
-    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
+    except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
         folder = Path(tempfile.gettempdir()) / f"magmpm-{os.getuid()}" / name
         try:
             folder.mkdir(parents=True, exist_ok=True)
             print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
-        except OSError as other:  # magmpm.compiled.cache does without
+        except OSError as other:  # magmpm.compiled.cache works without a folder
             print(f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own", file=sys.stderr)
         return folder
     old = sorted((path for path in root.glob("numba-*") if path != folder), key=lambda p: p.stat().st_mtime, reverse=True)
@@ -51,18 +51,18 @@ def _cache_folder() -> Path:
 
 
 def prepare() -> None:
-    """Set Numba's cache folder and the threads' waiting policy, unless the user has."""
+    """Set Numba's cache folder and the waiting policy of threads, unless the user has set them."""
     if "NUMBA_CACHE_DIR" not in os.environ:
         os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
-        if "numba" in sys.modules:  # it has read its environment already
+        if "numba" in sys.modules:  # it has already read the environment
             sys.modules["numba"].config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # spinning threads cost 2-4x beside a render process
-    # ... but a thread that sleeps between two loops of a step wakes late: some ten microseconds of spinning, a third of a small step.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # with a render process beside them, spinning threads are 2-4 times slower
+    # But a thread that sleeps between two loops of a step wakes late, so it spins for some ten microseconds, a third of a small step.
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 
 def refuse_unusable() -> None:
-    """Raises InputError for settings of Numba's threads that it would end with, at its first import or its first parallel loop."""
+    """Raise InputError for thread settings that would make Numba fail, at its first import or its first parallel loop."""
     from magmpm.errors import InputError, report
 
     threads, layer = os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("NUMBA_THREADING_LAYER")

@@ -1,7 +1,7 @@
-"""BLAS and LAPACK from compiled code: the routines SciPy ships, called by address, so that they run without the interpreter's lock.
+"""BLAS and LAPACK in compiled code: the routines in SciPy, called by address, so that they run without the interpreter's lock.
 
-Numba itself offers only a few of them, and functions held as ctypes objects never reach its disk cache; an address passed as a
-number does.
+Numba itself has only a few of them. Functions that use ctypes objects can't be cached on disk; functions that take an address as a
+number can.
 """
 
 from __future__ import annotations

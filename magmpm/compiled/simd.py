@@ -1,8 +1,8 @@
-"""Eight floats in one register: a Numba type for kernels that treat eight particles, or the components of two nodes, at a time.
+"""Eight floats in one register: a Numba type for kernels that work on eight particles, or on the components of two nodes, at a time.
 
-The compiler vectorises only part of such loops by itself; with a type of its own for eight lanes the arithmetic is written once, in plain
-operators, and every operation is a vector instruction (one AVX-512 instruction, two of AVX2, four of NEON).
-Only for compiled code: lanes never cross into Python. Sums are made in a fixed order, so results are the same bit for bit each time.
+By itself the compiler vectorizes only part of such loops. With this type, arithmetic uses plain operators, and every operation is a
+vector instruction (one AVX-512 instruction, two of AVX2, four of NEON).
+Only for compiled code: Python itself never holds lanes. Sums are made in a fixed order, so results are the same bit for bit each time.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _constant(value: float) -> ir.Constant:
 
 
 def _operator(function: Any, instruction: str) -> None:
-    """Lower an operator on lanes with lanes, and lanes with a float."""
+    """Define an operator between lanes, and between lanes and a float."""
 
     def typer(context):
         def of(a, b):
@@ -249,7 +249,7 @@ def store_rows(typing_context, array, index, stride, a, b, c, d, e, f, g, h):
 
 @intrinsic
 def load_rows(typing_context, array, index, stride):
-    """Tuple of eight lanes, the k-th made of array[index + stride * lane + k]: what store_rows undoes."""
+    """Tuple of eight lanes, the k-th made of array[index + stride * lane + k]: the inverse of store_rows."""
 
     def generate(context, builder, signature, values):
         rows = [builder.load(_row(context, builder, signature.args[0], values, lane)) for lane in range(WIDTH)]
@@ -262,7 +262,7 @@ def load_rows(typing_context, array, index, stride):
 
 @intrinsic
 def floor(typing_context, value):
-    """Largest whole number not above, lane by lane."""
+    """Largest integer not above the value, lane by lane."""
 
     def generate(context, builder, signature, values):
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
@@ -289,7 +289,7 @@ def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
 
 @intrinsic
 def sums(typing_context, a, b, c, d, e, f, g, h):
-    """Lanes of the eight arguments' sums over their lanes, by a tree: 21 instructions where eight single sums take 56."""
+    """Lanes of the eight arguments' sums over their lanes, by a tree: 21 instructions, where eight single sums take 56."""
 
     def generate(context, builder, signature, values):
         for low, high in (
@@ -323,7 +323,7 @@ highest = intrinsic(_reduction("fmax"))  # largest lane
 
 @intrinsic
 def flag_unless_positive(typing_context, a, flags):
-    """Lane by lane, 1 where a is not above 0, or is no number; flags elsewhere. (a - a would be made 0 by the compiler.)"""
+    """Lane by lane, 1 where a is 0, negative or NaN; flags elsewhere. (The compiler would replace a - a by 0.)"""
 
     def generate(context, builder, signature, values):
         above = builder.fcmp_ordered(">", values[0], _constant(0.0))
@@ -352,7 +352,7 @@ def larger(typing_context, a, b):
     return lanes(lanes, lanes), generate
 
 
-# 4/3 of the bits of 1.0, less a shift that makes the guess's error as large above as below.
+# 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.
 _MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
 
 

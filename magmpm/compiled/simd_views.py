@@ -1,7 +1,7 @@
-"""Vectors and matrices of eight particles that compiled code indexes like those of one: v[i] and F[i, j] are lanes.
+"""Vectors and matrices of eight particles, indexed in compiled code like those of one: v[i] and F[i, j] are lanes.
 
-An effect's hook that is plain arithmetic serves one particle and eight alike: given these views in place of arrays, and lanes in place of
-floats, the same source compiles to vector instructions. Only for compiled code; bounds are unchecked.
+A hook of an effect that is plain arithmetic works for one particle and for eight. With these views in place of arrays, and lanes in place
+of floats, the same source compiles to vector instructions. Only for compiled code; bounds are unchecked.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ matrix = intrinsic(_view(_matrix))  # matrix(array, index): the nine lanes from 
 
 
 def _address(builder: Any, view: Any, at: Any) -> Any:
-    """Of the lanes number `at` of a view."""
+    """Address of lanes number `at` of a view."""
     first = builder.mul(at, ir.Constant(at.type, WIDTH))
     return builder.bitcast(builder.gep(view, [first]), ir.VectorType(ir.DoubleType(), WIDTH).as_pointer())
 
 
 def _entry(context: Any, builder: Any, kind: View, index_type: Any, index: Any) -> Any:
-    """Number of the lanes that an index, or a pair of them, stands for."""
+    """Number of the lanes for an index or a pair of indices."""
     if kind.indices == 1:
         return context.cast(builder, index, index_type, types.intp)
     parts = [
@@ -114,8 +114,8 @@ def _setitem(context, builder, signature, values):
     return context.get_dummy_value()
 
 
-# One vector of floats in a flat array, for hooks that branch: v[i] is a float. A slice of an array would do, but counting the references
-# to it costs more than a contact: ten times what a node's damping does.
+# One vector of floats in a flat array, for hooks that branch: v[i] is a float. A slice of an array would work too, but counting
+# references to it costs more than a contact, and ten times as much as the damping of a node.
 
 
 class Strided(types.Type):  # type: ignore[misc]

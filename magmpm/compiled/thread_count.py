@@ -1,8 +1,8 @@
-"""How many threads a small body's steps take: as many as are soonest done.
+"""The number of threads for the steps of a small body: the fastest, as measured.
 
-A step of a thousand particles takes some 30 us, and its parallel loops wait for the slowest thread: where something else wants the same
-cores, two threads have been ten times slower than one (0.2 against 9 million particle-steps a second, 320 particles). Results have
-the same bits at any number, so it is measured as the steps go on, and measured again now and then.
+A step of a thousand particles takes some 30 us, and its parallel loops wait for the slowest thread. If another process uses the same
+cores, two threads can be much slower than one (0.2 instead of 9 million particle-steps a second, 320 particles). Results have the same
+bits with any number of threads. So the speed is measured during the steps, and measured again from time to time.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import TypeVar
 
 import numba
 
-MANY = 20_000  # particles: from there on all threads are worth it
-TRIES = 3  # calls with each number at the start, since the first may load or compile a kernel
-AGAIN = 100  # calls from one trial of the other number to the next
+MANY = 20_000  # particles: from this number on, always use all threads
+TRIES = 3  # calls with each number at the start: the first may load or compile a kernel
+AGAIN = 100  # calls between two trials of the other number
 
 Taken = TypeVar("Taken", bound=tuple[int, bool])
 
 
 class Threads:
-    """For one motion. `seconds`: of a step, by number of threads, when last measured."""
+    """Threads of one motion. `seconds`: last measured time of a step, by number of threads."""
 
     def __init__(self, particles: int) -> None:
         self.few = particles < MANY
@@ -30,7 +30,7 @@ class Threads:
         self.seconds: dict[int, float] = {}
 
     def run(self, advance: Callable[[], Taken]) -> Taken:
-        """Call advance, which returns how many steps it took and more, with one thread or all."""
+        """Call advance with one thread or all. advance returns the number of steps it took, and more."""
         most = numba.get_num_threads()
         if most == 1 or not self.few:
             return advance()
@@ -50,7 +50,7 @@ class Threads:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Around what is done once in a while, not at every step: one thread for a small body, so that none waits for another."""
+        """Context for rare work outside the steps: one thread for a small body, so that no thread waits for another."""
         most = numba.get_num_threads()
         numba.set_num_threads(1 if self.few else most)
         try:

@@ -1,1 +1,1 @@
-"""The Cosserat rod: fast estimates, and where statics begins."""
+"""The Cosserat rod: fast estimates, and the start for statics."""

@@ -1,20 +1,22 @@
-"""Cosserat rod: an independent low-order model of a catheter or strip that solves in milliseconds.
+"""Cosserat rod: an independent low-order model of a catheter or strip, solved in milliseconds.
 
-It gives the 3D solver its start and the branch to be on, checks it on slender scenes, and advises.
+It gives the 3D solver its start and its branch, checks it on slender scenes, and supports advice to the user.
 
-The rod is a chain of orthonormal frames R_0 .. R_n (R_0 clamped); the columns of R are the tangent and the section's two axes. Energy:
-bending and twist between neighbouring frames, and a potential at each frame that is local in R, because the force in a section does
-not depend on the shape when field and weight are uniform:
+The rod is a chain of orthonormal frames R_0 .. R_n (R_0 clamped). The columns of R are the tangent and the two axes of the section. The
+energy has bending and twist between neighboring frames, and a potential at each frame. This potential is local in R, because in a uniform
+field and weight the force in a section does not depend on the shape:
 
     E = sum_elements 1/2 kappa^T D kappa l + sum_frames U(R)
     U = -[ b.(m x-axis and transverse) + 1/2 f^T C f ] l,   b = R^T B, f = R^T (force in the section)
 
-The last term is the work of stretch and shear, which follow the frames without delay: v = e_1 + C f with
+The last term is the work of stretch and shear, which depend on the frames alone: v = e_1 + C f with
 C = diag(1/EA, 1/(k GA), 1/(k GA)). In a magnet the force in the section includes A/mu0 B Br_1 (the first column of the magnetic
 stress), so a rod magnetized along its axis and pulled by the field stretches and shears.
 
-kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l; its exact Hessian makes Newton's method see
-buckling and twist. Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold, Multibody Syst. Dyn. 25 (2011);
+kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l. With its exact Hessian, Newton's method
+detects buckling and twist.
+
+Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold, Multibody Syst. Dyn. 25 (2011);
 for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
 """
 
@@ -36,8 +38,8 @@ from magmpm.scene import Scene
 
 ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
 LEAST_FOLLOWED = 6  # load steps in a field that depends on the shape
-MOST_TURNS = 40  # of a fixed point
-FOLLOWED = 1e-4  # of the length: as near as a start has to be
+MOST_TURNS = 40  # iterations of a fixed point
+FOLLOWED = 1e-4  # of the length: accuracy that a start needs
 Surroundings = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -47,7 +49,7 @@ class RodShape:
 
     s (n + 1,) m; position (n + 1, 3) m; frames (n + 1, 3, 3), columns tangent and section axes; curvature (n + 1, 3) 1/m in the
     frame (twist, two bendings); stretch (n + 1, 3): material strain v (1 and 0, 0 when unloaded); iterations; stable: whether the
-    energy is a minimum there.
+    energy has a minimum there.
     """
 
     s: Array
@@ -66,7 +68,7 @@ class RodShape:
 
 @dataclass(frozen=True)
 class RodModel:
-    """A scene as a rod: per element (n) lengths, stiffnesses and loads. SI.
+    """A scene as a rod: lengths, stiffnesses and loads of n elements, in SI units.
 
     twist_bend (n, 3) N m^2; compliance (n, 3) 1/N; moment (n, 3) A m: A Br/mu0 per length in the frame; axial_moment (n,) A m;
     weight (n + 1, 3) N: weight beyond each frame; field (n + 1, 3) T: at each frame.
@@ -81,10 +83,10 @@ class RodModel:
 
 
 def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodModel:
-    """The rod of a scene. Elements end where segments do. extensible False leaves out stretch and shear (the pure elastica)."""
+    """The rod of a scene. Elements end where segments end. extensible False: no stretch or shear (the pure elastica)."""
     body = scene.body.shape
     if not isinstance(body, StraightBody):
-        raise SolveError("parts are no rod")
+        raise SolveError("a body made of parts is not a rod")
     lengths = np.array(body.segment_lengths())
     counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
     of = np.repeat(np.arange(len(lengths)), counts)
@@ -113,8 +115,8 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
 def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodShape:
     """Equilibrium of the scene's rod on the branch that grows from zero load.
 
-    Field and weight grow together from zero; at every step Newton's method with an energy line search goes to a minimum, down the
-    direction of negative curvature where the straight continuation has become unstable.
+    Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
+    continuation has become unstable, it goes down the direction of negative curvature.
     Raises SolveError if a step does not converge.
     """
     rod = rod_model(scene, elements, extensible=extensible)
@@ -123,7 +125,7 @@ def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
 
 
 def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
-    """Field and pull of a field that varies, along the rod's axis. Within a section it is taken as the same everywhere."""
+    """Field and pull of a field that varies in space, along the axis of the rod. They are taken as uniform within a section."""
     source = scene.outside_field()
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
@@ -145,10 +147,11 @@ def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
 def solve_rod_model(
     rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None
 ) -> RodShape:
-    """Equilibrium at the last of the load factors `loads` (default: as many equal steps as the load asks for).
+    """Equilibrium at the last of the load factors `loads` (default: equal steps, more for a larger load).
 
     surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
-    where these depend on the shape: they are held while the rod relaxes, and found again, until the shape stays (FOLLOWED of its length).
+    if these depend on the shape. They are kept constant while the rod relaxes, then found again, until the shape converges (FOLLOWED of its
+    length).
     """
     if surroundings is not None:
         return _follow(rod, surroundings)
@@ -181,7 +184,7 @@ def solve_rod_model(
 
 
 def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
-    """Equilibrium where field and pull depend on the shape: a fixed point at each step of the load."""
+    """Equilibrium with field and pull that depend on the shape: a fixed-point iteration at each load step."""
     n = len(rod.length)
     s = np.concatenate([[0.0], np.cumsum(rod.length)])
     position, frames = s[:, None] * np.array([1.0, 0.0, 0.0]), np.tile(np.eye(3), (n + 1, 1, 1))
@@ -204,7 +207,7 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
             if status != 0 or not np.isfinite(position).all():
                 break
             new_field, new_force = surroundings(position, frames)
-            share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # a rod that swings from side to side is stopped half-way
+            share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # damp a rod that alternates between two sides
             field, force = field + share * (new_field - field), force + share * (new_force - force)
             if np.abs(position - before).max() < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
                 break
@@ -221,7 +224,7 @@ def _beyond(force: Array) -> Array:
 
 
 def _steps(rod: RodModel) -> int:
-    """Load steps: one for each unit of load over bending stiffness, B A Br L^2/(mu0 E I) + rho g A L^3/(E I), within 3 to 30."""
+    """Number of load steps: one for each unit of load over bending stiffness, B A Br L^2/(mu0 E I) + rho g A L^3/(E I), within 3 to 30."""
     total = rod.length.sum()
     bending = rod.twist_bend[:, 1].min()
     magnetic = np.linalg.norm(rod.moment, axis=1).max() * np.linalg.norm(rod.field, axis=1).max() * total**2

@@ -1,4 +1,4 @@
-"""Compiled parts of the rod: energy, derivatives, block-tridiagonal Newton. The formulas stand in magmpm.rod.cosserat.
+"""Compiled functions of the rod: energy, derivatives, block-tridiagonal Newton. The formulas are in magmpm.rod.cosserat.
 
 Unknowns are rotations d_k (3) of frames 1 .. n about their own axes, q_k -> q_k exp(d_k / 2). Shapes: q (n + 1, 4) unit quaternions, scalar
 first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames.
@@ -11,12 +11,12 @@ import numpy as np
 from magmpm.compiled.jit import compiled
 
 MAX_STEPS = 200
-LARGEST_TURN = 0.6  # rad a Newton step may turn a frame
+LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
 
 
 @compiled
 def _matrix(q, R):
-    """Rotation matrix of a unit quaternion into R (3, 3)."""
+    """Write the rotation matrix of a unit quaternion to R (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
@@ -37,7 +37,7 @@ def _relative(a, b, z):
 
 @compiled
 def _turn(q, d, out):
-    """out = q exp(d / 2), normalised."""
+    """out = q exp(d / 2), normalized."""
     angle = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
     s = 0.5 if angle < 1e-8 else np.sin(angle / 2) / angle
     w, x, y, z = np.cos(angle / 2), s * d[0], s * d[1], s * d[2]
@@ -78,7 +78,7 @@ def _energy(q, length, D, C, moment, field, weight):
 
 @compiled
 def _add_potential(h, b, w, m, c, g, H):
-    """Gradient and Hessian, times h, of a frame's potential; b, w: field and weight in the frame; m: moment; c: compliance."""
+    """Add gradient and Hessian, times h, of a frame's potential. b, w: field and weight in the frame; m: moment; c: compliance."""
     f, Cf = np.empty(3), np.empty(3)
     for i in range(3):
         f[i] = w[i] + m[0] * b[i]
@@ -107,7 +107,7 @@ def _add_potential(h, b, w, m, c, g, H):
 
 @compiled
 def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
-    """Gradient and Hessian of an element's bending and twist with respect to the turns of its two frames."""
+    """Add gradient and Hessian of an element's bending and twist energy with respect to the rotations of its two frames."""
     _relative(a, b, z)
     w = z[0]
     Ba, Bb, M = work[0], work[1], work[2, 0]
@@ -248,9 +248,9 @@ def _copy(a, out):
 
 @compiled
 def _softest(Ld, Lo, d):
-    """Direction (n + 1, 3) of least curvature by inverse iteration from a fixed vector, so that the answer is the same every time."""
+    """Direction (n + 1, 3) of least curvature, by inverse iteration from a fixed vector, so the result is always the same."""
     for k in range(len(d)):
-        d[k, 0], d[k, 1], d[k, 2] = 1e-5, -1.0, 1e-5  # a turn about -y: a straight rod buckles towards +z
+        d[k, 0], d[k, 1], d[k, 2] = 1e-5, -1.0, 1e-5  # a rotation about -y: a straight rod buckles toward +z
     for _ in range(60):
         _solve(Ld, Lo, d)
         _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
@@ -258,7 +258,7 @@ def _softest(Ld, Lo, d):
 
 @compiled
 def relax(q, length, D, C, moment, field, weight):
-    """Newton's method to a minimum of the energy, from q (in place).
+    """Newton's method for a minimum of the energy, from q (changed in place).
 
     Returns status (0 found, 1 not within MAX_STEPS), steps, energy, stable (the Hessian is positive definite there).
     """
@@ -273,7 +273,7 @@ def relax(q, length, D, C, moment, field, weight):
         scale += 0.5 * length[e] * D[e, 1]
         total += length[e]
     scale /= total**2  # energy of bending by one radian
-    noise = 1e-14 * (abs(energy) + scale)  # rounding of the sum: below it, energies can't be told apart
+    noise = 1e-14 * (abs(energy) + scale)  # rounding error of the sum: smaller differences of energies mean nothing
     for step in range(MAX_STEPS):
         _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
         shift, least = 0.0, 1e-4 * scale / n
@@ -288,7 +288,7 @@ def relax(q, length, D, C, moment, field, weight):
                     _turn(q[k], d[k], trial[k])
                 _copy(trial, q)
                 return 0, step + 1, _energy(q, length, D, C, moment, field, weight), True
-            _softest(Ld, Lo, d)  # an unstable equilibrium: leave it
+            _softest(Ld, Lo, d)  # leave an unstable equilibrium
             if _dot(g, d) > 0.0:
                 _scaled(d, -1.0, d)
             decrement = 0.0

@@ -1,1 +1,1 @@
-"""Equilibrium."""
+"""Static equilibrium: Newton's method on the potential energy."""

@@ -1,4 +1,4 @@
-"""The deformed axis and tip of an equilibrium, from the spline coefficients of its displacement."""
+"""Deformed axis and tip of an equilibrium, from the spline coefficients of its displacement."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _plane_weights(model: StaticModel, points: Array, share: Array) -> Array:
     scaled = (points - grid.origin[1:]) / grid.spacing[1:]
     cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(grid.cells[1:]) - 1)
     weights = spline_weights(scaled - cell)
-    if model.plane_strain:  # the middle row of nodes stands for all three
+    if model.plane_strain:  # the middle row of nodes represents all three
         weights[:, 0] = np.array([0.0, 1.0, 0.0])
     dense = np.zeros(grid.nodes[1:])
     for a in range(3):
@@ -50,13 +50,13 @@ def _plane_weights(model: StaticModel, points: Array, share: Array) -> Array:
 
 
 def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Array:
-    """Deformed positions (m, 3) m at arc lengths s (m,) m, for plane weights as the functions above give.
+    """Deformed positions (m, 3) m at arc lengths s (m,) m, with plane weights from the functions above.
 
     grid (planes, m): coefficients of the displacement.
     """
     planes = grid.reshape(model.layout.planes, -1, 3).transpose(0, 2, 1) @ weights
     if model.clamped_face:
-        planes = np.concatenate([-planes[:1], planes])  # node 0, which the clamp eliminates
+        planes = np.concatenate([-planes[:1], planes])  # node 0, eliminated by the clamp
     if model.scene.body.shape.clamp == "both":
         planes[-1] = -planes[-2]  # as at the lower face
     h = model.grid.spacing[0]
@@ -67,7 +67,7 @@ def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Arr
 
 
 def centreline(model: StaticModel, grid: Array) -> Array:
-    """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at the cells' faces and middles; none for a body without an axis."""
+    """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at faces and middles of the cells; no rows for a body without an axis."""
     if model.line is None:
         return np.zeros((0, 4))
     cells = model.grid.cells[0]
@@ -76,7 +76,7 @@ def centreline(model: StaticModel, grid: Array) -> Array:
 
 
 def tip(model: StaticModel, grid: Array) -> Array:
-    """Where the far end of a straight body is, (3,) m: the mean of its end face.
+    """Position (3,) m of the far end of a straight body: the mean over its end face.
 
     grid (planes, m): coefficients of the displacement.
     """

@@ -1,8 +1,8 @@
-"""A body of any shape as the static solver wants it: planes of unknowns across its longest side.
+"""Axis order for the static solver: planes of unknowns lie across the longest side of the body.
 
-The work of a factorisation goes with the cube of a plane's unknowns. Straight bodies have them across x as they are; for others the
-reference axes are renumbered in a cycle, (x, y, z) -> (y, z, x) or (z, x, y). The columns of F and the reference remanence go along, the
-deformed positions stay in x, y, z: energies, which see F only by F^T F, det F and F Br, do not notice.
+The work of a factorization grows as the cube of the unknowns in a plane. In straight bodies, planes already lie across x. For other bodies
+the reference axes are renumbered cyclically, (x, y, z) -> (y, z, x) or (z, x, y). The columns of F and the reference remanence follow;
+deformed positions stay in x, y, z. Energies depend on F only through F^T F, det F and F Br, so they do not change.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ MOST_MEMORY = 4e9  # bytes of the factored tangent
 
 
 def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
-    """The model with renumbered axes, and where each of its particles is in the given one, (n,).
+    """The model with renumbered axes, and the index (n,) of each of its particles in the given model.
 
-    Raises SceneError where a region hangs on nothing that is held, or the tangent would not fit.
+    Raises SceneError if a region is not connected to anything held, or the tangent would not fit in memory.
     """
     of = np.arange(len(model.shear))
     if model.line is None:
@@ -45,7 +45,7 @@ def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
 
 
 def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
-    """The model with its longest side as the grid's first axis, and the order its particles are then in."""
+    """The model with its longest side as the first axis of the grid, and the new order of its particles."""
     nodes, p = model.grid.nodes, model.particles
     order = max([(0, 1, 2), (1, 2, 0), (2, 0, 1)], key=lambda cycle: nodes[cycle[0]])
     axes = list(order)
@@ -73,7 +73,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
 
 
 def _all_hang_on_something(model: StaticModel) -> None:
-    """Every region must be held, or share grid nodes with one that hangs on something."""
+    """Raise SceneError unless every region is held, or is connected through grid nodes to one that is."""
     regions, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
     clamped = np.zeros(len(regions), bool)
     # Where a clamp plane changed a cell's splines they no longer sum to one.

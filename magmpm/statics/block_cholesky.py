@@ -1,16 +1,16 @@
 """The tangent as a block-banded matrix, and its Cholesky factors.
 
-Unknowns are numbered plane by plane along the grid's first axis, m in each plane. A cell couples three planes, so block row j meets
-block columns j - 2 to j + 2. The matrix is eliminated from both ends at once, one thread each, towards two planes `split` and
-`split` + 1 in the middle; the halves do not touch. Panel j holds column block j as (m, 3 m), row index fastest:
+Unknowns are numbered plane by plane along the grid's first axis, m in each plane. A cell couples three planes, so block row j has
+block columns j - 2 to j + 2. Two threads eliminate the matrix from both ends at once, toward two planes `split` and `split` + 1 in the
+middle. The halves share nothing. Panel j holds column block j as (m, 3 m), row index fastest:
 
 * forward half, j < split: rows of planes j, j + 1, j + 2;
 * backward half, j > split + 1: rows of planes j, j - 1, j - 2;
 * the middle: `split` holds rows of split and split + 1, `split` + 1 its own.
 
-Only the lower triangle of each diagonal block counts. Results do not depend on the number of threads.
-Count of operations: 19/3 m^3 a plane, nearly all of it in dtrsm, dsyrk and dgemm on blocks of m, against which a general banded
-solver of half-width 3 m works in strips of 32. Source: Golub and Van Loan, Matrix Computations, 4th ed., sections 4.3 and 4.5.1.
+Only the lower triangle of each diagonal block is used. Results do not depend on the number of threads.
+This takes 19/3 m^3 operations for each plane, nearly all in dtrsm, dsyrk and dgemm on blocks of size m. A general banded solver with
+half-width 3 m would work in strips of 32. Source: Golub and Van Loan, Matrix Computations, 4th ed., sections 4.3 and 4.5.1.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ _ADDRESSES = addresses()
 
 
 def split_plane(planes: int) -> int:
-    """First of the two middle planes. Both halves are within one plane of the same length."""
+    """First of the two middle planes. The lengths of the halves differ by at most one plane."""
     return max((planes - 2) // 2, 0)
 
 
 def new_panels(planes: int, m: int) -> Array:
-    """Zeroed panels (planes + 2, m, 3 m): one a plane, and two for what the backward half adds to the middle."""
+    """Zero panels (planes + 2, m, 3 m): one for each plane, and two for what the backward half adds to the middle."""
     return np.zeros((planes + 2, m, 3 * m))
 
 
 def fix(panels: Array, split: int, fixed: NDArray[np.bool_]) -> None:
-    """Make unfactored panels hold these unknowns (planes, m) at zero: their rows and columns become those of a multiple of one.
+    """Fix these unknowns (planes, m) at zero in unfactored panels: replace their rows and columns by those of a multiple of the identity.
 
-    The multiple is the largest diagonal entry, so that it changes neither scale nor definiteness.
+    The multiple is the largest diagonal entry, so neither scale nor definiteness changes.
     """
     planes, m = fixed.shape
     largest = np.einsum("jaa->ja", panels[:planes, :, :m]).max()
@@ -106,7 +106,7 @@ def _factor(panels, split, fortran):
             for step in range(planes - split - 2):
                 j = planes - 1 - step
                 one, two = j - 1, j - 2
-                one = planes if one == split + 1 else one  # the middle planes: into this half's own copy
+                one = planes if one == split + 1 else one  # the middle planes: this half has its own copy
                 two = planes + (split + 1 - two) if two <= split + 1 else two
                 if _eliminate(panels, j, one, two, m, fortran, work, sizes, letters) != 0:
                     failed[1] = j
@@ -155,7 +155,7 @@ def _reduce(panels, x, j, one, two, m, transpose, fortran, work, sizes, letters)
 
 @kernel
 def _solve(panels, split, x, fortran):
-    """x (planes + 1, m) in place: right-hand side -> solution. The rows past `planes` are the backward half's copy of the middle."""
+    """x (planes + 1, m) in place: right-hand side -> solution. Rows past `planes` are the copy of the middle for the backward half."""
     planes = panels.shape[0] - 2
     m = panels.shape[1]
     x[planes:] = 0.0
@@ -197,7 +197,7 @@ def _solve(panels, split, x, fortran):
 
 @compiled
 def multiply(panels, split, x, out):
-    """out = A x with the unfactored panels; x, out (planes, m). A plain reference beside the factors, and their residual check."""
+    """out = A x with the unfactored panels; x, out (planes, m). A plain reference for the factors, and a check of their residual."""
     planes = panels.shape[0] - 2
     m = panels.shape[1]
     out[:] = 0.0
@@ -221,7 +221,7 @@ def multiply(panels, split, x, out):
 def factor(panels: Array, split: int) -> int:
     """Cholesky factors in place of panels (planes + 2, m, 3 m).
 
-    Returns -1, or the plane at which the matrix proved not positive definite (panels are then spoilt).
+    Returns -1, or the plane at which the matrix proved not positive definite (the panels are then overwritten).
     """
     return int(_factor(panels, split, _ADDRESSES))
 
@@ -235,7 +235,7 @@ def solve(panels: Array, split: int, right: Array) -> Array:
 
 
 def to_dense(panels: Array, split: int) -> NDArray[np.float64]:
-    """The symmetric matrix (planes m, planes m) that unfactored panels stand for. For tests: it is large."""
+    """The symmetric matrix (planes m, planes m) of unfactored panels. For tests: it is large."""
     planes, m = panels.shape[0] - 2, panels.shape[1]
     full = np.zeros((planes, m, planes, m))
     for j in range(planes):

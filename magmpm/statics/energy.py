@@ -1,6 +1,6 @@
-"""The potential energy of a model as a function of the grid's coefficients: value, gradient, tangent.
+"""Potential energy of a model as a function of the grid's coefficients: value, gradient and tangent.
 
-The steps are those of kernels.equilibrium; the grid's update, Newton's, is in statics.newton.
+It calls the steps of kernels.equilibrium. Newton's method, which updates the grid, is in statics.newton.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Point:
 
 
 class Energy:
-    """Potential energy of a model. Holds the work arrays, so that a Newton step allocates next to nothing."""
+    """Potential energy of a model. It owns the work arrays, so a Newton step allocates almost nothing."""
 
     def __init__(self, model: StaticModel) -> None:
         self.model = model
@@ -56,7 +56,7 @@ class Energy:
         self._fixed = layout.fixed if layout.fixed.any() else None
 
     def at(self, grid: Array) -> Point:
-        """The state that grid coefficients (planes, m) stand for, and its energy."""
+        """State and energy for grid coefficients (planes, m) m."""
         model = self.model
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
@@ -67,13 +67,13 @@ class Energy:
         return Point(grid, u, x, F, float(energy.sum()), float(low.min()), float(high.max()))
 
     def rest_energy(self) -> float:
-        """Energy of the undeformed body, J: what the energy of a load is counted from."""
+        """Energy of the undeformed body, J: the reference for the energy of a load."""
         if self._rest is None:
             self._rest = self.at(np.zeros(self.shape)).energy
         return self._rest
 
     def least_scale(self) -> float:
-        """Energy (J) below which nothing moves: a strain of 1e-9 all over the body."""
+        """Smallest energy (J) that matters: a strain of 1e-9 in the whole body."""
         return 1e-18 * float(np.sum(self.model.shear * self.model.particles.volume))
 
     def residual(self, point: Point) -> Array:
@@ -83,13 +83,13 @@ class Energy:
         return self.free(out)
 
     def free(self, vector: Array) -> Array:
-        """The vector (planes, m), in place, with zeros for unknowns that stay zero."""
+        """Set the fixed unknowns of a vector (planes, m) to zero, in place, and return it."""
         if self._fixed is not None:
             vector[self._fixed] = 0.0
         return vector
 
     def tangent(self, point: Point) -> tuple[Array, Array]:
-        """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, overwritten by the next call."""
+        """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, which the next call overwrites."""
         split, out = self.model.layout.split, np.zeros(self.shape)
         self.panels[:] = 0.0
         particles_to_grid_with_tangent(

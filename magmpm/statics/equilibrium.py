@@ -1,7 +1,7 @@
 """Static equilibrium of a model, on the branch that grows from zero load.
 
-The rod is followed from zero load to full load (milliseconds), and its shape starts the 3D solve. Where the rod fails, where the
-solve from it fails, or where its answer lies far from the rod's, the load is ramped in the 3D solve itself.
+First the rod model is followed from zero to full load (milliseconds). Its shape starts the 3D solve. If the rod fails, if the 3D solve
+fails, or if its result is far from the rod, the load is ramped in the 3D solve itself.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
-from magmpm.effects import acting as effects
+from magmpm.effects import acting
 from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics.axis_order import arranged
@@ -25,18 +25,18 @@ from magmpm.statics.newton import Minimum, minimise
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 
 RAMP_STEPS = 8
-PATIENCE = 10  # times as many steps for a solve without a rod's shape, which may have to turn a body round: 100 to 300 in robots tried
+PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
 
 _controller: ThreadpoolController | None = None
 
 
 @dataclass
 class Equilibrium:
-    """What a static solve found.
+    """Result of a static solve.
 
     point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
-    shape, in the rod's frames, which a neighbouring design may start from; warnings: what a user should know; load_share: part of the load
-    that the state carries.
+    shape, in the rod's frames, a start for a neighboring design; warnings: what a user should know; load_share: share of the load
+    in this state.
     """
 
     point: Point
@@ -53,9 +53,9 @@ def solve_static(
     correction: Array | None = None,
     on_step: Callable[[int, float], None] | None = None,
 ) -> Equilibrium:
-    """Equilibrium of a model. correction (planes, m): of a neighbouring design, to begin from.
+    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from.
 
-    Raises SolveError, with the last good Equilibrium (converged False) as its state; InputError where nothing holds the body.
+    Raises SolveError, with the last good Equilibrium (converged False) as its state; InputError if nothing holds the body.
     """
     if model.free:
         raise InputError(
@@ -66,7 +66,7 @@ def solve_static(
     global _controller
     _controller = _controller or ThreadpoolController()
     model, of = arranged(model)
-    with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorisation are the threads
+    with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorization already use the threads
         try:
             return _restored(model, _solve(model, correction, on_step), of)
         except SolveError as error:
@@ -77,7 +77,7 @@ def solve_static(
 
 
 def _restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
-    """An equilibrium with its particles and reference axes as they were before statics.axis_order."""
+    """The equilibrium with particles and reference axes in their order before statics.axis_order."""
     if model.order == (0, 1, 2):
         return found
     point = found.point
@@ -94,7 +94,7 @@ def _restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
 def _solve(
     model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
-    itself = effects.feels_itself(model.scene)
+    itself = acting.feels_itself(model.scene)
     try:
         found = (_settle if itself else _branch)(model, correction, on_step)
     except SolveError as error:
@@ -107,7 +107,7 @@ def _solve(
 
 
 def _outside_domain(model: StaticModel, point: object, state: object) -> SolveError | None:
-    """What to say where a solve has led into a magnet, or to where the field is not known; None elsewhere."""
+    """The error if a solve has led into a magnet, or to where the field is not known; else None."""
     if not isinstance(point, Point) or not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position)
@@ -117,7 +117,7 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
 def _settle(
     model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
-    """Equilibrium where the body's magnets act on each other, from the one where they do not."""
+    """Equilibrium with magnetic interaction within the body, starting from the one without."""
     options = model.scene.solver.static
     energy = InteractingEnergy(model)
     alone = energy.alone.model
@@ -167,30 +167,30 @@ def _branch(
 
 
 def _most_steps(model: StaticModel) -> int:
-    """Newton steps that one solve may take."""
+    """Most Newton steps of one solve."""
     return model.scene.solver.static.max_steps * (1 if model.line is not None else PATIENCE)
 
 
 def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
-    """Largest distance between particles near the axis and the rod, over the length."""
+    """Largest distance between the rod and particles near the axis, over the length."""
     assert model.line is not None  # only straight bodies are rods
     position = model.particles.position - np.array(model.line.base)
     radius = np.hypot(position[:, 1], position[:, 2])
     near = radius <= radius.min() * 1.5
-    moved = position[near] + point.displacement[near]  # as seen from the base
+    moved = position[near] + point.displacement[near]  # relative to the base
     return float(np.linalg.norm(moved - rod.at(position[near, 0]), axis=1).max() / rod.s[-1])
 
 
 def _ramp(
     model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]
 ) -> Equilibrium:
-    """Load from zero in `count` equal steps; a step that fails is halved, down to 1/32 of the first."""
+    """Ramp the load from zero in `count` equal steps. A step that fails is halved, down to 1/32 of the first."""
     options = model.scene.solver.static
     grid, reached, size, steps = straight(model), 0.0, 1.0 / count, 0
     last: Point | None = None
     while reached < 1.0:
         factor = min(1.0, reached + size)
-        loaded = replace(model, effects=effects.collect(model.scene, factor))
+        loaded = replace(model, effects=acting.collect(model.scene, factor))
         try:
             found = minimise(
                 Energy(loaded),

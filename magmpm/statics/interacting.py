@@ -1,8 +1,8 @@
-"""Equilibrium of a body that acts on itself: its energy holds a part in which every particle feels all others.
+"""Equilibrium of a body that acts on itself: in one part of its energy, every particle interacts with all others.
 
-That part's second derivative is dense, and is not made. The step is preconditioned L-BFGS: the energy's gradient, whole, against the
-factored tangent of everything else, with the last steps' changes of the gradient telling what the tangent leaves out. It goes down the
-true energy, so what it finds is a minimum. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4.
+The second derivative of this part is dense, and is never formed. Instead the step is preconditioned L-BFGS. It takes the gradient of the
+whole energy and the factored tangent of the other parts; changes of the gradient in recent steps stand in for the missing tangent. Every
+step lowers the whole energy, so the result is a minimum. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects import acting as effects
+from magmpm.effects import acting
 from magmpm.errors import SolveError
 from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
@@ -28,40 +28,40 @@ from magmpm.statics.newton import (
 )
 
 REMEMBERED = 12  # steps
-FRESH = 6  # steps with one factorisation
-SHORT = 0.25  # of a step: a shorter one asks for a new factorisation
+FRESH = 6  # steps with one factorization
+SHORT = 0.25  # of a full step: a shorter one asks for a new factorization
 MOST_STEPS = 10  # times max_steps: these steps are cheap
 
 
 class InteractingEnergy:
-    """The energy of a model, all of it: of its effects each particle for itself, and of those that see the whole body."""
+    """Whole energy of a model: effects on each particle by itself, and effects between all particles of the body."""
 
     def __init__(self, model: StaticModel) -> None:
         scene = model.scene.with_effects(magnetic_interaction=None)
         self.model = model
-        self.alone = Energy(replace(model, scene=scene, effects=effects.collect(scene)))
-        self.named = effects.collect(model.scene)
+        self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene)))
+        self.named = acting.collect(model.scene)
         self.whole = Energy(replace(model, effects=self.named))
 
     def at(self, grid: Array) -> Point:
-        """The state of grid coefficients (planes, m), with its whole energy; its loads become those of `residual`."""
+        """State and whole energy for grid coefficients (planes, m) m. `residual` then uses its loads."""
         point = self.alone.at(grid)
         if not point.min_det_F > 0:
             return point
-        effects.refresh(self.named, self.model, point.position, point.F)
-        return replace(point, energy=point.energy + effects.shared_energy(self.named, self.model, point.position, point.F))
+        acting.refresh(self.named, self.model, point.position, point.F)
+        return replace(point, energy=point.energy + acting.shared_energy(self.named, self.model, point.position, point.F))
 
     def residual(self, point: Point) -> Array:
-        """Gradient (planes, m) N of the whole energy at the point that `at` was asked for last."""
+        """Gradient (planes, m) N of the whole energy, at the point from the last call of `at`."""
         return self.whole.residual(point)
 
 
 def minimise_together(
     energy: InteractingEnergy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
 ) -> Minimum:
-    """A minimum of the whole energy from grid coefficients `start` (planes, m): as newton.minimise.
+    """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimise.
 
-    Raises SolveError, with the last point as its state, when max_steps (of MOST_STEPS) do not reach it or no step goes down.
+    Raises SolveError, with the last point as its state, if MOST_STEPS * max_steps steps do not reach it, or no step lowers the energy.
     """
     alone, split = energy.alone, energy.model.layout.split
     rest = energy.at(np.zeros_like(start)).energy
@@ -73,9 +73,9 @@ def minimise_together(
         if age >= FRESH:
             factored(alone, point)
             age = 0
-        direction = -_towards(gradient, remembered, lambda g: solve(alone.panels, split, g))
+        direction = -_two_loop(gradient, remembered, lambda g: solve(alone.panels, split, g))
         decrement = -float(np.sum(gradient * direction)) / 2
-        if not decrement > 0:  # what is remembered is stale
+        if not decrement > 0:  # the remembered steps are out of date
             remembered.clear()
             direction = -solve(alone.panels, split, gradient)
             decrement = -float(np.sum(gradient * direction)) / 2
@@ -105,8 +105,8 @@ def minimise_together(
     )
 
 
-def _towards(gradient: Array, remembered: deque[tuple[Array, Array]], precondition) -> Array:  # type: ignore[no-untyped-def]
-    """The inverse Hessian, as remembered, times the gradient: the two-loop recursion."""
+def _two_loop(gradient: Array, remembered: deque[tuple[Array, Array]], precondition) -> Array:  # type: ignore[no-untyped-def]
+    """The L-BFGS inverse Hessian times the gradient: the two-loop recursion."""
     q = gradient.copy()
     shares = []
     for s, y in reversed(remembered):

@@ -1,4 +1,4 @@
-"""The unknowns of a static solve: which a model has, how they are numbered, and which of them each cell touches."""
+"""The unknowns of a static solve: which ones a model has, their numbers, and which ones each cell touches."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ class Layout:
     cell_row: Index  # (cells, 3)
     slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
-    fixed: NDArray[np.bool_]  # (planes, m) unknowns that stay zero: of nodes without material, of held parts, along y in plane strain
+    fixed: NDArray[np.bool_]  # (planes, m) unknowns that stay zero: at nodes without material, at held parts, along y in plane strain
 
     @property
     def m(self) -> int:
-        """Unknowns of a plane."""
+        """Number of unknowns in a plane."""
         return 3 * self.nodes_per_plane
 
     @property
     def split(self) -> int:
-        """Where the two halves of the factorization meet (statics.block_cholesky)."""
+        """Plane where the two halves of the factorization meet (statics.block_cholesky)."""
         return split_plane(self.planes)
 
     @property
@@ -48,12 +48,12 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True)
 class StaticModel(Model):
-    """A model with what the static solve adds to it: the numbering of its unknowns, and its splines. See ``static_model``."""
+    """A model for the static solve, with the numbers of its unknowns and its splines. See ``static_model``."""
 
     layout: Layout
     weights: Array  # (n, 3, 3): axis, node
     slopes: Array  # (n, 3, 3) 1/m
-    order: tuple[int, int, int] = (0, 1, 2)  # reference axes that the grid's axes are: see statics.axis_order
+    order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see statics.axis_order
 
     @property
     def dof(self) -> int:
@@ -61,7 +61,7 @@ class StaticModel(Model):
         return self.layout.planes * self.layout.m - int(self.layout.fixed.sum())
 
     def plane_coordinates(self) -> Array:
-        """x (planes,) m of the planes of unknowns, counted from the body's base."""
+        """x (planes,) m of the planes of unknowns, from the base of the body."""
         x = self.grid.node_coordinates(0)[int(self.clamped_face) :]
         return x - self.grid.origin[0]
 
@@ -80,10 +80,10 @@ def make_layout(model: Model, weights: Array) -> Layout:
     cell_first, nodes_along = model.particles.cell_first, model.grid.nodes
     ix, iy, iz = model.particles.cell[cell_first[:-1]].T
 
-    # Each row of nodes keeps one unbroken run, so a cell's three nodes along z are neighbours in the numbering.
+    # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers.
     _, rows, columns = nodes_along
     low, high = np.full(rows, columns), np.full(rows, -1)
-    in_row = [1, 1, 1] if model.plane_strain else [0, 1, 2]  # in plane strain one row stands for all three
+    in_row = [1, 1, 1] if model.plane_strain else [0, 1, 2]  # in plane strain one row represents all three
     for shift in in_row:
         np.minimum.at(low, iy + shift, iz)
         np.maximum.at(high, iy + shift, iz + 2)
@@ -97,7 +97,7 @@ def make_layout(model: Model, weights: Array) -> Layout:
     slab_first = np.searchsorted(slab, np.arange(slab.max() + 2))
     planes, nodes = nodes_along[0] - int(model.clamped_face), int(start[-1])
     touched = _touched(cell_first, cell_plane, cell_row, weights, (planes, nodes))
-    fixed = np.repeat(~touched, 3, axis=1)  # nodes without material would be free to be anything
+    fixed = np.repeat(~touched, 3, axis=1)  # nodes without material have no equation
     if model.held.any():
         still = model.held[:, None, None] * weights
         fixed |= np.repeat(_touched(cell_first, cell_plane, cell_row, still, (planes, nodes)), 3, axis=1)
@@ -116,7 +116,7 @@ def make_layout(model: Model, weights: Array) -> Layout:
 
 
 def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Nodes (planes, nodes_per_plane) that some particle touches."""
+    """Whether any particle touches each node (planes, nodes_per_plane)."""
     heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
     touched = np.zeros(shape, bool)
     for a, b, c in np.ndindex(3, 3, 3):

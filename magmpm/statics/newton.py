@@ -1,12 +1,12 @@
-"""Newton's method to a minimum of the energy, globalised.
+"""Globalized Newton's method for a minimum of the energy.
 
-* Energy line search (Armijo), so every step goes down.
-* Where the tangent is not positive definite, it is shifted until it is. The first shift is 1e-5 of its largest diagonal entry: bending is
-  about 1e-6 as stiff as the stiffest mode, so this holds bending still while the stiff modes settle. A positive definite tangent
+* An energy line search (Armijo), so every step lowers the energy.
+* A tangent that is not positive definite is shifted until it is. The first shift is 1e-5 of its largest diagonal entry. Bending is
+  about 1e-6 as stiff as the stiffest mode, so this shift freezes bending while the stiff modes settle. A positive definite tangent
   is never shifted: even 1e-7 would stall the soft modes for dozens of steps.
 * At a stationary point that is not a minimum (buckling, twist), the step goes down the direction of least curvature.
-* It stops on the energy decrement relative to the energy of the load. Near the end, steps reuse the last factors (chord steps cost an
-  eighth of a Newton step, and still shrink the error by its own size each).
+* The method stops when the energy decrement is small relative to the energy of the load. Near the end, steps reuse the last factors. Such
+  a chord step costs an eighth of a Newton step, and still reduces the error by a factor of about its own size.
 
 Sources: Nocedal and Wright, Numerical Optimization, 2nd ed., chapter 3; negative curvature: More and Sorensen, Math. Prog. 16 (1979).
 """
@@ -24,12 +24,12 @@ from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
-SPURIOUS_PRESSURE = 1.0  # of G: a start that holds more is not factored before it is shifted, it would fail
-NEAR = 1e-5  # of the energy scale: decrement below which the tangent hardly changes any more
+SPURIOUS_PRESSURE = 1.0  # of G: a start with more is shifted before its first factorization, which would fail
+NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 LARGEST_SHIFT = 1e3
-MOST_LEFT = 8  # unstable equilibria a solve may leave
-LEAST_FRACTION = 1e-8  # of a step, before the line search gives up
-ROUNDING = 1e-13  # of the energy scale: below it two energies can't be told apart
+MOST_LEFT = 8  # unstable equilibria that one solve may leave
+LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
+ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
 ROUNDING_AT_REST = (
     1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
 )
@@ -38,21 +38,21 @@ Progress = Callable[[int, float], None]
 
 @dataclass
 class Minimum:
-    """What Newton's method found: the point, its steps, and the factored tangent's energy decrement relative to the scale."""
+    """Result of Newton's method: the point, number of steps, and energy decrement of the factored tangent relative to the scale."""
 
     point: Point
     steps: int
     decrement: float
-    left_unstable: int  # stationary points that were left along negative curvature
+    left_unstable: int  # stationary points left along negative curvature
 
 
 def minimise(
     energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
 ) -> Minimum:
-    """A minimum of the energy, from grid coefficients `start` (planes, m).
+    """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
-    tolerance: energy decrement over the energy scale at which to stop; on_step(step, decrement) is told of each step.
-    Raises SolveError, with the last point as its state, when max_steps do not reach it or no step goes down.
+    tolerance: energy decrement over the energy scale at which to stop; on_step(step, decrement): called after each step.
+    Raises SolveError, with the last point as its state, if max_steps do not reach a minimum, or no step lowers the energy.
     """
     point = energy.at(start)
     rest = energy.rest_energy()
@@ -68,7 +68,7 @@ def minimise(
             near, reached = _chord_steps(energy, point, direction, decrement, tolerance * scale)
             if reached < tolerance * scale:
                 return Minimum(near, step, reached / scale, left)
-            # A soft direction (just past buckling) may be too curved for chord steps: then the line search goes on from here.
+            # A soft direction (just past buckling) may be too nonlinear for chord steps. Then the line search continues from here.
             point = near if reached < decrement else _search(energy, point, direction, decrement, scale)
         elif decrement < tolerance * scale:
             left += 1
@@ -87,19 +87,19 @@ def minimise(
 
 
 def _expected_shift(energy: Energy, point: Point) -> float:
-    """The shift a start is likely to need: its section field ignores the clamp, which leaves a spurious pressure there."""
+    """Likely shift for a start. Its section field ignores the clamp, which leaves a spurious pressure there."""
     ratio = float(np.max(energy.model.bulk / energy.model.shear))
     return FIRST_SHIFT if ratio * max(1 - point.min_det_F, point.max_det_F - 1) > SPURIOUS_PRESSURE else 0.0
 
 
 def _step(energy: Energy, point: Point, shift: float) -> tuple[Array, Array, float]:
-    """Residual, Newton direction and the shift it took (at least `shift`), in units of the largest diagonal entry."""
+    """Residual, Newton direction, and the shift it needed (at least `shift`), in units of the largest diagonal entry."""
     residual, shift = factored(energy, point, shift)
     return residual, -solve(energy.panels, energy.model.layout.split, residual), shift
 
 
 def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, float]:
-    """Residual, and the shift (at least `shift`) with which the tangent could be factored; the energy's panels hold the factors."""
+    """Residual, and the shift (at least `shift`) that made the tangent positive definite. The energy's panels then hold the factors."""
     layout = energy.model.layout
     while True:
         residual, panels = energy.tangent(point)
@@ -118,9 +118,9 @@ def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, f
 def _chord_steps(
     energy: Energy, point: Point, direction: Array, decrement: float, enough: float
 ) -> tuple[Point, float]:
-    """Full steps with the factors at hand, while each shrinks the decrement at least tenfold; the last point and its decrement.
+    """Take full steps with the last factors, while each reduces the decrement at least tenfold. Returns the last point and its decrement.
 
-    Near a minimum the energy can't tell two points apart any more (ROUNDING), so the decrement judges, not a line search.
+    Near a minimum, differences of the energy are rounding errors (ROUNDING). So the decrement decides, not a line search.
     """
     split = energy.model.layout.split
     while True:
@@ -131,7 +131,7 @@ def _chord_steps(
         direction = -solve(energy.panels, split, residual)
         reached = -float(np.sum(residual * direction)) / 2
         if reached < enough:
-            last = energy.at(trial.grid + direction)  # its decrement is smaller still
+            last = energy.at(trial.grid + direction)  # its decrement is even smaller
             return last, reached
         if not reached < 0.1 * decrement:
             return (trial, reached) if reached < decrement else (point, decrement)
@@ -139,11 +139,11 @@ def _chord_steps(
 
 
 def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
-    """Direction of least curvature, from the shifted factors the energy's panels hold: inverse iteration from a fixed vector."""
+    """Direction of least curvature, from the shifted factors in the energy's panels, by inverse iteration from a fixed vector."""
     layout, model = energy.model.layout, energy.model
     x = model.plane_coordinates()
     d = np.zeros((layout.planes, layout.m))
-    # A straight rod buckles towards +z, unless something tells it otherwise. Each attempt starts from another mix of bending.
+    # A straight rod buckles toward +z unless a load decides otherwise. Each attempt starts from another mix of bending.
     _, second, third = model.order
     d[:, third::3] = (x**2)[:, None]
     d[:, second::3] = 1e-3 * attempt * (x**2)[:, None]
@@ -158,7 +158,7 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
 
 
 def _search(energy: Energy, point: Point, direction: Array, decrement: float, scale: float) -> Point:
-    """Backtrack along a direction until the energy falls as much as Armijo asks."""
+    """Backtrack along a direction until the energy satisfies the Armijo condition."""
     fraction = 1.0
     noise = max(ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:

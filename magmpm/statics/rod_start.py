@@ -1,10 +1,10 @@
-"""Where the equilibrium solve starts: the rod's shape, dressed with the section's own deformation.
+"""Start of the equilibrium solve: the shape of the rod, with the deformation of its sections.
 
-Each section moves and turns with the rod's frame, and narrows and bends as Saint-Venant's solution says: with axial strain
-eps = eps0 + k2 z - k3 y the section's points move by
+Each section moves and turns with the rod's frame. It contracts and bends as in Saint-Venant's solution: with axial strain
+eps = eps0 + k2 z - k3 y, points of the section move by
 u_y = -nu (eps0 y + k2 y z - k3 (y^2 - z^2)/2), u_z = -nu (eps0 z + k2 (z^2 - y^2)/2 - k3 y z).
 A section that is much wider than thick bends like a plate: u_y = 0, u_z = -nu/(1 - nu) (eps0 z + k2 z^2/2).
-Without this the start would carry a volume change that costs a Newton step or two.
+Without this the start would have a volume change that costs one or two Newton steps.
 Source: Love, A Treatise on the Mathematical Theory of Elasticity, 4th ed., chapter 15.
 """
 
@@ -25,7 +25,7 @@ def straight(model: StaticModel) -> Array:
 
 
 def from_rod(model: StaticModel, rod: RodShape) -> Array:
-    """Coefficients (planes, m), m, of the displacement that carries the body onto the rod's shape."""
+    """Coefficients (planes, m), m, of the displacement from the undeformed body to the rod's shape."""
     grid, layout = model.grid, model.layout
     length = rod.s[-1]
     assert model.line is not None  # only straight bodies are rods
@@ -39,7 +39,7 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     axis = _interpolate(rod.s, rod.position, inside) + overhang
 
     nu = poisson_ratio(model.shear.mean(), model.bulk.mean())
-    # Up to the clamp, which holds the section's shape: to let this grow with the distance from it costs more energy, not less.
+    # Right up to the clamp, though it holds the section's shape: letting this grow with the distance from the clamp costs more energy.
     e, k2, k3 = (c[:, None] for c in (strain[:, 0] - 1.0, curvature[:, 1], curvature[:, 2]))
     in_plane = np.zeros((len(x), len(y), 3))
     shape = model.scene.body.shape
@@ -54,7 +54,7 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     u = position - undeformed
 
     # Values at the nodes -> spline coefficients: c = f - h^2/8 f'', exact for quadratics. Along y and z the second derivatives of
-    # the field above cancel between its terms; along x they do not. Before plane 0 stands node 0, minus plane 0 (the clamp).
+    # the field above cancel between its terms; along x they do not. Node 0 comes before plane 0, with minus its value (the clamp).
     before = np.concatenate([-u[:1], u[:-1]])
     after = np.concatenate([u[1:], 2 * u[-1:] - u[-2:-1]])
     u = u - (before - 2 * u + after) / 8
@@ -70,13 +70,13 @@ def plane_frames(model: StaticModel, rod: RodShape) -> Array:
 
 
 def local_correction(model: StaticModel, rod: RodShape, grid: Array) -> Array:
-    """What coefficients `grid` (planes, m) add to the rod's shape, in its frames: nearly the same for a neighbouring design."""
+    """Coefficients `grid` (planes, m) minus the rod's shape, in the rod's frames. Nearly the same for a neighboring design."""
     extra = (grid - from_rod(model, rod)).reshape(model.layout.planes, -1, 3)
     return np.einsum("pij,pni->pnj", plane_frames(model, rod), extra).reshape(grid.shape)
 
 
 def with_correction(model: StaticModel, rod: RodShape, local: Array) -> Array:
-    """Coefficients (planes, m) of the rod's shape with a neighbour's `local_correction` in this rod's frames."""
+    """Coefficients (planes, m) of the rod's shape plus the `local_correction` of a neighboring design, in this rod's frames."""
     extra = np.einsum("pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3))
     return from_rod(model, rod) + extra.reshape(local.shape)
 
@@ -87,5 +87,5 @@ def _interpolate(s: Array, values: Array, at: Array) -> Array:
 
 
 def _orthonormal(frames: Array) -> Array:
-    """Nearest rotations to nearly orthonormal frames (n, 3, 3): one step of Newton's polar iteration, error squared."""
+    """Nearest rotations to nearly orthonormal frames (n, 3, 3): one step of Newton's polar iteration, which squares the error."""
     return (frames + np.linalg.inv(frames).transpose(0, 2, 1)) / 2
