@@ -1,4 +1,4 @@
-"""Pictures without risk to what they are pictures of: one drawing process, used again for every frame.
+"""Pictures are drawn in a process of their own, used for every frame, so that a crash there cannot harm the simulation.
 
 A missing OpenGL library is a segmentation fault inside VTK, and a driver may hang. So all drawing happens in
 a worker process (viz.process). When it dies or hangs it is started once more; when that does not help,

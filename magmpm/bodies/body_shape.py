@@ -1,4 +1,4 @@
-"""What every kind of body can tell: all that scenes, models, effects and solvers know of one.
+"""The interface of every kind of body: all that scenes, models, effects and solvers know about one.
 
 A new kind of body is one file with a class like those in catheter.py, strip.py and assembly.py, and one key of `Body` (body.py).
 """
@@ -117,7 +117,7 @@ class BodyShape(Settings):
         return np.zeros(len(particles.volume), np.int64)
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
-        """Which connected component each particle (n,) is in, from 0: components move apart, a component hangs together."""
+        """Which connected component each particle (n,) is in, from 0: components can move apart from each other."""
         return np.zeros(len(particles.volume), np.int64)
 
     def check_resolution(self, cells_across: int) -> None:

@@ -1,4 +1,4 @@
-"""Which parts of a body hang together."""
+"""Which parts of a body are connected."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class StraightBody(BodyShape):
             raise fault(
                 f"a segment must be at least {SHORTEST:g} times the {cls.kind}'s {cls.across} long, "
                 f"{1e3 * SHORTEST * thickness:.3g} mm here, and segment {shortest + 1} is {1e3 * lengths[shortest]:.3g} mm",
-                "check its unit, make it longer, or leave it out: the grid tells nothing finer",
+                "check its unit, make it longer, or leave it out: the grid resolves nothing finer",
                 (shortest, "length") if segments[shortest].length is not None else (),
             )
 

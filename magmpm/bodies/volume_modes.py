@@ -1,4 +1,4 @@
-"""What the volume part of the energy is averaged over, in equilibrium and in motion (F-bar): functions on the particles of each cell."""
+"""The functions over which the volume part of the energy is averaged (F-bar), in equilibrium and in motion: four in each cell."""
 
 from __future__ import annotations
 

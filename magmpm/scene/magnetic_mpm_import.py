@@ -1,4 +1,4 @@
-"""Robots of the magneticMPM format -> scenes.
+"""Converts robots of the magneticMPM format to scenes.
 
 For each segment a robot file names an STL mesh (in millimeters, in the folder `meshes` beside it), a magnetization vector, density
 (kg/m^3), shear modulus (Pa) and whether it is fixed, and one `remenance` (T, so spelled) for all. K = 20 G is implied. It says nothing of

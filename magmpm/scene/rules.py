@@ -1,4 +1,4 @@
-"""Rules that join parts of a scene: what each part alone can't know."""
+"""Rules that concern several parts of a scene together."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class Scene(Settings):
         description="Materials by name.",
         examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}],
     )
-    body: Body = Field(description="What moves: a catheter or a strip.", examples=[{"catheter": CATHETER}])
+    body: Body = Field(description="What moves: a catheter, a strip, or parts given as STL meshes.", examples=[{"catheter": CATHETER}])
     field: FieldSource = Field(
         default=FieldSource(),
         description="The outside magnetic field; none unless given.",

@@ -1,4 +1,4 @@
-"""What a scene's author may not have meant."""
+"""Warnings: settings of a scene that its author may not have meant."""
 
 from __future__ import annotations
 
