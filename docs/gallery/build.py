@@ -26,7 +26,7 @@ from typing import Any
 
 from PIL import Image
 
-from magmpm.cli.main import main as magmpm
+from magmpm.cli import main as magmpm
 from magmpm.errors import InputError
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene

@@ -2,6 +2,6 @@
 
 import sys
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 
 sys.exit(main())

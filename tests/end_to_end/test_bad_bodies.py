@@ -10,7 +10,7 @@ from bad_scenes import BadScene
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import Mesh, write_stl
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import load_scene
 

@@ -10,7 +10,7 @@ import pytest
 from bad_scenes import DAMAGE
 from bad_studies import CASES, FILES, BadStudy, write
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.errors import InputError, NotThereYet
 from studies.definition import load_study
 

@@ -13,7 +13,7 @@ import bad_scenes
 import numpy as np
 import pytest
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.errors import SolveError
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod

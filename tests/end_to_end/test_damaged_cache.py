@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from test_commands import SCENE
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.compiled.cache import _DIGEST
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 
 def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    code = "import sys; from magmpm.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
     return subprocess.run(
         [sys.executable, "-c", code, *arguments], env={**os.environ, "PYTHONPATH": paths, **environment},
         capture_output=True, text=True, check=False,

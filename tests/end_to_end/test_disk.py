@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from test_commands import SCENE
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 
 Said = pytest.CaptureFixture[str]
 

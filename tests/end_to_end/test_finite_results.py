@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.errors import SolveError
 from magmpm.results import measures
 from magmpm.results.result import Result

@@ -15,7 +15,7 @@ from reference.folders import holding
 from test_commands import SCENE, STUDY
 from test_motion_runs import environment, scene
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.results import folder_lock as lock
 from magmpm.results.file_names import CHECKPOINT, ENERGIES
 from magmpm.results.folder_lock import LOCK, FolderInUse, folder_lock

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from test_commands import SCENE
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from studies.report import REPORT
 from studies.storage import OWNER
 

@@ -14,7 +14,7 @@ import yaml
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import Mesh, write_stl
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.scene import load_scene

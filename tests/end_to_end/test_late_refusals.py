@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.errors import dotted, undotted
 
 SCENE = """\

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.cli.render import motion_of
 from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import InputError

@@ -13,7 +13,7 @@ from test_bad_bodies import PARTS
 from test_commands import SCENE
 from test_import import robot_file
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 
 PATIENCE = 30  # s for a command that takes one; without the check it waits forever, or fills the memory
 

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from reference import drawn, motions
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.results.folder_lock import LOCK
 from magmpm.results.trajectory import MotionWriter
 

@@ -17,7 +17,7 @@ from test_import import robot_file
 from test_motion_runs import SCENE as SWING
 from test_motion_runs import environment
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from studies.hard_cases import CASES, Case
 
 

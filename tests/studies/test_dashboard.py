@@ -16,13 +16,13 @@ import pytest
 from interruptible import draw
 from rod_solve import solve, write_study
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from studies.definition import load_study
 from studies.engine import run_study
 
 pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
 
-SERVE = "import sys; from magmpm.cli.main import main; sys.exit(main(sys.argv[1:]))"
+SERVE = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 from reference.moving import moving_scene
 from reference.scenes import G, rod_scene
 
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
 from magmpm.inputs.settings import validate

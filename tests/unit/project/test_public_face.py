@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import builtins
+import configparser
 import dataclasses
 import inspect
 import re
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -205,7 +207,7 @@ resolution: {cells_across: 2}
 
 def test_errors_from_python_are_worded_as_the_command_words_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What shows only once the body is built, and what shows as the file is read: file, line, key and value."""
-    from magmpm.cli.main import main
+    from magmpm.cli import main
 
     late, early = tmp_path / "late.yaml", tmp_path / "early.yaml"
     late.write_text(LATE.replace("GROUND", "[0 mm, 0 mm, 1 mm]"))
@@ -216,3 +218,19 @@ def test_errors_from_python_are_worded_as_the_command_words_them(tmp_path: Path,
         assert f"{path}{place}" in str(told.value)
         assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
         assert f"magmpm: {told.value}\n" in capsys.readouterr().err
+
+
+def test_the_installed_command_finds_its_function(capsys: pytest.CaptureFixture[str]) -> None:
+    """Scripts of earlier installations say `from magmpm.cli import main`: that stays a function, and setup.cfg names the same one."""
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    name, _, value = setup["options.entry_points"]["console_scripts"].strip().partition(" = ")
+    assert (name, value) == ("magmpm", "magmpm.cli:main")
+    with pytest.raises(SystemExit) as ended:
+        EntryPoint(name, value, "console_scripts").load()(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("magmpm ")
+    light = "assert not {'numba', 'scipy', 'h5py', 'optuna', 'matplotlib'} & {*sys.modules}"
+    script = f"import sys; from magmpm.cli import main; {light}; sys.exit(main(['--version']))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("magmpm ")

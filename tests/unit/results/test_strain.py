@@ -11,7 +11,7 @@ from reference.moving import moving_scene
 from reference.scenes import rod_scene
 
 from magmpm.bodies.curves import tightest_radius
-from magmpm.cli.main import main
+from magmpm.cli import main
 from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.model import Model, build
 from magmpm.results.result import Result

@@ -41,7 +41,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _say(message: str, status: int) -> int:
     print(message, file=sys.stderr)
     return status
-
-
-if __name__ == "__main__":
-    sys.exit(main())
