@@ -41,7 +41,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Ladder:
-    """rungs, coarse to fine; order: fitted order of convergence towards the reference, or if there is none towards the finest."""
+    """rungs, coarse to fine; order: fitted order of convergence toward the reference, or if there is none toward the finest."""
 
     scene: str
     length: float  # m

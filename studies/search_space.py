@@ -2,13 +2,13 @@
 
 Each magnetized segment has two angles, relative to the catheter and not to the room:
 
-    around: turn about the catheter's axis, from +y towards +z, -180 to 180 deg
-    along:  lift from the cross-section towards the tip, -90 to 90 deg
+    around: turn about the catheter's axis, from +y toward +z, -180 to 180 deg
+    along:  lift from the cross-section toward the tip, -90 to 90 deg
     d = (sin along, cos along cos around, cos along sin around)
 
-`along` = 90 deg is magnetized along the axis towards the tip, 0 across it. The mechanics of a bent catheter refers to its axis, not
+`along` = 90 deg is magnetized along the axis toward the tip, 0 across it. The mechanics of a bent catheter refers to its axis, not
 to +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
-A varied field has its strength and the two angles of scene files: azimuth from +x towards +y, elevation to +z.
+A varied field has its strength and the two angles of scene files: azimuth from +x toward +y, elevation to +z.
 """
 
 from __future__ import annotations

@@ -205,12 +205,12 @@ class Parts(BodyShape):
         volume = sum(volume_of(triangles) for triangles in self.triangles())
         return float(volume / np.prod(self.grid(cells_across).spacing) * particles_per_cell**3)
 
-    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
         """How far the outermost particles are from the surface, m: see BodyShape.
 
         All ways nothing, for parts are of any shape: obstacles let them in elsewhere, by up to a quarter of a cell.
         """
-        return 0.0 if towards is None else _depth_towards(self, cells_across, particles_per_cell, tuple(map(float, towards)))
+        return 0.0 if toward is None else _depth_toward(self, cells_across, particles_per_cell, tuple(map(float, toward)))
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
         """How far some of the particles (k,) are from their part's surface, as it was made, (k,) m."""
@@ -239,10 +239,10 @@ class Parts(BodyShape):
 
 
 @lru_cache(maxsize=8)
-def _depth_towards(parts: Parts, cells_across: int, particles_per_cell: int, towards: tuple[float, ...]) -> float:
+def _depth_toward(parts: Parts, cells_across: int, particles_per_cell: int, toward: tuple[float, ...]) -> float:
     """How deep (m) below the outermost vertex, that way, the outermost particle of a free part lies: of the part of which it is least."""
     triangles, particles = parts.triangles(), parts.discretize(cells_across, particles_per_cell).particles
-    extent = particles.position @ np.array(towards)
+    extent = particles.position @ np.array(toward)
     free = [k for k, part in enumerate(parts.meshes) if not part.clamp]
-    depths = [(triangles[k] @ np.array(towards)).max() - extent[particles.segment == k].max() for k in free]
+    depths = [(triangles[k] @ np.array(toward)).max() - extent[particles.segment == k].max() for k in free]
     return float(max(min(depths), 0.0))

@@ -101,10 +101,10 @@ class BodyShape(Settings):
         return np.array([region.magnetization for region in self.regions()])[particles.segment]
 
     @abstractmethod
-    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
         """How far the outermost particles are taken to be from the body's surface, m.
 
-        towards: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
+        toward: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
         obstacle that the body just touches holds a particle already.
         """
 

@@ -103,13 +103,13 @@ class Catheter(StraightBody):
         section = rod_section(grid, **self.radii, particles_per_cell=particles_per_cell)[1][0]
         return float(len(section) * grid.cells[0] * particles_per_cell)
 
-    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
         """How far the outermost particles are from its surface, m: see BodyShape. All ways: the least around its section."""
         depths = _depths_around(self, cells_across, particles_per_cell)
-        if towards is None:
+        if toward is None:
             return float(depths.min())
-        along, aside = abs(float(towards[0])), math.hypot(towards[1], towards[2])
-        turn = math.atan2(towards[2], towards[1]) % (2 * math.pi) if aside > 0 else 0.0
+        along, aside = abs(float(toward[0])), math.hypot(toward[1], toward[2])
+        turn = math.atan2(toward[2], toward[1]) % (2 * math.pi) if aside > 0 else 0.0
         around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
         return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
 
@@ -129,7 +129,7 @@ class Catheter(StraightBody):
 
 @lru_cache(maxsize=8)
 def _depths_around(catheter: Catheter, cells_across: int, particles_per_cell: int) -> Array:
-    """How deep (m) below its tangent plane a catheter's particles lie, every degree around it: from y towards z, (360,)."""
+    """How deep (m) below its tangent plane a catheter's particles lie, every degree around it: from y toward z, (360,)."""
     _, (points, _, _) = rod_section(catheter.grid(cells_across), **catheter.radii, particles_per_cell=particles_per_cell)
     angle = np.deg2rad(np.arange(360))
     return np.asarray(catheter.diameter / 2 - (points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0))

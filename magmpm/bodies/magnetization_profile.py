@@ -30,7 +30,7 @@ class Harmonic(Settings):
     )
     phase: Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")] = Field(
         default=0.0,
-        description="Angle at the base, from the plane's first axis towards its second; 0 deg unless given.",
+        description="Angle at the base, from the plane's first axis toward its second; 0 deg unless given.",
         examples=["45 deg"],
     )
     plane: Literal["xz", "xy", "yz"] = Field(
@@ -38,7 +38,7 @@ class Harmonic(Settings):
     )
     turn: Literal["ccw", "cw"] = Field(
         default="ccw",
-        description="Along +x the angle grows (ccw: from the plane's first axis towards its second, unless given) or shrinks (cw).",
+        description="Along +x the angle grows (ccw: from the plane's first axis toward its second, unless given) or shrinks (cw).",
         examples=["cw"],
     )
 

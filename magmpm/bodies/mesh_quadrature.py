@@ -1,7 +1,7 @@
 """From meshes to a grid and particles: quadrature points with the exact volume, centroid and second moments of every cut cell.
 
 The points of a cell are tensor Gauss points, moved and stretched to the moments of what the mesh fills of the cell; in a full cell they are
-the Gauss points themselves. Where a piece is so skew that its points would leave the cell they are pulled towards its centroid:
+the Gauss points themselves. Where a piece is so skew that its points would leave the cell they are pulled toward its centroid:
 volume and centroid stay exact, `part_errors` says what the second moments of the whole part lose.
 """
 

@@ -169,15 +169,15 @@ class Strip(StraightBody):
         share = (x - self.position[0]) / self.length
         return np.array([profile.direction(s, self.length) for s in share.tolist()])[of]
 
-    def depth(self, cells_across: int, particles_per_cell: int, towards: Array | None = None) -> float:
+    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
         """How far the outermost particles are from its surface, m: see BodyShape. All ways: the Gauss points' below the flat faces."""
         share = gauss_depth(particles_per_cell)
-        if towards is None:
+        if toward is None:
             return share * self.cell_size(cells_across)
         deep = share * self.grid(cells_across).spacing
         if self.plane_strain:
             deep[1] = 0.0  # one particle stands for the width
-        return float(np.abs(towards) @ deep)
+        return float(np.abs(toward) @ deep)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
         return rectangle(self.width, self.thickness, shear, young, poisson, self.plane_strain)

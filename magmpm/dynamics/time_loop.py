@@ -1,4 +1,4 @@
-"""The time loop: `move` follows the motion of a model, frame by frame."""
+"""The time loop: `move` simulates the motion of a model, frame by frame."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def move(model: Model, **options: Any) -> SimulationState:
 
 
 def integrate(
-    moved: SimulationState,
+    state: SimulationState,
     *,
     folder: Path | str | None = None,
     resume: bool = False,
@@ -151,86 +151,86 @@ def integrate(
 
     folder: where to write frames, energies, contacts and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
     on_progress(time in s, steps so far): called after every chunk of steps.
-    Raises InputError before the first step. Raises SolveError where the motion goes wrong; the last good SimulationState is its state, and
-    is on disk.
+    Raises InputError before the first step. Raises SolveError where the motion goes wrong: its `state` is the last good SimulationState,
+    which is on disk too.
     """
-    model = moved.motion.model
+    model = state.motion.model
     options = _options(model.scene)
     saved = Checkpoint.load(folder, model.scene) if folder is not None and resume else None
     if saved is not None and folder is not None:
-        saved.must_fit(moved.motion.state(), folder)
-        _go_on_from(moved, saved)
-        moved.every = saved.every
-    _measure(moved, moved.motion.kinematics())
-    writer = None if folder is None else _writer(moved, folder, saved)
+        saved.must_fit(state.motion.state(), folder)
+        _go_on_from(state, saved)
+        state.every = saved.every
+    _measure(state, state.motion.kinematics())
+    writer = None if folder is None else _writer(state, folder, saved)
     balance = watchdog.EnergyBalance() if _conserves(model) else None
     if balance is not None and saved is None:  # velocities of a checkpoint lag by half a step: less kinetic energy
-        balance.check(moved.energies)
+        balance.check(state.energies)
     if saved is None:
-        _write(moved, writer)
+        _write(state, writer)
     times = options.frame_times if saved is None else saved.times(options)
     scene_hash = motion_hash(model.scene)
-    last = saved_last = _checkpoint(moved, scene_hash)
+    last = saved_last = _checkpoint(state, scene_hash)
     saved_at = -math.inf
     try:
-        while moved.frame < len(times):
-            now = interval(moved, times[moved.frame], on_progress)
-            moved.frame += 1
-            _measure(moved, now)
-            if balance is not None and (trouble := balance.check(moved.energies)) is not None:
-                raise _stopped(moved, trouble)
-            _write(moved, writer)
-            moved.strain = moved.strain.worst(strain_of(model, moved.x, moved.F, moved.time))
-            moved.control.at_frame()  # before the checkpoint, which stores the next step
-            last = _checkpoint(moved, scene_hash)
+        while state.frame < len(times):
+            now = interval(state, times[state.frame], on_progress)
+            state.frame += 1
+            _measure(state, now)
+            if balance is not None and (trouble := balance.check(state.energies)) is not None:
+                raise _stopped(state, trouble)
+            _write(state, writer)
+            state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
+            state.control.at_frame()  # before the checkpoint, which stores the next step
+            last = _checkpoint(state, scene_hash)
             if folder is not None and monotonic() > saved_at + SAVE_EVERY:
-                _save(moved, last, folder)
+                _save(state, last, folder)
                 saved_last, saved_at = last, monotonic()
     except SolveError as error:
-        _go_on_from(moved, last)
-        _measure(moved, moved.motion.kinematics())
-        raise type(error)(error.reason, moved) from None
+        _go_on_from(state, last)
+        _measure(state, state.motion.kinematics())
+        raise type(error)(error.reason, state) from None
     finally:  # also if the run is interrupted
         if folder is not None and last is not saved_last:
-            _save(moved, last, folder)
-    return moved
+            _save(state, last, folder)
+    return state
 
 
-def _writer(moved: SimulationState, folder: Path | str, saved: Checkpoint | None) -> MotionWriter:
+def _writer(state: SimulationState, folder: Path | str, saved: Checkpoint | None) -> MotionWriter:
     """Writer of a new file of frames in a folder; after a checkpoint, of the existing file, from the checkpoint's frame on."""
-    model, most = moved.motion.model, _options(moved.motion.model.scene).max_disk
+    model, most = state.motion.model, _options(state.motion.model.scene).max_disk
     if saved is None:
         forget_motion(folder)
         return MotionWriter(folder, model, max_disk=most)
     frames = saved.frame + 1
-    return MotionWriter(folder, model, max_disk=most, resume_at=moved.time, resume_frames=frames, resume_contacts=moved.contacts)
+    return MotionWriter(folder, model, max_disk=most, resume_at=state.time, resume_frames=frames, resume_contacts=state.contacts)
 
 
-def _save(moved: SimulationState, last: Checkpoint, folder: Path | str) -> None:
+def _save(state: SimulationState, last: Checkpoint, folder: Path | str) -> None:
     """Save a checkpoint. If the disk refuses it, the motion continues with a warning."""
     try:
         last.save(folder)
     except OSError as error:
         what = f"{error.filename}: {error.strerror or error}: --resume can only go on from an earlier moment, or from the start"
-        if what not in moved.warnings:
-            moved.warnings.append(what)
+        if what not in state.warnings:
+            state.warnings.append(what)
 
 
-def _checkpoint(moved: SimulationState, scene_hash: str) -> Checkpoint:
+def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     """The checkpoint of a motion after a frame."""
-    motion = moved.motion
+    motion = state.motion
     return Checkpoint(
-        scene_hash=scene_hash, every=moved.every, time=moved.time, formulation=motion.formulation,
-        frame=moved.frame, steps=moved.steps, control={**moved.control.state(), **moved.strain.state()}, state=motion.state(),
+        scene_hash=scene_hash, every=state.every, time=state.time, formulation=motion.formulation,
+        frame=state.frame, steps=state.steps, control={**state.control.state(), **state.strain.state()}, state=motion.state(),
     )  # fmt: skip
 
 
-def _go_on_from(moved: SimulationState, saved: Checkpoint) -> None:
+def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     """Set a motion back to a checkpoint."""
-    moved.motion.restore(saved.state)
-    moved.control.restore(saved.control)
-    moved.strain = Strain.restored(saved.control)
-    moved.frame, moved.steps, moved.time = saved.frame, saved.steps, saved.time
+    state.motion.restore(saved.state)
+    state.control.restore(saved.control)
+    state.strain = Strain.restored(saved.control)
+    state.frame, state.steps, state.time = saved.frame, saved.steps, saved.time
 
 
 def _conserves(model: Model) -> bool:
@@ -246,15 +246,15 @@ def _conserves(model: Model) -> bool:
     )
 
 
-def interval(moved: SimulationState, until: float, on_progress: Progress | None = None) -> Kinematics:
-    """Take equal steps up to a time (s), no longer than moved.control allows. Where the control changes its bound, choose a new step.
+def interval(state: SimulationState, until: float, on_progress: Progress | None = None) -> Kinematics:
+    """Take equal steps up to a time (s), no longer than state.control allows. Where the control changes its bound, choose a new step.
 
     Raises SolveError where the motion can't go on.
     """
-    model, motion, control = moved.motion.model, moved.motion, moved.control
+    model, motion, control = state.motion.model, state.motion, state.control
     itself = acting.feels_itself(model.scene)
-    while moved.time < until:
-        start, done = moved.time, 0
+    while state.time < until:
+        start, done = state.time, 0
         count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
         dt = (until - start) / count
         for first in range(0, count, CHUNK):
@@ -266,59 +266,59 @@ def interval(moved: SimulationState, until: float, on_progress: Progress | None 
             motion.set_off(dt, named)
             taken, now, trouble = control.take(named, steps, dt)
             done = first + taken
-            moved.steps, moved.dt = moved.steps + taken, dt
-            moved.time = until if done == count else start + dt * done
-            trouble = trouble or _wrong(moved, now)
+            state.steps, state.dt = state.steps + taken, dt
+            state.time = until if done == count else start + dt * done
+            trouble = trouble or _wrong(state, now)
             if trouble is not None:
-                raise _stopped(moved, trouble)
+                raise _stopped(state, trouble)
             if on_progress is not None:
-                on_progress(moved.time, moved.steps)
+                on_progress(state.time, state.steps)
             if taken < steps or control.step < dt * (1 - 1e-12) or (control.step > 1.5 * dt and done < count):
                 break
     motion.sort()
     return now
 
 
-def _wrong(moved: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
+def _wrong(state: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
     """What is wrong with a motion, or None. Raises BudgetError where it needs more than max_memory."""
-    model = moved.motion.model
-    _outgrown(moved.motion, _options(model.scene))
-    if moved.motion.watch[WHY] == BROKEN:
-        return watchdog.outside_domain(model, now.x, moved.time) or watchdog.broken(model, now.x, now.v, now.F)
-    return watchdog.check(model, now.x, now.v) or watchdog.outside_domain(model, now.x, moved.time)
+    model = state.motion.model
+    _outgrown(state.motion, _options(model.scene))
+    if state.motion.watch[WHY] == BROKEN:
+        return watchdog.outside_domain(model, now.x, state.time) or watchdog.broken(model, now.x, now.v, now.F)
+    return watchdog.check(model, now.x, now.v) or watchdog.outside_domain(model, now.x, state.time)
 
 
-def _stopped(moved: SimulationState, trouble: watchdog.Trouble) -> SolveError:
+def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
     where = ""
     if trouble.particle >= 0:
-        place = moved.motion.model.particles.position[trouble.particle] * 1e3
+        place = state.motion.model.particles.position[trouble.particle] * 1e3
         where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
-    bound = f"the time step is {moved.dt:.3g} s, the stable bound at the start was {moved.stable.largest:.3g} s"
-    return SolveError(f"step {moved.steps}, t = {moved.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+    bound = f"the time step is {state.dt:.3g} s, the stable bound at the start was {state.stable.largest:.3g} s"
+    return SolveError(f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
 
 
-def _measure(moved: SimulationState, now: Kinematics) -> None:
+def _measure(state: SimulationState, now: Kinematics) -> None:
     """Store stress, energies and contacts of the present state."""
-    model, motion = moved.motion.model, moved.motion
-    moved.x, moved.v, moved.F = now.x, now.v, now.F
-    named = acting.collect(model.scene, times=np.array([moved.time]))
+    model, motion = state.motion.model, state.motion
+    state.x, state.v, state.F = now.x, now.v, now.F
+    named = acting.collect(model.scene, times=np.array([state.time]))
     with motion.threads.alone():
-        elastic, moved.P = energies.elastic(model, now.F, motion.formulation == "total")
+        elastic, state.P = energies.elastic(model, now.F, motion.formulation == "total")
         acting.refresh(named, model, now.x, now.F)
-        energies.add_effects_stress(model, now.x, now.F, named, moved.P)
-        potentials = energies.effect_energies(model, now.x, now.F, moved.time)
-    moved.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
-    moved.contacts = {}
+        energies.add_effects_stress(model, now.x, now.F, named, state.P)
+        potentials = energies.effect_energies(model, now.x, now.F, state.time)
+    state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
+    state.contacts = {}
     for key, effect in model.scene.effects.named().items():
-        if (contact := effect.report(model, moved.x, moved.v, moved.dt)) is not None:
-            moved.contacts[key] = contact
+        if (contact := effect.report(model, state.x, state.v, state.dt)) is not None:
+            state.contacts[key] = contact
 
 
-def _write(moved: SimulationState, writer: MotionWriter | None) -> None:
+def _write(state: SimulationState, writer: MotionWriter | None) -> None:
     """Write the measured state as a frame."""
     if writer is None:
         return
-    model = moved.motion.model
-    center = model.particles.volume @ moved.x / model.particles.volume.sum()
-    field = model.scene.outside_field().at(center, moved.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
-    writer.frame(moved.time, moved.x, moved.v, moved.F, moved.P, moved.energies, moved.contacts, field)
+    model = state.motion.model
+    center = model.particles.volume @ state.x / model.particles.volume.sum()
+    field = model.scene.outside_field().at(center, state.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
+    writer.frame(state.time, state.x, state.v, state.F, state.P, state.energies, state.contacts, field)

@@ -72,13 +72,13 @@ def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):
     f[2] += normal * n2 - drag * t2
 
 
-def reach(scene: SceneLike, towards: Array | None = None) -> float:
+def reach(scene: SceneLike, toward: Array | None = None) -> float:
     """Distance of the outermost particles from the body's surface, m: the body touches when a particle is that near.
 
-    towards: unit vector (3,) from the undeformed body to the obstacle, to get the depth in that direction. None: in all directions, so
+    toward: unit vector (3,) from the undeformed body to the obstacle, to get the depth in that direction. None: in all directions, so
     that an obstacle that just touches the body contains no particle yet (see bodies.body_shape).
     """
-    return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, towards)
+    return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, toward)
 
 
 def penalty(scene: SceneLike, factor: float) -> float:

@@ -52,7 +52,7 @@ class Ground(Obstacle):
     point: Point = Field(description="A point of the plane: [x, y, z].", examples=[["0 mm", "0 mm", "-2 mm"]])
     normal: Direction = Field(
         default=(0.0, 0.0, 1.0),
-        description="Away from the ground, towards the body; +z unless given.",
+        description="Away from the ground, toward the body; +z unless given.",
         examples=[[0, 0, 1]],
     )
     friction: Friction = 0.0

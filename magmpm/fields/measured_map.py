@@ -152,7 +152,8 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
     groups = {"uniform": ("Bx", "By", "Bz"), "move": ("x", "y", "z")}
     for group in groups.values():
         if 0 < sum(name in names for name in group) < 3:
-            raise TableError(str(path), rule=f"the columns {', '.join(group)} stand together", remedy="add what is missing")
+            rule = f"the columns {', '.join(group)} must all be given, or none of them"
+            raise TableError(str(path), rule=rule, remedy="add the missing columns")
     if "time" not in names or len(names) == 1:
         rule = "a schedule has a column of time and at least one of strength; Bx, By, Bz; x, y, z"
         raise TableError(str(path), rule=rule, remedy=_START_SCHEDULE)

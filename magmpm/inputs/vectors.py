@@ -52,10 +52,10 @@ class Angles(Settings):
     """A direction by two angles: d = (cos e cos a, cos e sin a, sin e)."""
 
     azimuth: Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")] = Field(
-        description="Turn in the x-y plane, from +x towards +y.", examples=["30 deg"]
+        description="Turn in the x-y plane, from +x toward +y.", examples=["30 deg"]
     )
     elevation: Annotated[float, Quantity("angle", at_least="-90 deg", at_most="90 deg")] = Field(
-        default=0.0, description="Lift from the x-y plane towards +z; 0 deg unless given.", examples=["10 deg"]
+        default=0.0, description="Lift from the x-y plane toward +z; 0 deg unless given.", examples=["10 deg"]
     )
 
 

@@ -97,7 +97,8 @@ def must_have(path: Path, found: Mapping[str, Array], times: Array, *, lacking: 
     """
     rows = found.get("t", np.zeros(0))[: len(times)]
     if len(rows) < len(times) - lacking or not np.array_equal(rows, times[: len(rows)]):
-        raise _damaged(path, f"{len(rows)} rows that belong to the {len(times)} frames beside it, of which each must have its own")
+        received = f"{len(rows)} rows that do not match the {len(times)} frames beside it: each frame has its own row, at its time"
+        raise _damaged(path, received)
 
 
 def _damaged(path: Path, received: str) -> InputError:

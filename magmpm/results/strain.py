@@ -4,8 +4,8 @@ Three limits, each with its reason:
 
 * STRETCH: the neo-Hookean law follows rubber in tension to a stretch of about 1.5. Beyond, rubber is first softer than it, by up to a
   fifth, and from about 5 on far stiffer (Treloar, The Physics of Rubber Elasticity, chapter 5); filled silicone stiffens sooner.
-* VOLUME: silicone's own K/G is near 1000, and its volume hardly changes. K = 20 G stands in for that while changes stay at per cents:
-  at 20 % the pressure is 4 G. And the law's K/2 (J - 1)^2 resists by no more than K/2 however small J gets.
+* VOLUME: silicone's own K/G is near 1000, and its volume hardly changes. K = 20 G stands in for that while the volume changes by a few
+  percent only: at 20 % the pressure is 4 G. And the law's K/2 (J - 1)^2 resists by no more than K/2 however small J gets.
 * BEND: an axis bent to a radius of less than the thickness has its outer side stretched to 1.5 and its inner one crushed to a half. With
   two cells across, the fewest there are, a cell then turns by half a radian, as much as the one curvature that the quadratic splines
   have in a cell should stand for: so the grid needs no limit of its own.

@@ -120,8 +120,8 @@ def _spare(target: Path, text: str) -> None:
         raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
     if not same:
         raise InputError(report(
-            "-o", received=str(target), rule="a file that is there already, and says something else than this import, is left as it is",
-            remedy="name another file, or add --overwrite to lose what it says",
+            "-o", received=str(target), rule="an existing file whose contents differ from this import is not changed",
+            remedy="name another file, or add --overwrite to replace its contents",
         ))  # fmt: skip
 
 

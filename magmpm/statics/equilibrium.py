@@ -19,9 +19,9 @@ from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
-from magmpm.statics.interacting import InteractingEnergy, minimise_together
+from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import Minimum, minimise
+from magmpm.statics.newton import Minimum, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 
 RAMP_STEPS = 8
@@ -122,7 +122,7 @@ def _settle(
     energy = InteractingEnergy(model)
     alone = energy.alone.model
     found = _branch(alone, correction, on_step)
-    settled = minimise_together(
+    settled = minimize_with_interaction(
         energy, found.point.grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
     )
     return replace(found, point=settled.point, steps=found.steps + settled.steps)
@@ -137,7 +137,7 @@ def _branch(
     energy = Energy(model)
 
     def newton(begin: Array) -> Minimum:
-        return minimise(
+        return minimize(
             energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step
         )
 
@@ -192,7 +192,7 @@ def _ramp(
         factor = min(1.0, reached + size)
         loaded = replace(model, effects=acting.collect(model.scene, factor))
         try:
-            found = minimise(
+            found = minimize(
                 Energy(loaded),
                 grid,
                 tolerance=options.tolerance,

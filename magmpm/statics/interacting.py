@@ -56,10 +56,10 @@ class InteractingEnergy:
         return self.whole.residual(point)
 
 
-def minimise_together(
+def minimize_with_interaction(
     energy: InteractingEnergy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
 ) -> Minimum:
-    """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimise.
+    """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimize.
 
     Raises SolveError, with the last point as its state, if MOST_STEPS * max_steps steps do not reach it, or no step lowers the energy.
     """

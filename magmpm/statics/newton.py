@@ -46,7 +46,7 @@ class Minimum:
     left_unstable: int  # stationary points left along negative curvature
 
 
-def minimise(
+def minimize(
     energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
 ) -> Minimum:
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.

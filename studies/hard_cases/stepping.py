@@ -183,7 +183,7 @@ CASES = (
         Case(
             f"time step {part:g} of the bound, {kind}",
             lambda kind=kind: _too_long(kind),  # type: ignore[misc]
-            "ends with numbers that are none, or with wrong ones",
+            "ends with values that are not finite, or with wrong ones",
             "steps until it is stopped, with its reason and last good state",
             _detected(part),
             bound,

@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data/scenes/five_segments.yaml"
 STUDY = ROOT / "data/studies/s_shape.yaml"
 OUT = ROOT / "runs/bench"
-NEIGHBOUR = 0.05  # rotation of each magnetization for the warm start: 3 degrees
+NEIGHBOR = 0.05  # rotation of each magnetization for the warm start: 3 degrees
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def static_warm() -> float:
     scene = load_scene(SCENE)
     directions = np.array([segment.magnetization for segment in scene.body.catheter.segments])
     rng = np.random.default_rng(0)
-    before = run(scene.with_magnetizations(directions + NEIGHBOUR * rng.standard_normal(directions.shape)))
+    before = run(scene.with_magnetizations(directions + NEIGHBOR * rng.standard_normal(directions.shape)))
     return median_seconds(lambda: run(scene, start=before), 15)
 
 

@@ -214,7 +214,7 @@ def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A ramp of which only the first step is solved: the state at that load is saved, marked as not converged."""
-    solved = equilibrium.minimise
+    solved = equilibrium.minimize
     calls = []
 
     def fails_after_the_first(*arguments: Any, **options: Any) -> Any:
@@ -227,7 +227,7 @@ def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
         main(["run", "scene.yaml", "--json"]) == 0
     )  # the kernels are compiled now, so the ramp below is the next solve
     capsys.readouterr()
-    monkeypatch.setattr(equilibrium, "minimise", fails_after_the_first)
+    monkeypatch.setattr(equilibrium, "minimize", fails_after_the_first)
     (folder / "scene.yaml").write_text(SCENE + "solver: {static: {field_steps: 4}}\n")
     assert main(["run", "scene.yaml", "--json", "--out", "half"]) == 3
     captured = capsys.readouterr()
@@ -246,7 +246,7 @@ def test_an_unconverged_run_without_a_state_says_so(
     def fails(*_: Any, **__: Any) -> Any:
         raise SolveError("no step lowers the energy")
 
-    monkeypatch.setattr(equilibrium, "minimise", fails)
+    monkeypatch.setattr(equilibrium, "minimize", fails)
     assert main(["run", "scene.yaml", "--out", "none"]) == 3
     assert "of the load: no step lowers the energy; no state to save: " in capsys.readouterr().err
     assert not (folder / "none" / "result.json").exists()

@@ -47,7 +47,7 @@ def run(text: str, *options: str, file: str = "scene.yaml") -> int:
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A static solve that fails after the first step of its ramp, at a quarter of the load."""
-    solved, calls = equilibrium.minimise, []
+    solved, calls = equilibrium.minimize, []
 
     def fails(*arguments: Any, **options: Any) -> Any:
         calls.append(1)
@@ -55,7 +55,7 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> None:
             raise SolveError("no step lowers the energy")
         return solved(*arguments, **options)
 
-    monkeypatch.setattr(equilibrium, "minimise", fails)
+    monkeypatch.setattr(equilibrium, "minimize", fails)
 
 
 def files(folder: Path) -> dict[str, bytes]:

@@ -95,7 +95,7 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
 
 
 def elastica_problem(load: float, field_angle: float, slenderness: float, centreline: Array) -> Problem:
-    """A rod magnetised along its axis in a field at field_angle (rad) to it, G = 120 kPa, 1 mm thick.
+    """A rod magnetized along its axis in a field at field_angle (rad) to it, G = 120 kPa, 1 mm thick.
 
     load: M B A L^2/(E I) of Wang et al., JMPS 142 (2020) 104045; slenderness: length over diameter; centreline (m, 4): the elastica's,
     over its length.

@@ -16,7 +16,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Me
     return Mesh(np.array(low) + corner * (np.array(high) - np.array(low)), np.array(faces))
 
 
-def ball(centre: tuple[float, float, float], radius: float, rings: int = 12) -> Mesh:
+def ball(center: tuple[float, float, float], radius: float, rings: int = 12) -> Mesh:
     """A ball made of rings of triangles between two poles."""
     polar = np.pi * np.arange(1, rings) / rings
     around = np.pi * np.arange(2 * rings) / rings
@@ -32,7 +32,7 @@ def ball(centre: tuple[float, float, float], radius: float, rings: int = 12) -> 
         for r in range(rings - 2):
             a0, b0, a1, b1 = r * n + k, r * n + after, (r + 1) * n + k, (r + 1) * n + after
             faces += [(a0, a1, b1), (a0, b1, b0)]
-    return Mesh(np.array(centre) + radius * vertices, np.array(faces))
+    return Mesh(np.array(center) + radius * vertices, np.array(faces))
 
 
 def turned(mesh: Mesh, axis: tuple[float, float, float], angle: float) -> Mesh:

@@ -42,7 +42,7 @@ def test_tip(angle: int, load: float) -> None:
     assert np.arctan2(np.hypot(tangent[1], tangent[2]), tangent[0]) == pytest.approx(exact.angle, abs=1e-4)
     assert z > 0
     assert abs(y) < 3e-3, (
-        "towards +z; above buckling every azimuth costs the same, and rounding turns it a little"
+        "toward +z; above buckling every azimuth costs the same, and rounding turns it a little"
     )
 
 

@@ -20,7 +20,7 @@ from magmpm.simulate import run
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import static_model
-from magmpm.statics.newton import minimise
+from magmpm.statics.newton import minimize
 from magmpm.statics.rod_start import straight
 
 D = 1e-3
@@ -63,7 +63,7 @@ def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
     field = field_for_load(load, np.pi, length=L, diameter=D) * [1, 0, 0]
     model = static_model(build(rod_scene(length=L, diameter=D, field=field, cells=cells)))
     energy = Energy(model)
-    point = minimise(energy, straight(model), tolerance=1e-11, max_steps=60).point
+    point = minimize(energy, straight(model), tolerance=1e-11, max_steps=60).point
     _, panels = energy.tangent(point)
     split, shape = model.layout.split, (model.layout.planes, model.layout.m)
     assert factor(panels, split) == -1, "below the critical load the straight body is stable"

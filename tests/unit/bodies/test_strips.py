@@ -40,10 +40,10 @@ def test_volume_centroid_and_second_moments_are_exact_anywhere() -> None:
     model = build(strip_scene(position=base.tolist(), cells=3))
     p, v = model.particles.position - base, model.particles.volume
     size = np.array([L, B, T])
-    centre, second = np.array([L / 2, 0, 0]), size**2 / 12
+    center, second = np.array([L / 2, 0, 0]), size**2 / 12
     assert v.sum() == pytest.approx(size.prod(), rel=1e-13)
-    np.testing.assert_allclose(v @ p / v.sum(), centre, atol=1e-15)
-    np.testing.assert_allclose(v @ (p - centre) ** 2 / v.sum(), second, rtol=1e-12)
+    np.testing.assert_allclose(v @ p / v.sum(), center, atol=1e-15)
+    np.testing.assert_allclose(v @ (p - center) ** 2 / v.sum(), second, rtol=1e-12)
     assert max(model.section.values()) < 1e-12
 
 

@@ -110,8 +110,8 @@ def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.nda
     touched = [
         set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)
     ]
-    for colour in (touched[0::2], touched[1::2]):
-        for one, two in pairwise(colour):
+    for color in (touched[0::2], touched[1::2]):
+        for one, two in pairwise(color):
             assert not one & two
     assert sum(b - a for a, b in pairwise(layout.slab_first)) == len(layout.cell_plane)
 

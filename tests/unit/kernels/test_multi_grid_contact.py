@@ -32,7 +32,7 @@ def parts(folder: Path, meshes: Sequence[tuple[Mesh, bool]], **effects: object) 
     return build(moving_scene(body, {"self_contact": {}, **effects}, formulation="updated"))
 
 
-def centre(model: Model, values: np.ndarray, part: int) -> np.ndarray:
+def center(model: Model, values: np.ndarray, part: int) -> np.ndarray:
     """Mean of values (n, 3) over a part, by mass."""
     mass = model.density * model.particles.volume * (model.particles.segment == part)
     return np.asarray(mass @ values / mass.sum())
@@ -90,7 +90,7 @@ def test_a_part_falls_freely_from_under_another(tmp_path: Path) -> None:
     for gap in (0.1, 0.5, 1.1):
         model = parts(tmp_path, [(box((0, 0, 0), (4, 4, 3)), True), (box((0, 0, -3 - gap), (4, 4, -gap)), False)], gravity={})
         (last,) = follow(model, [time])
-        fell = centre(model, model.particles.position - last.x, 1)
+        fell = center(model, model.particles.position - last.x, 1)
         assert fell[2] == pytest.approx(G_EARTH * time**2 / 2, rel=2e-3)  # a step of 40 us: the first one counts fully, 2 t / dt
         assert np.abs(fell[:2]).max() < 1e-12
 
@@ -102,9 +102,9 @@ def test_a_part_that_falls_on_another_rests_half_a_cell_above_it(tmp_path: Path)
         model = parts(tmp_path, [(box((0, 0, 0), (7, 7, 3)), True), (block, False)], gravity={})
         *_, before, last = follow(model, [0.04, 0.06])
         x = model.particles.position
-        above = 0.7e-3 + centre(model, last.x - x, 1)[2]
+        above = 0.7e-3 + center(model, last.x - x, 1)[2]
         assert above == pytest.approx(0.5e-3, abs=0.02e-3)  # half a cell, as docs/effects.md says
-        assert np.abs(centre(model, last.x - before.x, 1)).max() < 1e-3 * 1e-3
+        assert np.abs(center(model, last.x - before.x, 1)).max() < 1e-3 * 1e-3
         assert gap(model, last.x) == pytest.approx(above, abs=0.1e-3)
 
 
@@ -135,7 +135,7 @@ def test_every_pair_of_many_pieces_meets(tmp_path: Path) -> None:
     model = parts(tmp_path, [(box((-1, -1, -3.7), (8, 4, -0.7)), True), *((cube, False) for cube in cubes)], gravity={})
     assert UpdatedMotion(model).component.max() == 4
     before, last = follow(model, [0.07, 0.08])
-    fell = np.array([centre(model, last.x - model.particles.position, 1 + k)[2] for k in range(4)])
+    fell = np.array([center(model, last.x - model.particles.position, 1 + k)[2] for k in range(4)])
     lower, upper = fell.reshape(2, 2).T
     for above in (lower, upper - lower):
         assert (0.7e-3 + above).min() > 0.1e-3

@@ -107,7 +107,7 @@ def test_result_adds_up(bent: Result) -> None:
     np.testing.assert_allclose(
         lengths, 0.1, rtol=0.05
     )  # the mean over a segment bent by 30 degrees is a chord, 1 % shorter
-    assert bent.segment_remanence[0, 2] > 0.005, "turned towards the field"
+    assert bent.segment_remanence[0, 2] > 0.005, "turned toward the field"
     assert bent.particles == len(moved)
 
 

@@ -21,7 +21,7 @@ from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from magmpm.statics.newton import Minimum, minimise
+from magmpm.statics.newton import Minimum, minimize
 from magmpm.statics.rod_start import from_rod, straight
 
 L = 32e-3
@@ -125,9 +125,9 @@ def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
     """From the shape of the rod plus noise that strains every cell by some percent, Newton's method finds the same minimum."""
     model = static_model(build(spatial_scene()))
     begin = from_rod(model, solve_rod(model.scene))
-    found = minimise(Energy(model), begin, tolerance=1e-11, max_steps=60)
+    found = minimize(Energy(model), begin, tolerance=1e-11, max_steps=60)
     noise = 0.02 * model.grid.spacing[1] * rng.standard_normal(begin.shape)
-    other = minimise(Energy(model), begin + noise, tolerance=1e-11, max_steps=60)
+    other = minimize(Energy(model), begin + noise, tolerance=1e-11, max_steps=60)
     assert np.abs(other.point.displacement - found.point.displacement).max() < 3e-6 * L
 
 
@@ -179,7 +179,7 @@ def test_newton_leaves_an_unstable_equilibrium() -> None:
     """
     scene = antiparallel(5.0)
     model = static_model(build(scene))
-    found = minimise(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
+    found = minimize(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
     assert found.left_unstable >= 1
     tip = axis.along_axis(model, found.point.grid, axis.end_face_weights(model), np.array([40e-3]))[0]
     expected = run(scene).tip
@@ -258,14 +258,14 @@ def test_unconverged_ramp_returns_its_last_good_state(monkeypatch: pytest.Monkey
     run(scene)  # compiles with its own solve, which must not be counted
     solved = []
 
-    def minimise_twice(*given: Any, **options: Any) -> Minimum:
+    def minimize_twice(*given: Any, **options: Any) -> Minimum:
         if len(solved) == 2:
             raise SolveError("stuck")
-        solved.append(minimise(*given, **options))
+        solved.append(minimize(*given, **options))
         return solved[-1]
 
     with monkeypatch.context() as patched:
-        patched.setattr(equilibrium, "minimise", minimise_twice)
+        patched.setattr(equilibrium, "minimize", minimize_twice)
         with pytest.raises(SolveError, match=r"at 5\d\.\d % of the load: stuck") as caught:
             run(scene)
     state = caught.value.state
@@ -281,7 +281,7 @@ def test_numbers_that_are_not_finite_end_in_an_error() -> None:
     shear = model.shear.copy()
     shear[7] = np.nan
     with np.errstate(all="ignore"), pytest.raises(SolveError):
-        minimise(Energy(replace(model, shear=shear)), straight(model), tolerance=1e-11, max_steps=5)
+        minimize(Energy(replace(model, shear=shear)), straight(model), tolerance=1e-11, max_steps=5)
 
 
 def test_torn_start_is_refused() -> None:
@@ -290,7 +290,7 @@ def test_torn_start_is_refused() -> None:
     torn = straight(model)
     torn[3] = 2 * model.grid.spacing[0]
     with pytest.raises(SolveError, match="det F <= 0"):
-        minimise(Energy(model), torn, tolerance=1e-11, max_steps=60)
+        minimize(Energy(model), torn, tolerance=1e-11, max_steps=60)
 
 
 def test_neighbour_on_another_grid_is_refused() -> None:
