@@ -20,7 +20,7 @@ from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
 from magmpm.precompile import prepare_kernels
 from magmpm.results import measures
-from magmpm.results.file_names import CHECKPOINT
+from magmpm.results.file_names import CHECKPOINT, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
@@ -48,19 +48,57 @@ def run(
 
     scene: a Scene, or the path of a scene file.
     start: statics only: the result of a similar scene on the same grid, whose solution the solve starts from.
-    folder: motion only: where frames and checkpoints are written; None: nowhere. resume: go on from the checkpoint in folder.
+    folder: where the result is saved (Result.save), and a motion's frames and checkpoints are written; None: nowhere. What it held is
+    replaced. resume: go on from the checkpoint in folder; without one, as for an equilibrium, the run begins at the start.
     on_progress(step, number): called after each Newton step with its energy decrement (no unit), or during a motion with its time in s.
     on_begin(): called when a motion starts from its beginning, before anything is written.
 
     Everything in the Result is in SI. docs/design.md names the method's formulas and their sources.
     Raises InputError before the run if the scene or the file is wrong, or if another process writes to folder; its message names the
     file, line, key and value if scene is a path (otherwise SceneError names the key and value).
-    Raises SolveError if no equilibrium is found or a motion fails; its state is the last good Result (converged False), or None.
-    Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another grid.
+    Raises SolveError if no equilibrium is found or a motion fails; its state is the last good Result (converged False), or None; that of a
+    motion is saved in folder. Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another
+    grid, or resume is asked without a folder; TypeError if start is no Result.
     """
     if not isinstance(scene, Scene):
         with of_file(scene):
             return run(load_scene(scene), start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
+    if start is not None and not isinstance(start, Result):
+        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, or None")
+    if folder is None:
+        if resume:
+            raise ValueError("resume: received True without a folder; give the folder that holds the motion and its checkpoint")
+        return simulated(scene, start=start, on_progress=on_progress, on_begin=on_begin)
+
+    def begin() -> None:
+        for name in OF_EQUILIBRIUM:  # of an earlier run: not this motion's
+            (Path(folder) / name).unlink(missing_ok=True)
+        if on_begin is not None:
+            on_begin()
+
+    with folder_lock(folder):
+        try:
+            result = simulated(scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=begin)
+        except SolveError as error:
+            if scene.solver.dynamic is not None and error.state is not None:
+                error.state.save(folder)
+            raise
+        if scene.solver.dynamic is None:
+            forget_motion(folder)
+        result.save(folder)
+    return result
+
+
+def simulated(
+    scene: Scene,
+    *,
+    start: Result | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    on_progress: Progress | None = None,
+    on_begin: Callable[[], None] | None = None,
+) -> Result:
+    """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does."""
     if scene.solver.dynamic is not None:
         return _motion(scene, folder, resume, on_progress, on_begin)
     begun = time.perf_counter()

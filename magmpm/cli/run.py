@@ -19,7 +19,7 @@ from magmpm.results.readable import lengths, quantity, significant
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import run
+from magmpm.simulate import simulated
 
 
 def command(options: argparse.Namespace) -> int:
@@ -86,7 +86,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
             else:  # in thousandths, of which the time left is guessed
                 progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
 
-        return run(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
+        return simulated(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
 
 
 def _warn(result: Result) -> None:

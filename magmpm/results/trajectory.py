@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -230,6 +230,11 @@ class Frame:
     field: Array | None
     quantities: dict[str, Numbers]
 
+    def __repr__(self) -> str:
+        """One line: its number, time, particles, and the names of its quantities."""
+        named = ", ".join(self.quantities) or "no quantities"
+        return f"Frame({self.number} at {quantity(self.time, 's')}: {len(self.position)} particles; {named})"
+
 
 def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
     """Name and scene of a motion. Raises InputError."""
@@ -246,7 +251,7 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion that was written; `motion[k]` reads a frame, `motion.position(k)` its positions alone.
+    """A motion that was written; `motion[k]` reads a frame, `motion[i:j]` a list of them, `motion.position(k)` its positions alone.
 
     times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
     (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
@@ -300,9 +305,17 @@ class Motion:
         """Number of frames."""
         return len(self.times)
 
-    def __getitem__(self, number: int) -> Frame:
-        """The frame with this number; negative numbers count from the end. SI. Raises IndexError."""
-        k = range(len(self))[number]
+    @overload
+    def __getitem__(self, number: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[Frame]: ...
+
+    def __getitem__(self, number: int | slice) -> Frame | list[Frame]:
+        """The frame with this number, or the list of those in a slice; negative numbers count from the end. SI. Raises IndexError."""
+        if isinstance(number, slice):
+            return [self[k] for k in range(len(self))[number]]
+        k = self._counted(number)
         path = self.folder / MOTION
         with vtkhdf.opened(path) as file:
             quantities = vtkhdf.read_arrays(path, file, k)
@@ -317,9 +330,17 @@ class Motion:
 
     def position(self, number: int) -> Numbers:
         """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
-        k, path = range(len(self))[number], self.folder / MOTION
+        k, path = self._counted(number), self.folder / MOTION
         with vtkhdf.opened(path) as file:
             return vtkhdf.read_arrays(path, file, k, ["Points"])["Points"]
+
+    def _counted(self, number: int) -> int:
+        """The number of a frame counted from the start. Raises IndexError."""
+        try:
+            return range(len(self))[number]
+        except IndexError:
+            has = f"frames 0 to {len(self) - 1}" if len(self) else "no frames yet"
+            raise IndexError(f"frame: received {number}; motion has {has}") from None
 
     def nearest(self, time: float) -> int:
         """Number of the frame nearest to a time in s."""

@@ -257,8 +257,13 @@ class Scene(Settings):
 
     def with_field(self, uniform: ArrayLike) -> Scene:
         """The scene in this uniform field, (3,) T; other sources and the schedule stay. Raises InputError."""
+        try:
+            given = np.asarray(uniform, dtype=float)
+        except (TypeError, ValueError):
+            rule, remedy = "a field in Python is three numbers in T", "write, say, with_field([0, 0, 8e-3])"
+            raise InputError(report("field.uniform", received=repr(uniform), rule=rule, remedy=remedy)) from None
         data = self.to_si()
-        changed = {**data["field"], "uniform": np.asarray(uniform, dtype=float).tolist()}
+        changed = {**data["field"], "uniform": given.tolist()}
         return Scene.from_si({**data, "field": changed})
 
     def with_cells(self, cells_across: int) -> Scene:

@@ -84,6 +84,13 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert read[-1].number == len(read) - 1
     with pytest.raises(IndexError):
         read[len(read)]
+    for wrong in (lambda: read[99], lambda: read.position(99)):
+        with pytest.raises(IndexError, match=f"frame: received 99; motion has frames 0 to {len(TIMES) - 1}$"):
+            wrong()
+    assert [frame.number for frame in read[0:2]] == [0, 1]
+    assert [frame.number for frame in read[-1::-4]] == [8, 4, 0]
+    assert repr(read[2]).startswith(f"Frame(2 at 100 ms: {len(read.reference)} particles; ")
+    assert "\n" not in repr(read[2])
 
 
 def test_von_mises_of_known_stresses() -> None:
