@@ -81,7 +81,10 @@ def run(
             result = simulated(scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=begin)
         except SolveError as error:
             if scene.solver.dynamic is not None and error.state is not None:
-                error.state.save(folder)
+                try:
+                    error.state.save(folder)
+                except OSError as trouble:  # a full disk, say: why the motion failed matters more
+                    raise error from trouble
             raise
         if scene.solver.dynamic is None:
             forget_motion(folder)

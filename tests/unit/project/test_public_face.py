@@ -180,7 +180,7 @@ def test_a_path_runs_as_its_scene_does() -> None:
     assert "\n" not in line
 
 
-def test_a_motion_tells_itself_in_a_line(tmp_path: Path) -> None:
+def test_a_motion_tells_itself_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(LATE.replace("GROUND", "[0 mm, 0 mm, -9 mm]"))
     result = magmpm.run(path, folder=tmp_path / "out")
@@ -193,6 +193,14 @@ def test_a_motion_tells_itself_in_a_line(tmp_path: Path) -> None:
     np.testing.assert_array_equal(saved.particle_position, result.particle_position)
     again = magmpm.run(path, folder=tmp_path / "out", resume=True)
     np.testing.assert_array_equal(again.particle_position, result.particle_position)
+
+    def fails(*_: Any, **__: Any) -> None:
+        raise errors.SolveError("fell apart", dataclasses.replace(result, converged=False, failure="fell apart"))
+
+    monkeypatch.setattr("magmpm.simulate.simulated", fails)
+    with pytest.raises(magmpm.SolveError, match="fell apart"):
+        magmpm.run(path, folder=tmp_path / "out")
+    assert magmpm.Result.load(tmp_path / "out").failure == "fell apart"
 
 
 def test_an_equilibrium_is_saved_in_its_folder(tmp_path: Path) -> None:
