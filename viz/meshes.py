@@ -34,6 +34,17 @@ class Surface:
         )
 
 
+def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(n, 3) unit normals at the points: the mean of the triangles around each, weighted by their areas.
+
+    Without the weights, rounding turns the normals of slivers, such as those at the center of a disc, into any direction.
+    """
+    a, b, c = np.moveaxis(np.asarray(points, dtype=float)[triangles], 1, 0)
+    corners, face = triangles.ravel(), np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    total = np.stack([np.bincount(corners, face[:, axis], len(points)) for axis in range(3)], axis=1)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+
+
 def lofted(rows: Sequence[np.ndarray], part: int, *, closed: bool, flip: bool) -> Surface:
     """Triangles between rows (r, 3) of points; closed: the rows are rings."""
     r = len(rows[0])

@@ -31,6 +31,7 @@ from viz import style
 from viz.camera import View
 from viz.drawing import Layer, outward
 from viz.layout import Panel
+from viz.meshes import normals
 from viz.snapshot import Obstacle, Particles, Snapshot
 
 # Camera shifts in pixels: the centers of the four quarters of a pixel, or of two opposite ones.
@@ -170,7 +171,7 @@ class VtkPanel:
         mesh = pv.PolyData.from_regular_faces(np.asarray(points, dtype=float), np.asarray(triangles))
         if not isinstance(colors, str):
             mesh.cell_data["color"] = (255 * colors + 0.5).astype(np.uint8)
-        mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
+        mesh.point_data.active_normals = normals(points, triangles).astype(np.float32)
         actor = self._actor(mesh, colors, lit=True)
         if not isinstance(colors, str):
             actor.GetMapper().SetScalarModeToUseCellFieldData()

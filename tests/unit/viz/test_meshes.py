@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from viz.meshes import Surface, bar, creased, refined, tube
+from viz.meshes import Surface, ball, bar, creased, normals, refined, tube
 
 
 def volume(surface: Surface) -> float:
@@ -55,3 +56,23 @@ def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
     surface = creased(points, np.vstack([sides[:, ::-1], ends]), 3)
     assert len(surface.points) == 2 * 24 + 2 * 24 + 2
     assert set(surface.part) == {3}
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [(np.float64, 1e-6), (np.float32, 2e-5)])
+def test_normals_of_the_end_faces_lie_along_the_axis(kind: type, tolerance: float) -> None:
+    """Also at the center, whose slivers are lost in the rounding of float32: 5e-10 m, which tilts triangles 6e-5 m wide by 1e-5."""
+    rod = tube([0.01], 2e-3, 0.0, 4e-4)
+    turn = Rotation.from_rotvec([0.3, -0.7, 0.5]).as_matrix()
+    found = normals((rod.points @ turn.T).astype(kind), rod.triangles) @ turn
+    rings = 40 * 6  # the points of a face
+    for face, side in ((slice(-2 * rings, -rings), -1.0), (slice(-rings, None), 1.0)):
+        assert np.ptp(rod.points[face, 0]) == 0.0
+        np.testing.assert_allclose(found[face], np.tile([side, 0.0, 0.0], (rings, 1)), atol=tolerance)
+
+
+def test_normals_of_a_ball_lie_along_its_radii() -> None:
+    """At the poles they lean by half of the 7.5 degrees between two rings: each of a pole's points has triangles of its own."""
+    sphere = ball(1e-3)
+    found = normals(sphere.points.astype(np.float32), sphere.triangles)
+    radii = sphere.points / np.linalg.norm(sphere.points, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", found, radii).min() > np.cos(np.radians(3.8))
