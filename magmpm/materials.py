@@ -194,12 +194,3 @@ def stiffest_in_space(J, scale, I1, pressure, bulk):
     shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
     along = shape * (2.0 / 3.0) + turned + bulk * J * J
     return shape + 3.0 * (0.5 * (along + magnitude(along)) + magnitude(shape - turned))
-
-
-def neo_hookean_reference(F: np.ndarray, G: float, K: float) -> tuple[float, np.ndarray]:
-    """Energy density (J/m^3) and stress P (3, 3) Pa, written as the formula stands. Tests compare the kernels with it."""
-    J = np.linalg.det(F)
-    I1 = np.sum(F * F)
-    H = np.linalg.inv(F).T
-    W = G / 2 * (J ** (-2 / 3) * I1 - 3) + K / 2 * (J - 1) ** 2
-    return W, G * J ** (-2 / 3) * (F - I1 / 3 * H) + K * J * (J - 1) * H

@@ -65,7 +65,7 @@ class Effects(Settings):
     @property
     def in_a_field(self) -> bool:
         """Whether an effect of the outside field is named."""
-        return self.magnetic_torque is not None or self.magnetic_force is not None
+        return any(effect.IN_FIELD for effect in self.named().values())
 
 
 ONLY_IN_MOTION = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION)

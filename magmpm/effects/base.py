@@ -122,6 +122,7 @@ class Effect(Settings):
 
     PHASE: ClassVar[Phase]
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
+    IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
     # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date.
     REFRESHED: ClassVar[np.dtype[Any] | None] = None
 

@@ -1,6 +1,6 @@
-"""What an effect's `advice` gets and gives: how much the effect would matter to a scene, in numbers, before anything is run.
+"""Estimates for `Effect.advice`: how much an effect would matter to a scene, in numbers, before anything is run.
 
-An effect's file may have `advice(scene, body) -> Advice`. `body` estimates equilibria of the scene and of others like it.
+`body`, a RestEstimate, gives equilibria of the scene and of others with the same body.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ class MagneticForce(Effect):
     """An outside field that varies in space pulls the magnetized segments. No settings."""
 
     PHASE = "force"
+    IN_FIELD = True
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """What kernels take, or () where the field is uniform: it does not pull."""

@@ -38,6 +38,7 @@ class MagneticTorque(Effect):
     """The outside field turns the magnetized segments. No settings."""
 
     PHASE = "force"
+    IN_FIELD = True
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """What kernels take, or () where there is no field."""

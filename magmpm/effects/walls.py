@@ -28,7 +28,7 @@ from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, p
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.inputs.csv_tables import TableError, read_centreline
+from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.settings import Quantity, Settings, fault, folder_of
 
 POINTS = 6  # of the table in a tube's radius
@@ -65,10 +65,8 @@ def _read_path(value: Any, info: ValidationInfo) -> Any:
     """The points of the table that a path names, in SI; a list is taken as it is."""
     if not isinstance(value, (str, Path)):
         return value
-    try:
+    with table_faults():
         return read_centreline(folder_of(info) / value)[:, 1:].tolist()
-    except TableError as error:
-        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
 class Tube(Settings):

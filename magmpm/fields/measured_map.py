@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import show
-from magmpm.inputs.csv_tables import Line, TableError, table_lines
+from magmpm.inputs.csv_tables import Line, TableError, table_faults, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 from magmpm.inputs.settings import Settings, fault, folder_of, from_file
 from magmpm.inputs.vectors import Point
@@ -59,10 +59,8 @@ def _read_map(value: Any, info: ValidationInfo) -> Any:
         return value
     if not isinstance(value, (str, Path)):
         raise fault("must be the path of a CSV table", "write, say, `table: ../measured/magnet.csv`")
-    try:
+    with table_faults():
         lower, spacing, values = read_map(folder_of(info) / value)
-    except TableError as error:
-        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
     text = base64.b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode()
     return Grid3(
         lower=tuple(lower.tolist()), spacing=tuple(spacing.tolist()), shape=values.shape[:3], values=text

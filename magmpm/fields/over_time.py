@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from magmpm.fields.measured_map import read_schedule
-from magmpm.inputs.csv_tables import TableError
+from magmpm.inputs.csv_tables import table_faults
 from magmpm.inputs.settings import Quantity, Settings, fault, folder_of, from_file
 from magmpm.inputs.vectors import Axis, FluxVector, Point
 
@@ -98,10 +98,8 @@ def _read_schedule(value: Any, info: ValidationInfo) -> Any:
         if from_file(info):
             raise fault("must be the path of a CSV table", "write, say, `table: ../measured/current.csv`")
         return value
-    try:
+    with table_faults():
         return tuple(Keyframe.model_validate(row) for row in read_schedule(folder_of(info) / value))
-    except TableError as error:
-        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
 KEYFRAMES = [{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]

@@ -1,9 +1,10 @@
-"""Centreline tables: CSV files with columns s_mm, x_mm, y_mm, z_mm (targets, references, measured shapes)."""
+"""CSV tables: their lines and errors; tables of centerlines, columns s_mm, x_mm, y_mm, z_mm (targets, references, measured shapes)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from magmpm.errors import InputError, report, show
 from magmpm.inputs.regular_file import UnfitFile, read_regular
+from magmpm.inputs.settings import fault
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000
@@ -27,6 +29,15 @@ class TableError(InputError):
         self.place = place if received is None else f"{place} has {received}"
         self.rule = rule
         self.remedy = remedy
+
+
+@contextmanager
+def table_faults() -> Iterator[None]:
+    """Turns the TableError of a table that a setting names into that setting's PydanticCustomError (see `fault`)."""
+    try:
+        yield
+    except TableError as error:
+        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from magmpm.errors import InputError, report
 from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
 from magmpm.fields.sources import FieldSource
-from magmpm.inputs.csv_tables import TableError, read_centreline
+from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.settings import Settings, fault, folder_of, from_file, read_yaml, validate
 from magmpm.scene import rules
@@ -73,10 +73,8 @@ def _read_points(value: Any, info: ValidationInfo) -> Any:
         if from_file(info):
             raise fault("must be the path of a CSV table", "write, say, `centreline: ../references/shape.csv`")
         return value
-    try:
+    with table_faults():
         return read_centreline(folder_of(info) / value).tolist()
-    except TableError as error:
-        raise fault(f"{error.rule} ({error.place})", error.remedy) from None
 
 
 class Reference(Settings):

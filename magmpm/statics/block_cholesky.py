@@ -232,20 +232,3 @@ def solve(panels: Array, split: int, right: Array) -> Array:
     x[: len(right)] = right
     _solve(panels, split, x, _ADDRESSES)
     return x[: len(right)]
-
-
-def to_dense(panels: Array, split: int) -> NDArray[np.float64]:
-    """The symmetric matrix (planes m, planes m) of unfactored panels. For tests: it is large."""
-    planes, m = panels.shape[0] - 2, panels.shape[1]
-    full = np.zeros((planes, m, planes, m))
-    for j in range(planes):
-        step = 1 if j < split + 2 else -1
-        for k in range(3):
-            row = j + step * k
-            if 0 <= row < planes and not (split <= j < split + 2 and row >= split + 2):
-                block = panels[j, :, k * m : (k + 1) * m].T
-                if k == 0:
-                    block = np.tril(block) + np.tril(block, -1).T
-                full[row, :, j, :] = block
-                full[j, :, row, :] = block.T
-    return full.reshape(planes * m, planes * m)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference.elastica import elastica, heavy_elastica
+from reference.plain_forms import neo_hookean_reference
 from reference.scenes import BR, G, field_for_load, rod_scene
 from scipy.optimize import fsolve
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from magmpm.fields.dipole import MU0
-from magmpm.materials import neo_hookean_reference
 from magmpm.model import build
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import factor, solve

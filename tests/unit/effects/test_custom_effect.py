@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.plain_forms import to_dense
 from reference.scenes import G, rod_scene
 from reference.taylor import slopes
 
@@ -18,7 +19,6 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects import gravity
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.model import build
-from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.plain_forms import to_dense
 from reference.scenes import rod_scene
 from reference.taylor import slopes
 
@@ -19,7 +20,6 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.scene.rules import without_energy
 from magmpm.simulate import run
-from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import static_model
 

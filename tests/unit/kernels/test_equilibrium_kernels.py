@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from reference.mpm_numpy import Reference
+from reference.plain_forms import to_dense
 from reference.scenes import rod_scene
 
 from magmpm.model import build
-from magmpm.statics.block_cholesky import to_dense
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
