@@ -6,6 +6,7 @@ An effect is one file: its settings (a subclass of `Effect`, which scene files n
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, TypedDict
@@ -126,12 +127,12 @@ class Effect(Settings):
     # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date.
     REFRESHED: ClassVar[np.dtype[Any] | None] = None
 
+    @abstractmethod
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """What kernels take: records (one, or one for each of the times) and a table, or () for nothing.
 
         strength: factor of a load, 0 to 1; times (k,) s of the steps to come, None in statics.
         """
-        raise NotImplementedError
 
     @classmethod
     def key(cls) -> str:
@@ -159,13 +160,13 @@ class Effect(Settings):
 
     @staticmethod
     def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
-        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3)."""
-        raise NotImplementedError
+        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only asked of an effect that names REFRESHED."""
+        raise NotImplementedError("an effect that names REFRESHED needs `refresh`")
 
     @staticmethod
     def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:
-        """Energy (J) of all particles in each other's presence; arguments as of `refresh`."""
-        raise NotImplementedError
+        """Energy (J) of all particles in each other's presence; arguments as of `refresh`, and asked of the same effects."""
+        raise NotImplementedError("an effect that names REFRESHED needs `shared_energy`")
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
