@@ -36,6 +36,7 @@ from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.settings import Settings, fault, folder_of, from_file, read_yaml, validate
 from magmpm.scene import rules
+from magmpm.scene.inserted import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
 from magmpm.scene.warnings import warnings
 
@@ -268,6 +269,17 @@ class Scene(Settings):
         """The scene with the resolution cells_across: so many cells through the body's thickness. Raises InputError."""
         data = self.to_si()
         return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": cells_across}})
+
+    def inserted(self, length: float) -> Scene:
+        """The scene of the catheter's last `length` (m), outside a guide: an equilibrium, clamped at the exit, which is the origin.
+
+        Inside the guide the catheter is straight and held, so nothing but this length matters. A segment that the exit cuts keeps what is
+        outside; region i here is region i + (regions there) - (regions here) of the whole; a rest of a segment below a hundredth of the
+        diameter counts to the next one. Effects that act in motion only (feed, walls, damping ...) and the reference stay out. At the whole
+        length the shape is that of the whole catheter. Field and gravity are as they are.
+        length: one diameter (a shorter piece is no rod) to the whole. Raises InputError, also for other bodies.
+        """
+        return Scene.from_si(inserted_data(self, self.to_si(), length))
 
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
         """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
