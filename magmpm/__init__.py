@@ -16,15 +16,16 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
     from magmpm.scene import Scene, load_scene
-    from magmpm.simulate import run
+    from magmpm.simulate import run, sensitivities
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "load_scene", "run",
+    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "load_scene",
+    "run", "sensitivities",
 ]  # fmt: skip
-_HOMES = {"Motion": "results.trajectory", "Result": "results.result", "Scene": "scene", "load_scene": "scene", "run": "simulate"}
-
+_HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate"}
+_HOMES |= {"Scene": "scene", "load_scene": "scene"}
 environment.prepare()  # before anything imports Numba
 
 

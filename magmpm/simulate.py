@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.effects import acting as effects
-from magmpm.errors import SolveError
+from magmpm.errors import InputError, SolveError, report
 from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
 from magmpm.precompile import prepare_kernels
@@ -23,11 +23,14 @@ from magmpm.results import measures
 from magmpm.results.file_names import CHECKPOINT, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
+from magmpm.results.sensitivities import Sensitivities
 from magmpm.results.strain import Strain, strain_of
 from magmpm.scene import Scene, load_scene, memory
+from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.linearized import Linearized
 
 if TYPE_CHECKING:
     from magmpm.dynamics.time_loop import SimulationState
@@ -104,6 +107,42 @@ def simulated(
     """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does."""
     if scene.solver.dynamic is not None:
         return _motion(scene, folder, resume, on_progress, on_begin)
+    return _at_rest(scene, start, on_progress)[0]
+
+
+def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | None = None) -> Sensitivities:
+    """Solve a scene for its equilibrium, and find how the shape answers to numbers of the scene: exact first derivatives.
+
+    scene: a Scene, or the path of a scene file. start: as of `run`. of: the kinds of variables, in any order; all that the scene has
+    unless given:
+
+    * magnetization: the direction of each magnetized region, toward growing azimuth about +z and toward growing elevation, per rad;
+    * field: its uniform part, along x, y and z, per T;
+    * remanence (T), shear_modulus (Pa; the bulk modulus in proportion), density (kg/m^3): of each material that the body uses;
+    * length: of each segment of a catheter or strip, m: the body gets longer by as much; diameter: of a catheter, m (a tube's bore stays).
+
+    The answer has names, units, variables, result, tip (3, k) m, centreline (stations, 3, k) m, `at` and `adjoint` (Sensitivities).
+    Method: the implicit function theorem, dc/dp = -K^-1 dr/dp; docs/design.md, "Sensitivities".
+    Raises InputError as `run` does, for a name in `of` that is not known or of which the scene has no variable, and for a scene that
+    moves; SolveError as `run` does; ValueError and TypeError for a wrong start.
+    """
+    if not isinstance(scene, Scene):
+        with of_file(scene):
+            return sensitivities(load_scene(scene), of, start=start)
+    if start is not None and not isinstance(start, Result):
+        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, or None")
+    if not scene.static:
+        rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"
+        raise InputError(report("solver.dynamic", received="a motion", rule=rule, remedy=remedy))
+    wanted = variables(scene, of)
+    result, found = _at_rest(scene, start, None)
+    linear = Linearized(found)
+    _, centreline, tip = linear.responses(wanted)
+    return Sensitivities(result, wanted, tip, centreline, lambda gradient: np.einsum("sik,si->k", centreline, gradient))
+
+
+def _at_rest(scene: Scene, start: Result | None, on_progress: Progress | None) -> tuple[Result, Equilibrium]:
+    """The equilibrium of a scene, as a Result and as the solver found it."""
     begun = time.perf_counter()
     with memory.within(scene):
         model = static_model(build(scene))
@@ -116,7 +155,7 @@ def simulated(
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
         raise SolveError(error.reason, None if state is None or state.not_finite() else state) from None
-    return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}))
+    return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
 
 
 def _sound(result: Result) -> Result:

@@ -27,3 +27,20 @@ def tightest_radius(points: Array) -> float:
     sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(a + b, axis=1)
     bent = double > 1e-9 * sides ** (2 / 3)
     return float(np.min(sides[bent] / (2.0 * double[bent]), initial=np.inf))
+
+
+def on_rows(s: Array, rows: Array, at: Array) -> tuple[Array, Array]:
+    """Values (m, q) and slopes (m, q) per m, at arc lengths `at` (m,) m, of parabolas through rows (2 cells + 1, q) at s, three to a cell.
+
+    s (2 cells + 1,) m: evenly spaced from 0. Raises ValueError for an arc length outside of it.
+    """
+    at, length = np.asarray(at, dtype=float), s[-1]
+    if np.any(at < -1e-9 * length) or np.any(at > (1 + 1e-6) * length):
+        raise ValueError(f"s must lie between 0 and the length, {length} m")
+    cells = (len(rows) - 1) // 2
+    cell = np.clip((at / length * cells).astype(int), 0, cells - 1)
+    t = (at / length * cells - cell)[:, None]
+    a, b, c = (rows[2 * cell + k] for k in range(3))
+    values = a * (1 - t) * (1 - 2 * t) + b * 4 * t * (1 - t) + c * t * (2 * t - 1)
+    slopes = (a * (4 * t - 3) + b * (4 - 8 * t) + c * (4 * t - 1)) * cells / length
+    return values, slopes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from magmpm.bodies.curves import on_rows
 from magmpm.bodies.grid import spline_weights
 from magmpm.compiled.arrays import Array
 from magmpm.model import Model
@@ -52,16 +53,7 @@ def centreline_at(result: Result, s: Array) -> Array:
 
     Exact: between the rows of a cell the axis is a parabola. Raises ValueError for s outside the body.
     """
-    rows = result.centreline
-    s = np.asarray(s, dtype=float)
-    length = rows[-1, 0]
-    if np.any(s < -1e-9 * length) or np.any(s > (1 + 1e-6) * length):
-        raise ValueError(f"s must lie between 0 and the length, {length} m")
-    cells = (len(rows) - 1) // 2
-    cell = np.clip((s / length * cells).astype(int), 0, cells - 1)
-    t = (s / length * cells - cell)[:, None]
-    a, b, c = (rows[2 * cell + k, 1:] for k in range(3))
-    return a * (1 - t) * (1 - 2 * t) + b * 4 * t * (1 - t) + c * t * (2 * t - 1)
+    return on_rows(result.centreline[:, 0], result.centreline[:, 1:], s)[0]
 
 
 def rms_distance(result: Result, target: Array) -> float:

@@ -36,7 +36,7 @@ class Equilibrium:
 
     point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
     shape, in the rod's frames, a start for a neighboring design; warnings: what a user should know; load_share: share of the load
-    in this state.
+    in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its panels with the last factors.
     """
 
     point: Point
@@ -45,6 +45,7 @@ class Equilibrium:
     correction: Array
     warnings: list[str] = field(default_factory=list)
     load_share: float = 1.0
+    energy: Energy | InteractingEnergy | None = None
 
 
 def solve_static(
@@ -125,7 +126,7 @@ def _settle(
     settled = minimize_with_interaction(
         energy, found.point.grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
     )
-    return replace(found, point=settled.point, steps=found.steps + settled.steps)
+    return replace(found, point=settled.point, steps=found.steps + settled.steps, energy=energy)
 
 
 def _branch(
@@ -159,7 +160,8 @@ def _branch(
             continue
         steps += found.steps
         if _distance(model, found.point, rod) < body.branch_distance:
-            return Equilibrium(found.point, steps, True, local_correction(model, rod, found.point.grid), warnings)
+            correction = local_correction(model, rod, found.point.grid)
+            return Equilibrium(found.point, steps, True, correction, warnings, energy=energy)
     warnings.append(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
     )
@@ -190,10 +192,10 @@ def _ramp(
     last: Point | None = None
     while reached < 1.0:
         factor = min(1.0, reached + size)
-        loaded = replace(model, effects=acting.collect(model.scene, factor))
+        energy = Energy(replace(model, effects=acting.collect(model.scene, factor)))
         try:
             found = minimize(
-                Energy(loaded),
+                energy,
                 grid,
                 tolerance=options.tolerance,
                 max_steps=_most_steps(model),
@@ -211,4 +213,4 @@ def _ramp(
             continue
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
     assert last is not None  # the loop ran at least once
-    return Equilibrium(last, steps, True, np.zeros_like(last.grid), warnings)
+    return Equilibrium(last, steps, True, np.zeros_like(last.grid), warnings, energy=energy)

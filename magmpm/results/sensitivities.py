@@ -1,0 +1,59 @@
+"""How a result answers to the numbers of its scene: what `magmpm.sensitivities` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from magmpm.bodies.curves import on_rows
+from magmpm.compiled.arrays import Array
+from magmpm.results.result import Result
+from magmpm.scene.variables import Variable
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units per unit of each variable.
+
+    result: the equilibrium. variables: what is changed, in the order of the last axis. tip (3, k), m per unit: of `result.tip`.
+    centreline (stations, 3, k), m per unit: of the columns x, y, z of `result.centreline`, row by row. A row keeps its share of the
+    length, so where the body gets longer its arc length grows; `at` gives derivatives at fixed arc lengths.
+    """
+
+    result: Result
+    variables: tuple[Variable, ...]
+    tip: Array  # (3, k) m per unit
+    centreline: Array  # (stations, 3, k) m per unit
+    _adjoint: Callable[[Array], Array] = field(repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The variables' names, such as segment_1_azimuth, field_x, remanence_silicone."""
+        return tuple(variable.name for variable in self.variables)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The variables' units: rad, T, Pa, m or kg/m^3."""
+        return tuple(variable.unit for variable in self.variables)
+
+    def at(self, arc_lengths: Array) -> Array:
+        """Derivatives (m, 3, k), m per unit, of `results.measures.centreline_at(result, arc_lengths)`, arc_lengths (m,) m.
+
+        Exact, as that is: parabolas through three rows. Raises ValueError for an arc length outside the body.
+        """
+        s = np.asarray(arc_lengths, dtype=float)
+        rows = self.result.centreline
+        stations, _, k = self.centreline.shape
+        values, _ = on_rows(rows[:, 0], self.centreline.reshape(stations, 3 * k), s)
+        _, slope = on_rows(rows[:, 0], rows[:, 1:], s)
+        longer = np.array([variable.lengthens for variable in self.variables])
+        return values.reshape(len(s), 3, k) - (slope * (s / rows[-1, 0])[:, None])[:, :, None] * longer
+
+    def adjoint(self, gradient: Array) -> Array:
+        """dJ/d(variable) (k,) of an objective J with this gradient dJ/d(centreline) (stations, 3), J's unit per m: one substitution."""
+        gradient = np.asarray(gradient, dtype=float)
+        if gradient.shape != self.centreline.shape[:2]:
+            raise ValueError(f"gradient has shape {gradient.shape}; must be {self.centreline.shape[:2]}, as the centreline's")
+        return self._adjoint(gradient)

@@ -1,0 +1,217 @@
+"""What a design may change of a scene, one number each: directions of magnetization, field, materials, lengths, diameter.
+
+`variables(scene, of)` lists them by kind. Each knows its name and unit, and makes the scene in which it is changed by an amount: what a
+central difference uses, and what `sensitivities` gives the derivative with respect to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from magmpm.bodies.segments import StraightBody
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
+from magmpm.scene.scene import Scene
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One number that a design may change.
+
+    kind: the word that asks for it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
+    direction (3,): unit tangent toward which the magnetization turns; component: of the field, 0 to 2; material: its name.
+    """
+
+    kind: str
+    name: str
+    unit: str
+    region: int | None = None
+    direction: Vector | None = None
+    component: int | None = None
+    material: str | None = None
+
+    def changed(self, scene: Scene, amount: float) -> Scene:
+        """The scene with this variable larger by an amount (rad, T, Pa, m or kg/m^3); scene: one that has the variable.
+
+        A direction d turns along the great circle toward `direction` t: cos(amount) d + sin(amount) t. The bulk modulus stays in
+        proportion to the shear modulus. A segment that gets longer makes its body longer; the other segments keep their lengths, and a
+        tube its bore. Raises InputError where the changed scene breaks a rule.
+        """
+        return _CHANGES[self.kind](self, scene, float(amount))
+
+    @property
+    def lengthens(self) -> float:
+        """How much longer (m) the body's axis gets for each unit of the variable: 1 for a length, else 0."""
+        return 1.0 if self.kind == "length" else 0.0
+
+
+def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
+    """The unit vectors along which a direction (3,) turns: toward growing azimuth about +z, and toward growing elevation.
+
+    With a its azimuth (0 at the poles) and e its elevation: (-sin a, cos a, 0) and (-sin e cos a, -sin e sin a, cos e).
+    """
+    x, y, z = direction
+    across = math.hypot(x, y)
+    cos_a, sin_a = (x / across, y / across) if across > 0.0 else (1.0, 0.0)
+    size = math.hypot(across, z)
+    cos_e, sin_e = across / size, z / size
+    return (-sin_a, cos_a, 0.0), (-sin_e * cos_a, -sin_e * sin_a, cos_e)
+
+
+def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, ...]:
+    """The variables of these kinds that a scene has, in the order of `of`; None: all that it has. Raises InputError.
+
+    magnetization: two angles for each magnetized region. field: three components of its uniform part. remanence, shear_modulus, density:
+    one for each material that the body uses. length: one for each segment. diameter: one.
+    """
+    if of is None:
+        return tuple(variable for make in _KINDS.values() if not isinstance(found := make(scene), str) for variable in found)
+    if isinstance(of, str) or not all(isinstance(kind, str) for kind in of):
+        _refuse(repr(of), "must be a list of names", f"write, say, of={[of] if of in _KINDS else ['magnetization', 'field']}")
+    found = []
+    for kind in dict.fromkeys(of):
+        if kind not in _KINDS:
+            _refuse(repr(kind), f"must be of {', '.join(_KINDS)}", "correct the name")
+        made = _KINDS[kind](scene)
+        if isinstance(made, str):
+            _refuse(repr(kind), *made.split("; "))
+        else:
+            found += made
+    return tuple(found)
+
+
+def _refuse(received: str, rule: str, remedy: str) -> None:
+    raise InputError(report("of", received=received, rule=rule, remedy=remedy))
+
+
+# The variables of each kind; where a scene has none: the rule that it breaks and the remedy, with "; " between them.
+
+_Found = list[Variable] | str
+
+
+def _word(name: str) -> str:
+    """A region's or material's name as a part of a variable's."""
+    return "_".join(name.split())
+
+
+def _magnetization(scene: Scene) -> _Found:
+    if not scene.body.shape.magnetized_by_region:
+        return "a magnetization_profile has no segments to turn; give the strip `segments`"
+    regions, on = scene.regions(), scene.magnetized_regions()
+    if not on:
+        return "no region is magnetized; give one a `magnetization`, and its material a `remanence`"
+    return [
+        Variable("magnetization", f"{_word(regions[k].name)}_{angle}", "rad", region=k, direction=tangent)
+        for k in on
+        for angle, tangent in zip(("azimuth", "elevation"), tangents(regions[k].magnetization), strict=True)
+    ]
+
+
+def _field(scene: Scene) -> _Found:
+    if not scene.effects.in_a_field:
+        return "no effect of the field is named; name one, `magnetic_torque: {}`"
+    over = scene.field.over_time
+    if over is not None and any(frame.uniform is not None for frame in over.frames):
+        return "the field's keyframes give its uniform part; write `field.uniform` in their place"
+    return [Variable("field", f"field_{axis}", "T", component=i) for i, axis in enumerate("xyz")]
+
+
+def _of_materials(kind: str, unit: str, has: Callable[[Scene, str], bool], otherwise: str) -> Callable[[Scene], _Found]:
+    def made(scene: Scene) -> _Found:
+        used = dict.fromkeys(region.material_name for region in scene.regions())
+        names = [name for name in used if has(scene, name)]
+        return [Variable(kind, f"{kind}_{_word(name)}", unit, material=name) for name in names] or otherwise
+
+    return made
+
+
+def _turned(scene: Scene, material: str) -> bool:
+    return any(region.material_name == material and any(region.magnetization) for region in scene.regions())
+
+
+def _length(scene: Scene) -> _Found:
+    shape = scene.body.shape
+    if not isinstance(shape, StraightBody):
+        return f"a body of {scene.body.kind} has no length to change; change its meshes"
+    if shape.segments is None:
+        return [Variable("length", "length", "m")]
+    return [Variable("length", f"{_word(region.name)}_length", "m", region=k) for k, region in enumerate(scene.regions())]
+
+
+def _diameter(scene: Scene) -> _Found:
+    if scene.body.catheter is None:
+        return f"a {scene.body.kind} has no diameter; ask for it of a catheter"
+    return [Variable("diameter", "diameter", "m")]
+
+
+_KINDS: dict[str, Callable[[Scene], _Found]] = {
+    "magnetization": _magnetization,
+    "field": _field,
+    "remanence": _of_materials(
+        "remanence", "T", _turned, "no region has a direction of magnetization; give one, say, `magnetization: [1, 0, 0]`"
+    ),
+    "shear_modulus": _of_materials("shear_modulus", "Pa", lambda scene, name: True, ""),
+    "length": _length,
+    "diameter": _diameter,
+    "density": _of_materials(
+        "density", "kg/m^3", lambda scene, name: scene.materials[name].density is not None, "no material has a density; give it one"
+    ),
+}
+KINDS = tuple(_KINDS)
+
+
+# The scene in which a variable is changed.
+
+
+def _turn(variable: Variable, scene: Scene, amount: float) -> Scene:
+    directions: Array = np.array([region.magnetization for region in scene.regions()])
+    assert variable.region is not None
+    d = directions[variable.region]
+    directions[variable.region] = math.cos(amount) * d + math.sin(amount) * np.array(variable.direction)
+    return scene.with_magnetizations(directions)
+
+
+def _strengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
+    uniform = list(scene.field.uniform)
+    uniform[variable.component or 0] += amount
+    return scene.with_field(uniform)
+
+
+def _other_material(variable: Variable, scene: Scene, amount: float) -> Scene:
+    data = scene.to_si()
+    data["materials"][variable.material][variable.kind] += amount
+    return Scene.from_si(data)
+
+
+def _lengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
+    data: dict[str, Any] = scene.to_si()
+    body, shape = data["body"][scene.body.kind], scene.body.shape
+    assert isinstance(shape, StraightBody)
+    if variable.region is None:
+        body["length"] += amount
+        return Scene.from_si(data)
+    lengths = shape.segment_lengths()
+    lengths[variable.region] += amount
+    body["length"] = math.fsum(lengths)
+    for segment, length in zip(body["segments"], lengths, strict=True):
+        segment["length"] = length
+    return Scene.from_si(data)
+
+
+def _thicken(variable: Variable, scene: Scene, amount: float) -> Scene:
+    data = scene.to_si()
+    data["body"]["catheter"]["diameter"] += amount
+    return Scene.from_si(data)
+
+
+_CHANGES: dict[str, Callable[[Variable, Scene, float], Scene]] = {
+    "magnetization": _turn, "field": _strengthen, "remanence": _other_material, "shear_modulus": _other_material,
+    "density": _other_material, "length": _lengthen, "diameter": _thicken,
+}  # fmt: skip
