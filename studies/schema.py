@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.inputs.settings import json_schema, write_json_schema
-from studies.definition import StudyFile
+from studies.study_file import StudyFile
 
 PATH = Path(__file__).with_name("study.schema.json")
 

@@ -1,6 +1,8 @@
-"""The numbers a study searches, and the scene they stand for.
+"""What a study searches, and the scene that each design stands for.
 
-Each magnetized segment has two angles, relative to the catheter and not to the room:
+A design is made of blocks (blocks.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each depth
+or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
+has two angles, relative to the catheter and not to the room:
 
     around: turn about the catheter's axis, from +y toward +z, -180 to 180 deg
     along:  lift from the cross-section toward the tip, -90 to 90 deg
@@ -13,134 +15,314 @@ A varied field has its strength and the two angles of scene files: azimuth from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
-from studies.definition import Study
+from studies.blocks import (
+    FIELD,
+    Block,
+    Choice,
+    Direction,
+    FieldVector,
+    Number,
+    Parameters,
+    angles,
+    direction,
+    distributions,
+    from_azimuth,
+)
+from studies.scene_edits import Edits, arrangement, kept_total, numbers_of, orders
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
-FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
+    from studies.definition import Study
+
+__all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
 
-def direction(around: float, along: float) -> NDArray[np.float64]:
-    """Unit vector (3,) in the undeformed body, axis +x; angles in degrees."""
-    a, b = np.deg2rad(around), np.deg2rad(along)
-    return np.array([np.sin(b), np.cos(b) * np.cos(a), np.cos(b) * np.sin(a)])
+class VariableLike(Protocol):
+    """What the chain rule asks of a variable of magmpm.sensitivities."""
 
+    @property
+    def kind(self) -> str: ...
 
-def angles(vector: NDArray[np.float64]) -> tuple[float, float]:
-    """(around, along) in degrees of a direction (3,): the inverse of `direction`."""
-    x, y, z = np.asarray(vector, dtype=float) / np.linalg.norm(vector)
-    return float(np.rad2deg(np.arctan2(z, y))), float(np.rad2deg(np.arctan2(x, np.hypot(y, z))))
+    @property
+    def name(self) -> str: ...
 
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """What is varied in a scene: magnetized segments (numbers from 0, base first) and the field up to field_max T."""
+    """What is varied in a scene.
+
+    segments: the magnetized segments whose directions are (numbers from 0, base first); field_max: T, None for a fixed field; fields: how
+    many fields there are, one at each depth or time; numbers: quantities within bounds; keeps_length: whether segments that vary their
+    lengths sum to the body's; order: whether the order of magnetized and plain segments varies.
+    """
 
     scene: Scene
     segments: tuple[int, ...]
     field_max: float | None
+    fields: int = 1
+    numbers_within: tuple[Number, ...] = ()
+    keeps_length: bool = True
+    order: bool = False
 
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
         """The space a study asks for."""
-        segments = tuple(study.scene.magnetized_regions()) if study.vary_magnetization else ()
-        return cls(scene=study.scene, segments=segments, field_max=study.field_max)
+        vary, scene = study.vary, study.scene
+        return cls(
+            scene=scene,
+            segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
+            field_max=study.field_max,
+            fields=study.fields,
+            numbers_within=numbers_of(vary, scene),
+            keeps_length=vary.length is None or vary.length.total == "keep",
+            order=vary.order is not None,
+        )
+
+    # the blocks, and where their embedded coordinates stand
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The parts of a design, in the order of its parameters and embedded coordinates."""
+        found: list[Block] = [Direction(name, i) for name, i in zip(self.segment_names(), self.segments, strict=True)]
+        if self.field_max is not None:
+            found += [FieldVector(names, self.field_max, k) for k, names in enumerate(self._field_names())]
+        found += self.numbers_within
+        if self.order:
+            found.append(Choice("order", orders(self.scene)))
+        return tuple(found)
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Where each block's embedded coordinates stand."""
+        ends = np.cumsum([block.size for block in self.blocks]).tolist()
+        return tuple(slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True))
+
+    @property
+    def size(self) -> int:
+        """How many embedded coordinates a design has."""
+        return sum(block.size for block in self.blocks)
+
+    @property
+    def freedom(self) -> int:
+        """How many numbers can change independently: two a direction, three a field, one a number (one less for a kept length)."""
+        lengths = sum(number.what == "length" for number in self.numbers_within)
+        count = sum(2 if isinstance(block, Direction) else block.size for block in self.blocks)
+        return count - int(lengths > 0 and self.keeps_length)
 
     @cached_property
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """Least and greatest value of each parameter, by name, base to tip and then the field."""
-        bounds: dict[str, tuple[float, float]] = {}
-        for name in self.segment_names():
-            bounds[f"{name}_around_deg"] = (-180.0, 180.0)
-            bounds[f"{name}_along_deg"] = (-90.0, 90.0)
-        if self.field_max is not None:
-            bounds.update(
-                zip(FIELD, ((0.0, 1e3 * self.field_max), (-180.0, 180.0), (-90.0, 90.0)), strict=True)
-            )
-        return bounds
+        """Least and greatest value of each numeric parameter, by name, in the order of the blocks."""
+        return {name: pair for block in self.blocks for name, pair in block.bounds().items()}
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The parameters that are choices rather than numbers."""
+        return tuple(block for block in self.blocks if isinstance(block, Choice))
 
     def segment_names(self) -> list[str]:
         """segment_1 is the segment at the base; numbers have as many digits as the last one, so that they sort."""
-        digits = len(str(len(self.scene.regions())))
-        return [f"segment_{i + 1:0{digits}d}" for i in self.segments]
+        return [self.scene_names[i] for i in self.segments]
 
-    @property
-    def count(self) -> int:
-        """Directions in a design: one a magnetized segment, and the field's."""
-        return len(self.segments) + (self.field_max is not None)
+    @cached_property
+    def scene_names(self) -> list[str]:
+        """segment_1 ... of every segment of the scene."""
+        count = len(self.scene.regions())
+        return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
 
-    @property
-    def numbers(self) -> int:
-        """Plain numbers in a design: the field's strength."""
-        return int(self.field_max is not None)
-
-    def design(self, parameters: Mapping[str, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Parameters as directions (count, 3), segments base to tip and then the field, and numbers from 0 to 1."""
-        found = [
-            direction(parameters[f"{name}_around_deg"], parameters[f"{name}_along_deg"])
-            for name in self.segment_names()
-        ]
-        if self.field_max is None:
-            return np.array(found), np.zeros(0)
-        azimuth, elevation = (np.deg2rad(parameters[name]) for name in FIELD[1:])
-        found.append(_from_azimuth(azimuth, elevation))
-        return np.array(found), np.array([parameters[FIELD[0]] / (1e3 * self.field_max)])
-
-    def parameters(self, directions: NDArray[np.float64], numbers: NDArray[np.float64]) -> dict[str, float]:
-        """The inverse of `design`."""
-        found: dict[str, float] = {}
-        for name, vector in zip(self.segment_names(), directions, strict=False):
-            found[f"{name}_around_deg"], found[f"{name}_along_deg"] = angles(vector)
-        if self.field_max is not None:
-            x, y, z = directions[-1]
-            found[FIELD[0]] = float(numbers[0]) * 1e3 * self.field_max
-            found[FIELD[1]] = float(np.rad2deg(np.arctan2(y, x)))
-            found[FIELD[2]] = float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
-        return found
+    def _field_names(self) -> list[tuple[str, str, str]]:
+        """Parameters of each field; of several, field_01 is the first."""
+        if self.fields == 1:
+            return [(FIELD[0], FIELD[1], FIELD[2])]
+        digits = len(str(self.fields))
+        a, b, c = (name.removeprefix("field") for name in FIELD)
+        stems = [f"field_{k:0{digits}d}" for k in range(1, self.fields + 1)]
+        return [(stem + a, stem + b, stem + c) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
         """The parameters as Optuna asks for them."""
-        from optuna.distributions import FloatDistribution
+        return distributions(self.blocks)
 
-        return {name: FloatDistribution(low, high) for name, (low, high) in self.bounds.items()}
+    # parameters <-> embedded coordinates
 
-    def directions(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
-        """Magnetization of every segment of the scene, (k, 3) unit vectors or zeros, in the undeformed body."""
-        found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
-        for i, name in zip(self.segments, self.segment_names(), strict=True):
-            found[i] = direction(parameters[f"{name}_around_deg"], parameters[f"{name}_along_deg"])
+    def embedded(self, parameters: Parameters) -> Array:
+        """A design's embedded coordinates, (size,)."""
+        return np.concatenate([np.zeros(0), *(block.read(parameters) for block in self.blocks)])
+
+    def parameters_at(self, x: Array, order: str | None = None) -> dict[str, Any]:
+        """The parameters of embedded coordinates (size,), each block brought to its nearest design; the inverse of `embedded`.
+
+        order: of the segments where it varies; as in the scene unless given.
+        """
+        found: dict[str, Any] = {}
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Choice):
+                found[block.name] = order or orders(self.scene, own=True)[0]
+            found |= block.written(block.nearest(np.asarray(x, dtype=float)[at]))
         return found
 
-    def field(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
-        """The uniform part of the field, (3,) T."""
-        if self.field_max is None:
-            return np.array(self.scene.field.uniform, dtype=float)
-        strength = 1e-3 * parameters[FIELD[0]]
-        azimuth, elevation = (np.deg2rad(parameters[name]) for name in FIELD[1:])
-        return strength * _from_azimuth(azimuth, elevation)
+    def nearest(self, x: Array) -> Array:
+        """The embedded coordinates (size,) of a design nearest to x, block by block."""
+        parts = [block.nearest(np.asarray(x, dtype=float)[at]) for block, at in zip(self.blocks, self.slices, strict=True)]
+        return np.concatenate([np.zeros(0), *parts])
 
-    def scene_of(self, parameters: Mapping[str, float]) -> Scene:
-        """The scene of a trial."""
-        scene = self.scene
-        if self.segments:
-            scene = scene.with_magnetizations(self.directions(parameters))
-        if self.field_max is not None:
-            scene = scene.with_field(self.field(parameters))
-        return scene
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """A random design, (size,): directions uniform on the sphere, numbers between their bounds."""
+        return np.concatenate([np.zeros(0), *(block.drawn(rng) for block in self.blocks)])
+
+    # designs as directions and plain numbers, for samplers with kernels on the sphere (tpe.py)
+
+    @property
+    def count(self) -> int:
+        """Directions in a design: one a magnetized segment, and the fields'."""
+        return len(self.segments) + (self.fields if self.field_max is not None else 0)
+
+    @property
+    def numbers(self) -> int:
+        """Plain numbers in a design: the fields' strengths and the numbers within bounds."""
+        return (self.fields if self.field_max is not None else 0) + len(self.numbers_within)
+
+    def design(self, parameters: Parameters) -> tuple[Array, Array]:
+        """Parameters as directions (count, 3), segments base to tip and then the fields, and numbers from 0 to 1."""
+        directions, strengths, rest = [], [], []
+        for block in self.blocks:
+            if isinstance(block, Direction):
+                directions.append(block.read(parameters))
+            elif isinstance(block, FieldVector):
+                azimuth, elevation = (np.deg2rad(parameters[name]) for name in block.names[1:])
+                directions.append(from_azimuth(azimuth, elevation))
+                strengths.append(parameters[block.names[0]] / (1e3 * block.max))
+            elif isinstance(block, Number):
+                rest.append(float(block.read(parameters)[0]))
+        return np.array(directions).reshape(-1, 3), np.array([*strengths, *rest])
+
+    def parameters(self, directions: Array, numbers: Array) -> dict[str, float]:
+        """The inverse of `design`."""
+        found: dict[str, float] = {}
+        vectors, values = iter(directions), iter(numbers)
+        for block in self.blocks:
+            if isinstance(block, Direction):
+                found |= block.written(next(vectors))
+            elif isinstance(block, FieldVector):
+                x, y, z = next(vectors)
+                found[block.names[0]] = float(next(values)) * 1e3 * block.max
+                found[block.names[1]] = float(np.rad2deg(np.arctan2(y, x)))
+                found[block.names[2]] = float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
+            elif isinstance(block, Number):
+                found |= block.written(np.array([next(values)]))
+        return found
+
+    # designs -> scenes
+
+    def scene_of(self, parameters: Parameters, field: int = -1) -> Scene:
+        """The scene of a trial, in the field with this number (of one at each depth or time; the last unless given)."""
+        return self.scene_at(self.embedded(parameters), parameters.get("order"), field)
+
+    def scene_at(self, x: Array, order: str | None = None, field: int = -1) -> Scene:
+        """The scene of embedded coordinates (size,). Raises InputError for values that no scene has."""
+        edits, lengths = Edits(self.scene), {}
+        fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Direction):
+                edits.segment(block.segment)["magnetization"] = x[at].tolist()
+            elif isinstance(block, Number) and block.what == "length":
+                lengths[block.of] = block.value(x[at])
+            elif isinstance(block, Number):
+                edits.number(block, block.value(x[at]))
+        if lengths:
+            edits.lengths(self._lengths(np.array(list(lengths.values()))), keep=self.keeps_length)
+        if fields:
+            edits.data["field"]["uniform"] = x[fields[field]].tolist()
+        if order is not None:
+            edits.order(arrangement(self.scene, order))
+        return edits.scene()
+
+    def _lengths(self, asked: Array) -> Array:
+        """Lengths (k,) m of the segments, of those asked for; shifted alike to sum to the body's length if that is kept."""
+        if not self.keeps_length:
+            return asked
+        numbers = [number for number in self.numbers_within if number.what == "length"]
+        return kept_total(asked, numbers[0].low, numbers[0].high, self.scene.length)[0]
+
+    def directions(self, parameters: Parameters) -> Array:
+        """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
+        found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
+        for block in self.blocks:
+            if isinstance(block, Direction):
+                found[block.segment] = block.read(parameters)
+        order = parameters.get("order")
+        return found if order is None else found[arrangement(self.scene, order)]
+
+    def field(self, parameters: Parameters, number: int = -1) -> Array:
+        """The uniform part of the field with this number (the last unless given), (3,) T."""
+        found = [block for block in self.blocks if isinstance(block, FieldVector)]
+        return found[number].read(parameters) if found else np.array(self.scene.field.uniform, dtype=float)
+
+    # sensitivities -> embedded coordinates
+
+    @property
+    def sensitivities(self) -> list[str]:
+        """What to ask `magmpm.sensitivities` for: its `of`."""
+        named = [("magnetization", bool(self.segments)), ("field", self.field_max is not None)]
+        named += [(what, any(n.what == what for n in self.numbers_within)) for what in ("length", "diameter", "remanence", "shear_modulus")]
+        return [what for what, wanted in named if wanted]
+
+    def chain(self, variables: Sequence[VariableLike], x: Array, order: str | None = None, field: int = -1) -> Array:
+        """The derivatives of the variables of a solve by embedded coordinates: (k, size), so that columns (..., k) @ chain are (..., size).
+
+        variables: `Sensitivities.variables` of the scene of these coordinates x (size,), order and field. A direction's three columns are
+        the gradient on the sphere: they have no part along the direction.
+        """
+        found = np.zeros((len(variables), self.size))
+        rows = _rows(variables)
+        count = len(self.scene.regions())
+        places: NDArray[np.int64] = np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
+        fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
+        numbers = [(block, at) for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, Number)]
+        lengths = [(number.of, at) for number, at in numbers if number.what == "length"]
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Direction):
+                for row in rows["magnetization", int(places[block.segment])]:
+                    found[row, at] = variables[row].direction  # type: ignore[attr-defined]
+            elif isinstance(block, Number) and block.what != "length":
+                name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
+                for row in rows[block.what, name]:
+                    found[row, at] = block.high - block.low
+        if fields:
+            for row, column in zip(rows["field", None], range(fields[field].start, fields[field].stop), strict=True):
+                found[row, column] = 1.0
+        if lengths:
+            self._chain_of_lengths(found, rows, x, lengths, places)
+        return found
+
+    def _chain_of_lengths(
+        self, found: Array, rows: Mapping[Any, list[int]], x: Array, lengths: list[Any], places: NDArray[np.int64]
+    ) -> None:
+        numbers = [number for number in self.numbers_within if number.what == "length"]
+        low, high = numbers[0].low, numbers[0].high
+        moved = np.eye(len(lengths))
+        if self.keeps_length:
+            moved = kept_total(np.array([low + (high - low) * float(x[at][0]) for _, at in lengths]), low, high, self.scene.length)[1]
+        for i, (segment, _) in enumerate(lengths):
+            for row in rows["length", int(places[segment])]:
+                for j, (_, at) in enumerate(lengths):
+                    found[row, at] = (high - low) * moved[i, j]
 
 
-def _from_azimuth(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Unit vector (3,) of a scene file's angles, in rad."""
-    return np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+def _rows(variables: Sequence[VariableLike]) -> dict[tuple[str, int | str | None], list[int]]:
+    """Which rows of a Jacobian belong to what: by kind, and by segment or material."""
+    found: dict[tuple[str, int | str | None], list[int]] = {}
+    for row, variable in enumerate(variables):
+        where = {"magnetization": "region", "length": "region", "remanence": "material", "shear_modulus": "material"}.get(variable.kind)
+        found.setdefault((variable.kind, None if where is None else getattr(variable, where)), []).append(row)
+    return found

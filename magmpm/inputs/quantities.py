@@ -61,6 +61,7 @@ KINDS = {
         Kind("size", "B", "2 GB", _powers("B", none=0, k=3, M=6, G=9, T=12)),
         Kind("frequency", "Hz", "2 Hz", {**_powers("Hz", none=0, k=3, m=-3), "1/s": Fraction(1)}),
         Kind("current", "A", "2 A", _powers("A", none=0, k=3, m=-3)),
+        Kind("percentage", "times 1", "5 %", _each(Fraction(1, 100), "%", "percent")),
         Kind("magnetic moment", "A*m^2", "0.5 A*m^2", _MOMENT),
     )
 }
@@ -159,6 +160,8 @@ _ANGULAR = {"revolutions_per_minute", "revolutions_per_second", "count_per_secon
 def _factor(unit: str, kind: Kind) -> Fraction:
     """Exact factor from `unit` to the kind's SI unit. Raises BadQuantity."""
     plain = kind.plain.get(unit)
+    if plain is None and kind.name == "percentage":  # pint would take any number without a dimension, such as degrees
+        raise BadQuantity(f'a percentage is due here, and "{unit}" is not %', f'write, say, "{kind.example}"')
     return plain if plain is not None else _factor_in_pint(unit, kind.name)
 
 

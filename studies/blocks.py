@@ -1,0 +1,179 @@
+"""The parts of a design: directions, fields, numbers within bounds, and choices.
+
+Optuna stores a design as *parameters* (angles in degrees, mT, mm). Samplers that know geometry work on *embedded* coordinates, in which
+designs that are near each other have numbers near each other: a direction is its unit vector, a field its vector (T), a number its place
+between its bounds (0 to 1). A choice has none: it has no neighbors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
+
+Parameters = Mapping[str, Any]
+FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
+
+
+def direction(around: float, along: float) -> Array:
+    """Unit vector (3,) in the undeformed body, axis +x; angles in degrees."""
+    a, b = np.deg2rad(around), np.deg2rad(along)
+    return np.array([np.sin(b), np.cos(b) * np.cos(a), np.cos(b) * np.sin(a)])
+
+
+def angles(vector: Array) -> tuple[float, float]:
+    """(around, along) in degrees of a direction (3,): the inverse of `direction`."""
+    x, y, z = np.asarray(vector, dtype=float) / np.linalg.norm(vector)
+    return float(np.rad2deg(np.arctan2(z, y))), float(np.rad2deg(np.arctan2(x, np.hypot(y, z))))
+
+
+def from_azimuth(azimuth: float, elevation: float) -> Array:
+    """Unit vector (3,) of a scene file's angles, in rad."""
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The direction of a segment's magnetization: a unit vector (3,). segment: its number in the scene, from 0."""
+
+    name: str
+    segment: int
+    size = 3
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        return {f"{self.name}_around_deg": (-180.0, 180.0), f"{self.name}_along_deg": (-90.0, 90.0)}
+
+    def read(self, parameters: Parameters) -> Array:
+        return direction(parameters[f"{self.name}_around_deg"], parameters[f"{self.name}_along_deg"])
+
+    def written(self, x: Array) -> dict[str, float]:
+        around, along = angles(x)
+        return {f"{self.name}_around_deg": around, f"{self.name}_along_deg": along}
+
+    def nearest(self, x: Array) -> Array:
+        """The unit vector nearest to x (3,); +x for zeros."""
+        length = float(np.linalg.norm(x))
+        return np.array(x) / length if length > 0 else np.array([1.0, 0.0, 0.0])
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Uniform on the sphere."""
+        return self.nearest(rng.normal(size=3))
+
+
+@dataclass(frozen=True)
+class FieldVector:
+    """A uniform field, (3,) T, in a ball of radius max T. names: of its parameters; number: which of the study's fields, from 0."""
+
+    names: tuple[str, str, str]
+    max: float
+    number: int = 0
+    size = 3
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        return dict(zip(self.names, ((0.0, 1e3 * self.max), (-180.0, 180.0), (-90.0, 90.0)), strict=True))
+
+    def read(self, parameters: Parameters) -> Array:
+        strength = 1e-3 * parameters[self.names[0]]
+        azimuth, elevation = (np.deg2rad(parameters[name]) for name in self.names[1:])
+        return np.asarray(strength * from_azimuth(azimuth, elevation))
+
+    def written(self, x: Array) -> dict[str, float]:
+        a, b, c = np.asarray(x, dtype=float)
+        values = (
+            min(1e3 * float(np.linalg.norm(x)), 1e3 * self.max),
+            float(np.rad2deg(np.arctan2(b, a))),
+            float(np.rad2deg(np.arctan2(c, np.hypot(a, b)))),
+        )
+        return dict(zip(self.names, values, strict=True))
+
+    def nearest(self, x: Array) -> Array:
+        """The vector of the ball that is nearest to x (3,) T."""
+        return np.array(x) * min(1.0, self.max / max(float(np.linalg.norm(x)), 1e-300))
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Any direction, any strength: uniform in both."""
+        vector = rng.normal(size=3)
+        return np.asarray(self.max * rng.random() / np.linalg.norm(vector) * vector)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A quantity from low to high (SI); embedded as its place between them, 0 to 1.
+
+    name: of its parameter, which is in the unit that the name ends with, `unit` of which are an SI unit. what: length, diameter,
+    remanence or shear_modulus; of: the number of a segment from 0, or a material's name; None for the whole body.
+    """
+
+    name: str
+    what: Literal["length", "diameter", "remanence", "shear_modulus"]
+    low: float
+    high: float
+    unit: float
+    of: int | str | None = None
+    size = 1
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        return {self.name: (self.unit * self.low, self.unit * self.high)}
+
+    def read(self, parameters: Parameters) -> Array:
+        return np.array([(parameters[self.name] / self.unit - self.low) / (self.high - self.low)])
+
+    def written(self, x: Array) -> dict[str, float]:
+        low, high = self.bounds()[self.name]
+        return {self.name: min(max(self.unit * self.value(x), low), high)}
+
+    def value(self, x: Array) -> float:
+        """The quantity, SI, of an embedded coordinate (1,)."""
+        return self.low + float(x[0]) * (self.high - self.low)
+
+    def nearest(self, x: Array) -> Array:
+        return np.clip(x, 0.0, 1.0)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        return rng.random(1)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several orders of magnetized (M) and plain (P) segments, base to tip. It has no embedded coordinates."""
+
+    name: str
+    choices: tuple[str, ...]
+    size = 0
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        return {}
+
+    def read(self, parameters: Parameters) -> Array:
+        return np.zeros(0)
+
+    def written(self, x: Array) -> dict[str, float]:
+        return {}
+
+    def nearest(self, x: Array) -> Array:
+        return x
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        return np.zeros(0)
+
+
+Block = Direction | FieldVector | Number | Choice
+
+
+def distributions(blocks: tuple[Block, ...]) -> dict[str, BaseDistribution]:
+    """The parameters of blocks as Optuna asks for them."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution
+
+    found: dict[str, BaseDistribution] = {}
+    for block in blocks:
+        if isinstance(block, Choice):
+            found[block.name] = CategoricalDistribution(block.choices)
+        found |= {name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()}
+    return found

@@ -1,0 +1,148 @@
+"""The key `vary` of a study: what each trial may change, and within which bounds."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from magmpm.inputs.quantities import KINDS, format_si
+from magmpm.inputs.settings import Quantity, Settings, fault
+
+
+class VaryMagnetization(Settings):
+    """The direction of each magnetized segment: two angles. No settings."""
+
+
+class VaryField(Settings):
+    """The uniform outside field: its strength and two angles."""
+
+    max: Annotated[float, Quantity("flux density", above="0 mT", at_most="20 T")] = Field(
+        description="Greatest strength of the field.", examples=["10 mT"]
+    )
+    at: Literal["once", "each depth", "each time"] = Field(
+        default="once",
+        description="One field (once, unless given), or one at each depth of an `insertion` or each time of a `schedule`.",
+        examples=["each depth"],
+    )
+
+
+class Range(Settings):
+    """Least and greatest value of a quantity."""
+
+    kind: ClassVar[str]
+
+    @field_validator("max", check_fields=False)
+    @classmethod
+    def _ordered(cls, most: float, info: ValidationInfo) -> float:
+        least = info.data.get("min")
+        if least is not None and not least < most:
+            kind = KINDS[cls.kind]
+            raise fault(
+                f"max must be greater than min: max is {format_si(most, kind)}, min {format_si(least, kind)}",
+                "exchange them, or, to keep one value, write it in the scene and remove it from `vary`",
+            )
+        return most
+
+
+class VaryLength(Range):
+    """The length of each segment."""
+
+    kind: ClassVar[str] = "length"
+    min: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
+        description="Least length of a segment.", examples=["4 mm"]
+    )
+    max: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
+        description="Greatest length of a segment.", examples=["12 mm"]
+    )
+    total: Literal["keep", "free"] = Field(
+        default="keep",
+        description="Whether the body keeps its length (keep, unless given) or is as long as its segments (free).",
+        examples=["free"],
+    )
+
+
+class VaryDiameter(Range):
+    """The diameter of a catheter."""
+
+    kind: ClassVar[str] = "length"
+    min: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Least diameter.", examples=["2 mm"])
+    max: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Greatest diameter.", examples=["4 mm"])
+
+
+class VaryRemanence(Range):
+    """The remanence of the magnetic materials."""
+
+    kind: ClassVar[str] = "flux density"
+    min: Annotated[float, Quantity("flux density", at_least="0 mT", at_most="3 T")] = Field(
+        description="Least remanence.", examples=["50 mT"]
+    )
+    max: Annotated[float, Quantity("flux density", above="0 mT", at_most="3 T")] = Field(
+        description="Greatest remanence.", examples=["150 mT"]
+    )
+    per: Literal["material", "segment"] = Field(
+        default="material",
+        description="One value for each magnetic material (unless given) or one for each magnetized segment.",
+        examples=["segment"],
+    )
+
+
+class VaryShearModulus(Range):
+    """The stiffness of the body's materials."""
+
+    kind: ClassVar[str] = "pressure"
+    min: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+        description="Least shear modulus.", examples=["50 kPa"]
+    )
+    max: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+        description="Greatest shear modulus.", examples=["500 kPa"]
+    )
+    per: Literal["material", "segment"] = Field(
+        default="material", description="One value for each material (unless given) or one for each segment.", examples=["segment"]
+    )
+
+
+class VaryOrder(Settings):
+    """Which of the segments are the magnetized ones. No settings."""
+
+
+class Vary(Settings):
+    """What the study may change."""
+
+    magnetization: VaryMagnetization | None = Field(
+        default=None, description="The direction of each magnetized segment: {}.", examples=["{}"]
+    )
+    field: VaryField | None = Field(
+        default=None, description="The outside field, up to a greatest strength.", examples=["{max: 10 mT}"]
+    )
+    length: VaryLength | None = Field(
+        default=None, description="The length of each segment, within bounds.", examples=["{min: 4 mm, max: 12 mm}"]
+    )
+    diameter: VaryDiameter | None = Field(
+        default=None, description="The catheter's diameter, within bounds.", examples=["{min: 2 mm, max: 4 mm}"]
+    )
+    remanence: VaryRemanence | None = Field(
+        default=None, description="The remanence of the magnetic materials, within bounds.", examples=["{min: 50 mT, max: 150 mT}"]
+    )
+    shear_modulus: VaryShearModulus | None = Field(
+        default=None, description="The shear modulus of the materials, within bounds.", examples=["{min: 50 kPa, max: 500 kPa}"]
+    )
+    stiffness: VaryShearModulus | None = Field(
+        default=None, description="Another word for shear_modulus.", examples=["{min: 50 kPa, max: 500 kPa}"]
+    )
+    order: VaryOrder | None = Field(
+        default=None, description="The order of magnetized and plain segments along the body: {}.", examples=["{}"]
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Vary:
+        if not any(getattr(self, key) is not None for key in type(self).model_fields):
+            raise fault("a study must vary something", "add `magnetization: {}`")
+        if self.shear_modulus is not None and self.stiffness is not None:
+            raise fault("give `shear_modulus` or `stiffness`: they are two words for one quantity", "remove one", ("stiffness",))
+        return self
+
+    @property
+    def moduli(self) -> VaryShearModulus | None:
+        """The bounds of the shear moduli, by either word."""
+        return self.shear_modulus or self.stiffness
