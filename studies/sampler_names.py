@@ -1,4 +1,8 @@
-"""The samplers a study may name. What makes them is in samplers.py."""
+"""The names by which a study file and `--sampler` ask for a sampler, and what is said about names that are none.
+
+Samplers of Optuna are asked for as `optuna:NAME`. The names are written out here, with what each of them needs; nothing that a file says is
+ever imported.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +12,66 @@ from typing import Any
 from magmpm.errors import InputError, NotThereYet, report
 from magmpm.inputs.settings import fault
 
-SAMPLERS = ("tpe", "gp", "cmaes", "random")
-LATER_SAMPLERS = {  # names of the contract that nothing stands behind yet
-    "gauss-newton": "search along the sensitivities of the shape",
-    "nsga2": "evolution toward two objectives",
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
+LATER_SAMPLERS = {"gauss-newton": "search along the sensitivities of the shape"}
+
+PREFIX = "optuna:"
+OPTUNA = ("TPESampler", "RandomSampler", "CmaEsSampler", "GPSampler", "QMCSampler", "NSGAIISampler", "NSGAIIISampler")
+SENSELESS = {  # Optuna's other samplers, and why a study can't use them
+    "BruteForceSampler": "tries every value, and angles and lengths are continuous",
+    "GridSampler": "needs a grid of values, which a study file has no place for",
+    "PartialFixedSampler": "holds parameters at values; a study does that by what `vary` leaves out",
+    "BaseGASampler": "is not a sampler, but what genetic ones derive from",
+    "BaseSampler": "is not a sampler, but what samplers derive from",
 }
-OPTUNA = "optuna:"  # optuna:NAME is a sampler of Optuna by name
-OPTUNA_SAMPLERS: dict[str, str] = {}  # NAME -> class of optuna.samplers; a file never names a class itself
+NAMES = (*SAMPLERS, *(PREFIX + name for name in OPTUNA))
+
+ONE_OBJECTIVE = frozenset({"gp", "cmaes", "optuna:CmaEsSampler"})  # samplers that can't weigh two objectives
 
 
-def known_names() -> tuple[str, ...]:
-    """Every name that a study may give."""
-    return (*SAMPLERS, *(OPTUNA + name for name in OPTUNA_SAMPLERS))
+def is_optuna(name: str) -> bool:
+    """Whether a name asks for one of Optuna's own samplers."""
+    return name.startswith(PREFIX)
+
+
+def wrong_name(name: Any) -> tuple[str, str] | None:
+    """Rule and remedy for a name that is no sampler; None for the name of one, of a later version too."""
+    if isinstance(name, str) and (name in NAMES or name in LATER_SAMPLERS):
+        return None
+    if isinstance(name, str) and is_optuna(name.lower()):
+        return _wrong_optuna(name[len(PREFIX) :])
+    if name in OPTUNA:
+        return f"samplers of Optuna are named with `{PREFIX}` before them", f'write "{PREFIX}{name}"'
+    near = difflib.get_close_matches(str(name).lower(), SAMPLERS, n=1, cutoff=0.5)
+    rule = f"must be {', '.join(SAMPLERS)}, or {PREFIX}NAME for a sampler of Optuna"
+    return rule, f'did you mean "{near[0]}"?' if near else "write, say, `sampler: tpe`"
+
+
+def _wrong_optuna(asked: str) -> tuple[str, str]:
+    """Rule and remedy for a NAME of `optuna:NAME` that is not on the list."""
+    small = asked.strip().lower().replace("-", "").replace("_", "")
+    for name, why in SENSELESS.items():
+        if small in (name.lower(), name.lower().removesuffix("sampler")) and small:
+            return f"Optuna's {name} {why}", f"write, say, `sampler: {PREFIX}QMCSampler`"
+    short = {name.lower().removesuffix("sampler"): name for name in OPTUNA} | {"nsga2": "NSGAIISampler", "nsga3": "NSGAIIISampler"}
+    near = difflib.get_close_matches(small.removesuffix("sampler"), short, n=1, cutoff=0.5)
+    rule = f"NAME of {PREFIX}NAME must be {', '.join(OPTUNA[:-1])} or {OPTUNA[-1]}"
+    return rule, f'did you mean "{PREFIX}{short[near[0]]}"?' if near else f"write, say, `sampler: {PREFIX}TPESampler`"
 
 
 def known_sampler(value: Any) -> Any:
-    """Validates the key `sampler`. Raises PydanticCustomError (see `fault`)."""
-    names = known_names()
-    if not isinstance(value, str) or value not in (*names, *LATER_SAMPLERS):
-        near = difflib.get_close_matches(str(value).lower(), names, n=1, cutoff=0.5)
-        remedy = f'did you mean "{near[0]}"?' if near else "write, say, `sampler: tpe`"
-        raise fault(f"must be {', '.join(names[:-1])} or {names[-1]}", remedy)
+    """The name of a sampler, as a validator of study files."""
+    found = wrong_name(value)
+    if found is not None:
+        raise fault(*found)
     return value
 
 
 def check_sampler_name(name: str, place: str) -> None:
     """Raises NotThereYet for samplers of a later version, InputError for unknown names."""
-    known = f"samplers: {', '.join(known_names())}"
     if name in LATER_SAMPLERS:
-        rule = f"`{name}` ({LATER_SAMPLERS[name]}) is not there yet in this version; {known}"
+        rule = f"`{name}` ({LATER_SAMPLERS[name]}) is not there yet in this version; samplers: {', '.join(SAMPLERS)}"
         raise NotThereYet(report(place, received=f'"{name}"', rule=rule, remedy="sampler: tpe"))
-    if name not in known_names():
-        raise InputError(report(place, received=f'"{name}"', rule=known, remedy="sampler: tpe"))
+    found = wrong_name(name)
+    if found is not None:
+        raise InputError(report(place, received=f'"{name}"', rule=found[0], remedy=found[1]))

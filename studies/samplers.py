@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import InputError
+from studies.sampler_names import check_sampler_name
 from studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
 
 STARTUP = 5  # random trials of GP before a model of the objective is asked; TPE has its own settings
 
-_EXTRAS = {"gp": ("torch", "gp"), "cmaes": ("cmaes", "cmaes")}
+POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
+
+_TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
+_EXTRAS = {"gp": _TORCH, "cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
 
 
 def check_available(name: str) -> None:
@@ -41,15 +45,14 @@ def settings(name: str) -> dict[str, Any]:
         from studies.tpe import Settings
 
         return dataclasses.asdict(Settings())
+    if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
+        return {"population": POPULATION}
     return {"startup": STARTUP} if name == "gp" else {}
 
 
 def make_sampler(name: str, space: SearchSpace, seed: int, finished: int) -> BaseSampler:
     """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name."""
-    if name not in _MAKERS:
-        raise InputError(
-            f"sampler: received {name}\n  rule: must be one of {', '.join(_MAKERS)}\n  remedy: tpe"
-        )
+    check_sampler_name(name, "sampler")
     with warnings.catch_warnings():
         # Optuna calls samplers experimental, or announces changes of defaults, on every construction
         warnings.simplefilter("ignore")
@@ -85,9 +88,47 @@ def _random(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
     return RandomSampler(seed=_number(seed, finished))
 
 
+def _nsga2(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import NSGAIISampler
+
+    return NSGAIISampler(seed=_number(seed, finished), population_size=POPULATION)
+
+
+def _nsga3(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import NSGAIIISampler
+
+    return NSGAIIISampler(seed=_number(seed, finished), population_size=POPULATION)
+
+
+def _optuna_tpe(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import TPESampler
+
+    return TPESampler(seed=_number(seed, finished))
+
+
+def _optuna_gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import GPSampler
+
+    return GPSampler(seed=_number(seed, finished), deterministic_objective=True)
+
+
+def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from studies.quasi_random import SobolSampler
+
+    return SobolSampler(space, seed, finished)
+
+
 _MAKERS: dict[str, Callable[[SearchSpace, int, int], BaseSampler]] = {
     "tpe": _tpe,
     "gp": _gp,
     "cmaes": _cmaes,
+    "nsga2": _nsga2,
     "random": _random,
+    "optuna:TPESampler": _optuna_tpe,
+    "optuna:RandomSampler": _random,
+    "optuna:CmaEsSampler": _cmaes,
+    "optuna:GPSampler": _optuna_gp,
+    "optuna:QMCSampler": _qmc,
+    "optuna:NSGAIISampler": _nsga2,
+    "optuna:NSGAIIISampler": _nsga3,
 }

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema,
 
 from magmpm.inputs.settings import Key, Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis
-from studies.sampler_names import OPTUNA, SAMPLERS, known_sampler
+from studies.sampler_names import NAMES, known_sampler
 from studies.vary import Vary
 
 MOST_TRIALS = 1_000_000
@@ -218,7 +218,7 @@ class StudyFile(Settings):
     sampler: Annotated[
         str,
         BeforeValidator(known_sampler),
-        WithJsonSchema({"anyOf": [{"enum": list(SAMPLERS)}, {"type": "string", "pattern": f"^{OPTUNA}"}]}),
+        WithJsonSchema({"type": "string", "enum": list(NAMES)}),
     ] = Field(default="tpe", description="How trials are chosen; tpe unless given.", examples=["tpe"])
     start: Literal["rod"] | None = Field(
         default=None, description="Begin with the best designs of the rod model; not unless given.", examples=["rod"]

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,25 +19,22 @@ from rod_solve import STUDY, RodResult, solve, write_study
 
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from studies.definition import SAMPLERS, load_study
+from studies.definition import load_study
 from studies.engine import run_study
+from studies.sampler_names import NAMES, PREFIX, SAMPLERS
 from studies.samplers import check_available
 
 HERE = Path(__file__).parent
 
-samplers = pytest.mark.parametrize(
-    "sampler",
-    [
-        pytest.param(
-            name,
-            marks=pytest.mark.skipif(
-                name == "gp" and importlib.util.find_spec("torch") is None,
-                reason="the GP sampler needs torch, an extra: pip install -e '.[gp]'",
-            ),
-        )
-        for name in SAMPLERS
-    ],
-)
+def of(names: Iterable[str]) -> pytest.MarkDecorator:
+    """A test for each sampler, skipped where the package that it needs is missing."""
+    needs = {"gp": "torch", "optuna:GPSampler": "torch", "cmaes": "cmaes", "optuna:CmaEsSampler": "cmaes"}
+
+    def mark(name: str) -> pytest.MarkDecorator:
+        missing = name in needs and importlib.util.find_spec(needs[name]) is None
+        return pytest.mark.skipif(missing, reason=f"the sampler {name} needs {needs.get(name)}, an extra of magmpm")
+
+    return pytest.mark.parametrize("sampler", [pytest.param(name, marks=mark(name)) for name in names])
 
 
 def trials_of(out: Path) -> list[optuna.trial.FrozenTrial]:
@@ -70,7 +68,7 @@ def kill_in_trial(study: Path, out: Path, sampler: str, at: int, where: str) -> 
     (out / "waiting").unlink()
 
 
-@samplers
+@of(NAMES)
 def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: Path) -> None:
     path = write_study(tmp_path)
     for out in ("a", "b"):
@@ -83,7 +81,7 @@ def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: P
     assert len({t.value for t in trials_of(tmp_path / "a")}) == 8, "no design is tried twice"
 
 
-@samplers
+@of(name for name in SAMPLERS if name != "nsga2")  # below, as Optuna's NSGAIISampler
 @pytest.mark.parametrize("where", ["solve", "tell"])
 def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: str, tmp_path: Path) -> None:
     # 23 trials: CMA-ES (population 10) has finished its second generation, TPE its random trials
@@ -99,6 +97,25 @@ def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: 
         (first,), (second,) = pictures(whole, one), pictures(parts, other)
         assert first == second
     assert (whole / "best" / "result.json").read_text() == (parts / "best" / "result.json").read_text()
+
+
+@of(name for name in NAMES if name.startswith(PREFIX))
+def test_a_study_by_a_sampler_of_optuna_is_continued_as_it_was(sampler: str, tmp_path: Path) -> None:
+    """Stopped in the solves of trials 1, 4 and 22 of 24, which are two generations of the genetic ones, it has the same trials."""
+    study = load_study(write_study(tmp_path, STUDY.replace("trials: 8", "trials: 24")))
+    run_study(study, solve=solve, out=tmp_path / "whole", sampler=sampler)
+    stops, calls = [1, 5, 24], []
+
+    def interrupted(scene: Scene) -> RodResult:
+        calls.append(scene)
+        if len(calls) in stops:
+            raise KeyboardInterrupt
+        return solve(scene)
+
+    while run_study(study, solve=interrupted, out=tmp_path / "parts", sampler=sampler).ended == "interrupted":
+        assert len(calls) <= 24
+    assert len(calls) == 27
+    same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
 
 
 def pictures(out: Path, trial: optuna.trial.FrozenTrial) -> list[bytes]:
@@ -173,15 +190,23 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
     assert (more.trials, more.ended, more.first_trial_below_stop) == (8, "trials", None)
 
 
-@pytest.mark.parametrize(("sampler", "module"), [("gp", "torch"), ("cmaes", "cmaes")])
+@pytest.mark.parametrize(
+    ("sampler", "module", "extra"),
+    [
+        ("gp", "torch", "gp"),
+        ("cmaes", "cmaes", "cmaes"),
+        ("optuna:GPSampler", "torch", "gp"),
+        ("optuna:CmaEsSampler", "cmaes", "cmaes"),
+    ],
+)
 def test_missing_extra_is_said_before_any_trial(
-    sampler: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sampler: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     find = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a)
     )
-    with pytest.raises(InputError, match=rf"pip install -e '\.\[{sampler}\]'"):
+    with pytest.raises(InputError, match=rf"pip install -e '\.\[{extra}\]'"):
         check_available(sampler)
     study = load_study(write_study(tmp_path))
     with pytest.raises(InputError, match=module):
