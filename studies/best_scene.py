@@ -15,6 +15,7 @@ import yaml
 
 from magmpm.bodies.surface_mesh import PREFIX
 from magmpm.inputs.settings import read_yaml
+from studies.scene_edits import Edits
 from studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -59,21 +60,11 @@ def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
     )
 
 
-def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str, float], folder: Path) -> dict[str, Any]:
+def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The scene's file as data, with the design in it and paths relative to `folder`."""
     content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
     content["name"] = f"{study.name} best"[:100]
-    if space.segments:
-        directions = space.directions(found)
-        regions = space.scene.regions()
-        for i in space.segments:
-            place = content["body"]
-            for key in regions[i].at:
-                place = place[key]
-            place["magnetization"] = directions[i].tolist()
-    if space.field_max is not None:
-        uniform = [f"{1e3 * component:.15g} mT" for component in space.field(found).tolist()]
-        content["field"] = {**content.get("field", {}), "uniform": uniform}
+    space.edit(Edits(study.scene, content), space.embedded(found), found.get("order"))
     return content
 
 

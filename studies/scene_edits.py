@@ -18,13 +18,21 @@ from studies.vary import Vary
 MOST_ORDERS = 1000
 
 
-class Edits:
-    """Changes to a scene's data (SI)."""
+UNITS = {"length": (1e3, "mm"), "diameter": (1e3, "mm"), "remanence": (1e3, "mT"), "field": (1e3, "mT"), "shear_modulus": (1e-3, "kPa")}
 
-    def __init__(self, scene: Scene) -> None:
-        self.data = scene.to_si()
+
+class Edits:
+    """Changes to a scene's data: its own (SI), or, where `content` is given, those of its file, with units as text."""
+
+    def __init__(self, scene: Scene, content: dict[str, Any] | None = None) -> None:
+        self.data = scene.to_si() if content is None else content
+        self._as_text = content is not None
         self._body = self.data["body"][scene.body.kind]
-        self._kind_size = scene.body.shape
+
+    def _written(self, what: str, value: float) -> Any:
+        """A value, SI, as the data have it: text has 15 digits, which are the value to rounding."""
+        factor, unit = UNITS[what]
+        return f"{factor * value:.15g} {unit}" if self._as_text else value
 
     def segment(self, index: int) -> dict[str, Any]:
         """The data of the segment with this number, from 0."""
@@ -42,29 +50,29 @@ class Edits:
     def number(self, number: Number, value: float) -> None:
         """A diameter, or a quantity of a material, SI. A segment gets a material of its own where it needs one."""
         if number.what == "diameter":
-            self._body["diameter"] = value
+            self._body["diameter"] = self._written("diameter", value)
             return
         name = number.of
         if isinstance(name, int):
             segment = self.segment(name)
-            old = segment["material"] or self._body["material"]
-            name = old if old in self._own() else own_material(old, name)
+            old = segment.get("material") or self._body["material"]
+            name = old if old.endswith(_ending(name)) else own_material(old, name)
             self.data["materials"].setdefault(name, dict(self.data["materials"][old]))
             segment["material"] = name
-        self.data["materials"][name][number.what] = value
-
-    def _own(self) -> set[str]:
-        """Materials that belong to one segment."""
-        return {s["material"] for i, s in enumerate(self._body["segments"]) if s["material"] and s["material"].endswith(_own_ending(i))}
+        self.data["materials"][name][number.what] = self._written(number.what, value)
 
     def lengths(self, lengths: Array, *, keep: bool) -> None:
         """Lengths (k,) m of the segments; keep: they sum to the body's length to rounding, and leave it as it is."""
         for segment, length in zip(self._body["segments"], lengths.tolist(), strict=True):
-            segment["length"] = length
+            segment["length"] = self._written("length", length)
         if keep:
-            self._body["segments"][int(np.argmax(lengths))]["length"] = None  # it takes the rest, to the last bit
+            del self._body["segments"][int(np.argmax(lengths))]["length"]  # it takes the rest, to the last bit
         else:
-            self._body["length"] = math.fsum(lengths.tolist())
+            self._body["length"] = self._written("length", math.fsum(lengths.tolist()))
+
+    def field(self, uniform: Array) -> None:
+        """The uniform part of the field, (3,) T."""
+        self.data["field"] = {**self.data.get("field", {}), "uniform": [self._written("field", x) for x in uniform.tolist()]}
 
     def order(self, pieces: NDArray[np.int64]) -> None:
         """The segments in this order, by their numbers in the scene."""
@@ -75,13 +83,13 @@ class Edits:
         return Scene.from_si(self.data)
 
 
-def _own_ending(segment: int) -> str:
+def _ending(segment: int) -> str:
     return f" of segment {segment + 1}"
 
 
 def own_material(name: str, segment: int) -> str:
     """What a segment's own material is called."""
-    return name + _own_ending(segment)
+    return name + _ending(segment)
 
 
 def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:

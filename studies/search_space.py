@@ -230,7 +230,13 @@ class SearchSpace:
 
     def scene_at(self, x: Array, order: str | None = None, field: int = -1) -> Scene:
         """The scene of embedded coordinates (size,). Raises InputError for values that no scene has."""
-        edits, lengths = Edits(self.scene), {}
+        edits = Edits(self.scene)
+        self.edit(edits, x, order, field)
+        return edits.scene()
+
+    def edit(self, edits: Edits, x: Array, order: str | None = None, field: int = -1) -> None:
+        """Write a design, by its embedded coordinates (size,), into a scene's data."""
+        lengths = {}
         fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
         for block, at in zip(self.blocks, self.slices, strict=True):
             if isinstance(block, Direction):
@@ -242,10 +248,9 @@ class SearchSpace:
         if lengths:
             edits.lengths(self._lengths(np.array(list(lengths.values()))), keep=self.keeps_length)
         if fields:
-            edits.data["field"]["uniform"] = x[fields[field]].tolist()
+            edits.field(x[fields[field]])
         if order is not None:
             edits.order(arrangement(self.scene, order))
-        return edits.scene()
 
     def _lengths(self, asked: Array) -> Array:
         """Lengths (k,) m of the segments, of those asked for; shifted alike to sum to the body's length if that is kept."""
@@ -292,11 +297,11 @@ class SearchSpace:
         lengths = [(number.of, at) for number, at in numbers if number.what == "length"]
         for block, at in zip(self.blocks, self.slices, strict=True):
             if isinstance(block, Direction):
-                for row in rows["magnetization", int(places[block.segment])]:
+                for row in rows.get(("magnetization", int(places[block.segment])), ()):  # none where the remanence is zero
                     found[row, at] = variables[row].direction  # type: ignore[attr-defined]
             elif isinstance(block, Number) and block.what != "length":
                 name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
-                for row in rows[block.what, name]:
+                for row in rows.get((block.what, name), ()):
                     found[row, at] = block.high - block.low
         if fields:
             for row, column in zip(rows["field", None], range(fields[field].start, fields[field].stop), strict=True):

@@ -1,0 +1,33 @@
+"""How far a body's axis is from a target shape, and how that changes with the sensitivities.
+
+Points are compared at equal arc length of the undeformed body. A body that is shorter than its target (its length may be varied) has no
+points at the target's last stations: there its tip is compared, so that a design does not come nearer by being short.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.results.measures import centreline_at
+from magmpm.results.result import Result
+from magmpm.results.sensitivities import Sensitivities
+
+
+def gaps(result: Result, target: Array) -> Array:
+    """Vectors (m, 3) m from the target's points to the axis; target (m, 4) m: rows [s, x, y, z]."""
+    length = result.centreline[-1, 0]
+    return np.asarray(centreline_at(result, np.minimum(target[:, 0], length)) - target[:, 1:])
+
+
+def root_mean_square(gaps: Array) -> float:
+    """Root mean square length (m) of gaps (m, 3) m."""
+    return float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
+
+
+def gap_derivatives(sensitivities: Sensitivities, target: Array) -> Array:
+    """Derivatives (m, 3, k) of `gaps` of the sensitivities' result, m per unit of each variable."""
+    length = sensitivities.result.centreline[-1, 0]
+    found = sensitivities.at(np.minimum(target[:, 0], length))
+    found[target[:, 0] > length] = sensitivities.centreline[-1]
+    return np.asarray(found)
