@@ -163,6 +163,7 @@ class _Run:
             known = attributes(
                 outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
             )
+            known |= self.space.quantities(asked.params)
             return self.keep(asked, outcome, known, picture, begun)
         except KeyboardInterrupt:
             self.put_back(asked)

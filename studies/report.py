@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 REPORT = "study.json"
 
+QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
 Ended = Literal["stop", "trials", "interrupted"]
 
 
@@ -88,7 +89,8 @@ def feasible(trial: FrozenTrial) -> bool:
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """What a report says of a trial."""
     kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "magnetization", "field_T")}
-    return {"number": trial.number, "rms_m": _rms(trial), "params": dict(trial.params), **kept}
+    varied = {key: trial.user_attrs[key] for key in QUANTITIES if key in trial.user_attrs}
+    return {"number": trial.number, "rms_m": _rms(trial), "params": dict(trial.params), **kept, **varied}
 
 
 def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:

@@ -27,6 +27,8 @@ SENSELESS = {  # Optuna's other samplers, and why a study can't use them
 NAMES = (*SAMPLERS, *(PREFIX + name for name in OPTUNA))
 
 ONE_OBJECTIVE = frozenset({"gp", "cmaes", "optuna:CmaEsSampler"})  # samplers that can't weigh two objectives
+# samplers that also choose among things without an order or a distance
+TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSampler", "optuna:NSGAIISampler", "optuna:NSGAIIISampler")
 
 
 def is_optuna(name: str) -> bool:

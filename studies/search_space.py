@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 from studies.blocks import (
@@ -43,7 +44,7 @@ from studies.scene_edits import Edits, arrangement, kept_total, numbers_of, orde
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
-    from studies.definition import Study
+    from studies.study import Study
 
 __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
@@ -267,6 +268,22 @@ class SearchSpace:
                 found[block.segment] = block.read(parameters)
         order = parameters.get("order")
         return found if order is None else found[arrangement(self.scene, order)]
+
+    def quantities(self, parameters: Parameters) -> dict[str, Any]:
+        """The values, SI, of the numbers that vary: lengths base to tip, the diameter, and remanence and shear modulus of each segment."""
+        varied = {number.what for number in self.numbers_within}
+        if not varied:
+            return {}
+        scene = self.scene_of(parameters)
+        shape, materials = scene.body.shape, [scene.region_material(i) for i in range(len(scene.regions()))]
+        assert isinstance(shape, StraightBody)
+        found = {
+            "length": ("segment_lengths_m", shape.segment_lengths()),
+            "diameter": ("diameter_m", shape.thickness),
+            "remanence": ("remanence_T", [material.remanence for material in materials]),
+            "shear_modulus": ("shear_modulus_Pa", [material.shear_modulus for material in materials]),
+        }
+        return dict(found[what] for what in found if what in varied)
 
     def field(self, parameters: Parameters, number: int = -1) -> Array:
         """The uniform part of the field with this number (the last unless given), (3,) T."""

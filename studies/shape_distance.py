@@ -7,6 +7,7 @@ points at the target's last stations: there its tip is compared, so that a desig
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.results.measures import centreline_at
@@ -16,8 +17,14 @@ from magmpm.results.sensitivities import Sensitivities
 
 def gaps(result: Result, target: Array) -> Array:
     """Vectors (m, 3) m from the target's points to the axis; target (m, 4) m: rows [s, x, y, z]."""
+    return np.asarray(centreline_at(result, _stations(result, target)[0]) - target[:, 1:])
+
+
+def _stations(result: Result, target: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Arc lengths (m,) m of the axis that are compared with the target, and at which the tip stands in. A table's rounding is no excess."""
     length = result.centreline[-1, 0]
-    return np.asarray(centreline_at(result, np.minimum(target[:, 0], length)) - target[:, 1:])
+    beyond = target[:, 0] > length * (1 + 1e-6)
+    return np.where(beyond, length, target[:, 0]), beyond
 
 
 def root_mean_square(gaps: Array) -> float:
@@ -27,7 +34,7 @@ def root_mean_square(gaps: Array) -> float:
 
 def gap_derivatives(sensitivities: Sensitivities, target: Array) -> Array:
     """Derivatives (m, 3, k) of `gaps` of the sensitivities' result, m per unit of each variable."""
-    length = sensitivities.result.centreline[-1, 0]
-    found = sensitivities.at(np.minimum(target[:, 0], length))
-    found[target[:, 0] > length] = sensitivities.centreline[-1]
-    return np.asarray(found)
+    stations, beyond = _stations(sensitivities.result, target)
+    found = sensitivities.at(stations)
+    found[beyond] = sensitivities.centreline[-1]
+    return found

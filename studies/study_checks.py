@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from magmpm.errors import InputError, NotThereYet, dotted, report
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
+from studies.sampler_names import TAKE_CHOICES
+from studies.scene_edits import MOST_ORDERS, numbers_of
+from studies.search_space import SearchSpace
 from studies.study_file import StudyFile
 
 STRETCH = 1.1  # a target may be this much longer than the part of the catheter it belongs to
@@ -64,7 +68,7 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
     A silicone catheter bends but hardly stretches. Points farther apart than the length of catheter between them show a mistake in
     the table (units, columns, another catheter), which a search would never reveal.
     """
-    length, where = scene.length, f"{csv} (named in {named})"
+    length, where = _greatest_length(scene, file), f"{csv} (named in {named})"
     if target[-1, 0] > length * (1 + 1e-6):
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
@@ -88,3 +92,91 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         received = f"points that span {1e3 * apart.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
         rule = "the target's points must follow the catheter"
         raise InputError(report(where, received=received, rule=rule, remedy="check units: columns are in mm"))
+
+
+def _greatest_length(scene: Scene, file: StudyFile) -> float:
+    """How long the body can be, m."""
+    bounds = file.vary.length
+    return scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())
+
+
+def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
+    """The bounds of what varies must be those of scenes there are. Raises InputError with the number that shows it."""
+    found = _lengths_fault(scene, file) or _diameter_fault(scene, file) or _order_fault(scene, file) or _limits_fault(scene, file)
+    if found is None and scene.body.shape.line is not None:
+        found = _corner_fault(scene, file)
+    if found is not None:
+        key, received, rule, remedy = found
+        raise InputError(report(place(document, *key), received=received, rule=rule, remedy=remedy))
+
+
+Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy
+
+
+def _lengths_fault(scene: Scene, file: StudyFile) -> Fault | None:
+    bounds = file.vary.length
+    if bounds is None:
+        return None
+    count, length, key = len(scene.regions()), scene.length, ("vary", "length")
+    received = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm"
+    if not scene.body.shape.magnetized_by_region:
+        return key, received, "a strip with a magnetization_profile has no segments", "give the strip `segments`"
+    if bounds.total == "keep" and not bounds.min * count <= length * (1 + 1e-9) <= bounds.max * count * (1 + 2e-9):
+        rule = (
+            f"{count} segments of this length are {1e3 * count * bounds.min:g} to {1e3 * count * bounds.max:g} mm long, and must sum "
+            f"to the body's length, {1e3 * length:g} mm"
+        )
+        return key, received, rule, "change the bounds, or let the length of the body vary too: `total: free`"
+    return None
+
+
+def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
+    bounds, catheter = file.vary.diameter, scene.body.catheter
+    if bounds is None:
+        return None
+    received, key = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm", ("vary", "diameter")
+    if catheter is None:
+        return key, received, f"a {scene.body.kind} has no diameter", "remove it, or name a scene of a catheter"
+    if catheter.inner_diameter >= bounds.min:
+        rule = f"the diameter must be greater than that of the bore, {1e3 * catheter.inner_diameter:g} mm"
+        return (*key, "min"), received, rule, f"at least `min: {1.2e3 * catheter.inner_diameter:g} mm`"
+    return None
+
+
+def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
+    if file.vary.order is None:
+        return None
+    magnetized, count, key = len(scene.magnetized_regions()), len(scene.regions()), ("vary", "order")
+    if magnetized == count:
+        rule = f"an order needs magnetized and plain segments, and all {count} of the scene's are magnetized"
+        return key, "{}", rule, "leave some segments of the scene without `magnetization`, or remove `order`"
+    if math.comb(count, magnetized) > MOST_ORDERS:
+        rule = f"there may be {MOST_ORDERS} orders, and {magnetized} of {count} places can be chosen in {math.comb(count, magnetized)} ways"
+        return key, "{}", rule, "use fewer segments"
+    if file.sampler not in TAKE_CHOICES:
+        rule = f"the sampler {file.sampler} needs a gradient or distances, and orders have none"
+        return key, "{}", rule, f"`sampler: {TAKE_CHOICES[0]}`; orders are for {', '.join(TAKE_CHOICES)}"
+    return None
+
+
+def _limits_fault(scene: Scene, file: StudyFile) -> Fault | None:
+    return None
+
+
+def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
+    """Bounds at which there is no scene: least and greatest values of all numbers, together and against each other."""
+    numbers = numbers_of(file.vary, scene)
+    if not numbers:
+        return None
+    keeps = file.vary.length is None or file.vary.length.total == "keep"
+    space = SearchSpace(scene, (), None, numbers_within=numbers, keeps_length=keeps)
+    thick = np.array([number.what == "diameter" for number in numbers], dtype=float)
+    for name, x in (("least", 0 * thick), ("greatest", 0 * thick + 1), ("longest, thinnest", 1 - thick), ("shortest, thickest", thick)):
+        try:
+            space.scene_at(x)
+        except InputError as error:
+            key = next(what for what in ("diameter", "length", "remanence", "shear_modulus") if getattr(file.vary, what, None) is not None)
+            said = " ".join(line.strip() for line in str(error).splitlines())
+            rule = f"the bounds must be those of scenes there are, and the one with the {name} values is refused ({said})"
+            return ("vary", key), " ".join(f"{n}: {a:g} to {b:g};" for n, (a, b) in space.bounds.items())[:80], rule, "change the bounds"
+    return None

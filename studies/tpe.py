@@ -56,6 +56,7 @@ class Designs:
         return Designs(self.directions[index], self.numbers[index])
 
 
+PRIOR_OF_CHOICES, GOOD_OF_CHOICES = 1.0, 0.25  # weight of any choice beside the good trials', and their share of all
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / math.sqrt(3)
 
 
@@ -81,12 +82,26 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     ) -> dict[str, Any]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         if len(trials) < len(TETRAHEDRON):
-            return self._space.parameters(*self._alike(len(trials)))
+            return self._with_choices(self._space.parameters(*self._alike(len(trials))), trials)
         designs = self._read(trials)
         order = sorted(range(len(trials)), key=lambda i: (trials[i].value, i))
         count = math.ceil(self._settings.good * len(trials))
         chosen = self.choose(designs[order[:count]], designs[order[count:]])
-        return self._space.parameters(chosen.directions[0], chosen.numbers[0])
+        return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])
+
+    def _with_choices(self, parameters: dict[str, Any], ordered: Sequence[FrozenTrial]) -> dict[str, Any]:
+        """The parameters with a value of each choice: that of a good trial, or any.
+
+        Any has the weight PRIOR_OF_CHOICES beside the good trials' weight of 1 each; `ordered`: the trials, best first. A choice has no
+        neighbors, so there is nothing to learn from trials of another.
+        """
+        for choice in self._space.choices:
+            good = max(math.ceil(len(ordered) * GOOD_OF_CHOICES), 1) if len(ordered) >= len(TETRAHEDRON) else 0
+            known = [trial.params[choice.name] for trial in ordered[:good]]
+            if self._rng.random() < PRIOR_OF_CHOICES / (PRIOR_OF_CHOICES + good):
+                known = list(choice.choices)
+            parameters[choice.name] = known[int(self._rng.integers(len(known)))]
+        return parameters
 
     def sample_independent(
         self,

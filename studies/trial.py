@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.errors import SolveError
-from magmpm.results.measures import rms_distance, tip_error
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
+from studies.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
@@ -77,7 +77,8 @@ def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path)
     try:
         result = solve(scene)
         seconds = time.perf_counter() - begun
-        rms, tip = rms_distance(result, target), tip_error(result, target)
+        apart = gaps(result, target)
+        rms, tip = root_mean_square(apart), float(np.linalg.norm(apart[-1]))
     except SolveError as error:
         return failed(error.reason)
     except Exception as error:  # a study runs for hours: no design may end it
