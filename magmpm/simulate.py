@@ -136,9 +136,7 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
         raise InputError(report("solver.dynamic", received="a motion", rule=rule, remedy=remedy))
     wanted = variables(scene, of)
     result, found = _at_rest(scene, start, None)
-    linear = Linearized(found)
-    _, centreline, tip = linear.responses(wanted)
-    return Sensitivities(result, wanted, tip, centreline, lambda gradient: np.einsum("sik,si->k", centreline, gradient))
+    return Sensitivities(result, wanted, Linearized(found, wanted))
 
 
 def _at_rest(scene: Scene, start: Result | None, on_progress: Progress | None) -> tuple[Result, Equilibrium]:

@@ -16,6 +16,11 @@ x (3,) its deformed position (m), F (3, 3) its deformation gradient:
 ``tangent(effect, data, magnet, rho, x, F, A)``                 adds d^2W/dF^2 to A (9, 9), Pa; row 3 i + J
 ``softening(effect, data, magnet, rho, x, F, H, M)``            adds d^2W/dx^2 to H (3, 3) and d^2W/dx dF to M (3, 9), for effects with a
                                                                 force that varies with place or with F
+``stress_change(effect, data, magnet, rho, dmagnet, drho, x, F, P)``  adds the change of its stress with a change of the particle's
+                                                                remanence and density, to first order, to P (3, 3), Pa
+``force_change(effect, data, magnet, rho, dmagnet, drho, x, F, f)``  the same of its force, to f (3,), N/m^3
+                                                                (sensitivities; these two are only needed where stress or force is not
+                                                                linear in magnet, or in rho)
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f (3,) N
@@ -37,7 +42,7 @@ from numba.extending import overload
 from magmpm.compiled.jit import FASTMATH
 from magmpm.compiled.simd import larger, splat
 
-HOOKS = ("energy", "stress", "force", "tangent", "softening", "rate_stress", "contact", "near", "node")
+HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "rate_stress", "contact", "near", "node")
 WIDE = ("stress", "force", "rate_stress", "near")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
@@ -176,6 +181,54 @@ _walk(add_softening, "softening", "magnet, rho, x, F, H, M")
 _walk(add_rate_stress, "rate_stress", "rho, F, dF, P")
 _walk(add_contact, "contact", "x, v, mass, dt, f")
 _walk(change_node, "node", "X, u, v, dt")
+
+
+def add_stress_change(effects, step, magnet, rho, dmagnet, drho, x, F, P):
+    """Adds the change of every effect's stress with remanence and density to P. Only within compiled code."""
+
+
+def add_force_change(effects, step, magnet, rho, dmagnet, drho, x, F, f):
+    """Adds the change of every effect's force with remanence and density to f. Only within compiled code."""
+
+
+def _walk_change(stub: Callable[..., Any], name: str) -> None:
+    """Overload a stub by the hook `name`_change, or for an effect without it by the difference of the hook `name`, exact if linear."""
+
+    def build(effects, step, magnet, rho, dmagnet, drho, x, F, out):
+        if len(effects) == 0:
+            return lambda effects, step, magnet, rho, dmagnet, drho, x, F, out: None
+        own, plain = _find(f"{name}_change", effects), _find(name, effects)
+        if own is not None:
+
+            def exact(effects, step, magnet, rho, dmagnet, drho, x, F, out):
+                own(effects[0][min(step, len(effects[0]) - 1)], effects[1], magnet, rho, dmagnet, drho, x, F, out)
+                stub(effects[2:], step, magnet, rho, dmagnet, drho, x, F, out)
+
+            return exact
+        if plain is None:
+            return lambda effects, step, magnet, rho, dmagnet, drho, x, F, out: stub(
+                effects[2:], step, magnet, rho, dmagnet, drho, x, F, out
+            )
+
+        def difference(effects, step, magnet, rho, dmagnet, drho, x, F, out):
+            record = effects[0][min(step, len(effects[0]) - 1)]
+            before, changed = np.zeros(out.shape), np.empty(len(magnet))
+            for i in range(len(magnet)):
+                changed[i] = magnet[i] + dmagnet[i]
+            plain(record, effects[1], magnet, rho, x, F, before)
+            plain(record, effects[1], changed, rho + drho, x, F, out)
+            flat, less = out.reshape(-1), before.reshape(-1)
+            for i in range(len(flat)):
+                flat[i] -= less[i]
+            stub(effects[2:], step, magnet, rho, dmagnet, drho, x, F, out)
+
+        return difference
+
+    overload(stub, jit_options={"fastmath": FASTMATH}, strict=False)(build)
+
+
+_walk_change(add_stress_change, "stress")
+_walk_change(add_force_change, "force")
 
 
 def any_near(effects, step, x):

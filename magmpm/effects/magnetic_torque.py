@@ -51,6 +51,14 @@ class MagneticTorque(Effect):
         changes = times is not None and scene.field.over_time is not None
         return parameters(uniform) if uniform.any() or changes else ()
 
+    def field_changes(self, scene: SceneLike) -> tuple[Records, Records, Records]:
+        """Records of a uniform field of 1 T along x, y and z, as the schedule scales and turns it."""
+        first, *others = [
+            places(scene.field.model_copy(update={"uniform": tuple(given)}))["uniform"][0] for given in np.eye(4, 3, -1).tolist()
+        ]
+        x, y, z = (parameters(other - first) if (other != first).any() else () for other in others)
+        return x, y, z
+
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
         """How far the field bends the body."""

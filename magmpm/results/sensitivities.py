@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -13,20 +13,42 @@ from magmpm.results.result import Result
 from magmpm.scene.variables import Variable
 
 
+class Neighborhood(Protocol):
+    """What solved the equilibrium and knows its tangent (statics.linearized). Shapes and units as of Sensitivities."""
+
+    @property
+    def tip(self) -> Array: ...
+
+    @property
+    def centreline(self) -> Array: ...
+
+    def adjoint(self, gradient: Array) -> Array: ...
+
+
 @dataclass(frozen=True)
 class Sensitivities:
-    """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units per unit of each variable.
+    """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
 
-    result: the equilibrium. variables: what is changed, in the order of the last axis. tip (3, k), m per unit: of `result.tip`.
-    centreline (stations, 3, k), m per unit: of the columns x, y, z of `result.centreline`, row by row. A row keeps its share of the
-    length, so where the body gets longer its arc length grows; `at` gives derivatives at fixed arc lengths.
+    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when they are first asked
+    for: `adjoint` needs none of the others.
     """
 
     result: Result
     variables: tuple[Variable, ...]
-    tip: Array  # (3, k) m per unit
-    centreline: Array  # (stations, 3, k) m per unit
-    _adjoint: Callable[[Array], Array] = field(repr=False)
+    _near: Neighborhood = field(repr=False)
+
+    @property
+    def tip(self) -> Array:
+        """Derivatives (3, k), m per unit, of `result.tip`."""
+        return self._near.tip
+
+    @property
+    def centreline(self) -> Array:
+        """Derivatives (stations, 3, k), m per unit, of x, y, z in `result.centreline`, row by row; no rows for a body without an axis.
+
+        A row keeps its share of the length, so where the body gets longer its arc length grows; `at` is for fixed arc lengths.
+        """
+        return self._near.centreline
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -52,8 +74,11 @@ class Sensitivities:
         return values.reshape(len(s), 3, k) - (slope * (s / rows[-1, 0])[:, None])[:, :, None] * longer
 
     def adjoint(self, gradient: Array) -> Array:
-        """dJ/d(variable) (k,) of an objective J with this gradient dJ/d(centreline) (stations, 3), J's unit per m: one substitution."""
-        gradient = np.asarray(gradient, dtype=float)
-        if gradient.shape != self.centreline.shape[:2]:
-            raise ValueError(f"gradient has shape {gradient.shape}; must be {self.centreline.shape[:2]}, as the centreline's")
-        return self._adjoint(gradient)
+        """dJ/d(variable) (k,) of an objective J with this gradient dJ/d(centreline) (stations, 3), in J's unit per m.
+
+        One substitution, however many variables. Raises ValueError for a gradient of another shape.
+        """
+        gradient, rows = np.asarray(gradient, dtype=float), self.result.centreline
+        if gradient.shape != (len(rows), 3):
+            raise ValueError(f"gradient has shape {gradient.shape}; must be {(len(rows), 3)}, a row for each of the centreline's")
+        return self._near.adjoint(gradient)

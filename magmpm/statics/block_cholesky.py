@@ -196,6 +196,72 @@ def _solve(panels, split, x, fortran):
 
 
 @compiled
+def _reduce_columns(panels, x, j, one, two, transpose, fortran, sizes, letters, work):
+    """_reduce of many columns at once: x (planes, columns, m) in place."""
+    trsm, gemm = fortran[1], fortran[3]
+    m = panels.shape[1]
+    n, ld, columns = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[5:].ctypes.data
+    left, lower, trans, plain = letters[4:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
+    plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
+    top, xj = panels[j].ctypes.data, x[j].ctypes.data
+    if transpose:
+        for k in range(2):
+            other = one if k == 0 else two
+            if other >= 0:
+                block = top + 8 * m * (k + 1)
+                call(gemm, (trans, plain, n, columns, n, minus, block, ld, x[other].ctypes.data, n, plus, xj, n))
+        call(trsm, (left, lower, trans, plain, n, columns, plus, top, ld, xj, n))
+    else:
+        call(trsm, (left, lower, plain, plain, n, columns, plus, top, ld, xj, n))
+        for k in range(2):
+            other = one if k == 0 else two
+            if other >= 0:
+                block = top + 8 * m * (k + 1)
+                call(gemm, (plain, plain, n, columns, n, minus, block, ld, xj, n, plus, x[other].ctypes.data, n))
+
+
+@kernel
+def _solve_columns(panels, split, x, fortran):
+    """_solve of many columns at once: x (planes + 2, columns, m) in place."""
+    planes, m, columns = panels.shape[0] - 2, panels.shape[1], x.shape[1]
+    x[planes:] = 0.0
+    for half in prange(2):
+        sizes, letters = np.array([m, 3 * m, 2 * m, 0, 1, columns], np.int32), np.array([82, 76, 84, 78, 76], np.uint8)  # R L T N L
+        work = np.array([1.0, -1.0])
+        if half == 0:
+            for j in range(split):
+                _reduce_columns(panels, x, j, j + 1, j + 2, False, fortran, sizes, letters, work)
+        else:
+            for step in range(planes - split - 2):
+                j = planes - 1 - step
+                one, two = j - 1, j - 2
+                one = planes if one == split + 1 else one
+                two = planes + (split + 1 - two) if two <= split + 1 else two
+                _reduce_columns(panels, x, j, one, two, False, fortran, sizes, letters, work)
+    for column in range(columns):
+        for a in range(m):
+            x[split + 1, column, a] += x[planes, column, a]
+            x[split, column, a] += x[planes + 1, column, a]
+    sizes, letters = np.array([m, 3 * m, 2 * m, 0, 1, columns], np.int32), np.array([82, 76, 84, 78, 76], np.uint8)
+    work = np.array([1.0, -1.0])
+    for back in (False, True):
+        for step in range(2):
+            if (step == 0) != back:
+                _reduce_columns(panels, x, split, split + 1, -1, back, fortran, sizes, letters, work)
+            else:
+                _reduce_columns(panels, x, split + 1, -1, -1, back, fortran, sizes, letters, work)
+    for half in prange(2):
+        sizes, letters = np.array([m, 3 * m, 2 * m, 0, 1, columns], np.int32), np.array([82, 76, 84, 78, 76], np.uint8)
+        work = np.array([1.0, -1.0])
+        if half == 0:
+            for j in range(split - 1, -1, -1):
+                _reduce_columns(panels, x, j, j + 1, j + 2, True, fortran, sizes, letters, work)
+        else:
+            for j in range(split + 2, planes):
+                _reduce_columns(panels, x, j, j - 1, j - 2, True, fortran, sizes, letters, work)
+
+
+@compiled
 def multiply(panels, split, x, out):
     """out = A x with the unfactored panels; x, out (planes, m). A plain reference for the factors, and a check of their residual."""
     planes = panels.shape[0] - 2
@@ -232,3 +298,13 @@ def solve(panels: Array, split: int, right: Array) -> Array:
     x[: len(right)] = right
     _solve(panels, split, x, _ADDRESSES)
     return x[: len(right)]
+
+
+def solve_columns(panels: Array, split: int, right: Array) -> Array:
+    """Solutions (planes, k, m) for k right-hand sides at once (planes, k, m), from factored panels: dtrsm and dgemm in place of k solves."""
+    planes, columns, m = right.shape
+    x = np.zeros((planes + 2, columns, m))
+    x[:planes] = right
+    if columns:
+        _solve_columns(panels, split, x, _ADDRESSES)
+    return x[:planes]

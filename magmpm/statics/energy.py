@@ -44,8 +44,8 @@ class Energy:
         layout = model.layout
         self.shape = (layout.planes, layout.m)
         self.panels = new_panels(*self.shape)
-        self._cells = Cells(layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most)
-        self._particles = Particles(
+        self.cells = Cells(layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most)
+        self.particles = Particles(
             model.weights, model.slopes, model.particles.volume, model.shear, model.bulk, model.modes, model.remanence, model.density
         )
         self._fortran = addresses()
@@ -60,10 +60,10 @@ class Energy:
         model = self.model
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
-        grid_to_particles(self._cells, self._particles, grid, self.rest_gradient, u, F)
+        grid_to_particles(self.cells, self.particles, grid, self.rest_gradient, u, F)
         x = model.particles.position + u
         energy, low, high = self._per_cell
-        cell_energy(self._cells, self._particles, model.effects, x, F, energy, low, high)
+        cell_energy(self.cells, self.particles, model.effects, x, F, energy, low, high)
         return Point(grid, u, x, F, float(energy.sum()), float(low.min()), float(high.max()))
 
     def rest_energy(self) -> float:
@@ -79,7 +79,7 @@ class Energy:
     def residual(self, point: Point) -> Array:
         """Gradient of the energy, (planes, m) N."""
         out = np.zeros(self.shape)
-        particles_to_grid(self._cells, self._particles, self.model.effects, point.position, point.F, out)
+        particles_to_grid(self.cells, self.particles, self.model.effects, point.position, point.F, out)
         return self.free(out)
 
     def free(self, vector: Array) -> Array:
@@ -88,12 +88,18 @@ class Energy:
             vector[self._fixed] = 0.0
         return vector
 
+    def free_columns(self, columns: Array) -> Array:
+        """`free` for columns (planes, k, m)."""
+        if self._fixed is not None:
+            columns.transpose(0, 2, 1)[self._fixed] = 0.0
+        return columns
+
     def tangent(self, point: Point) -> tuple[Array, Array]:
         """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, which the next call overwrites."""
         split, out = self.model.layout.split, np.zeros(self.shape)
         self.panels[:] = 0.0
         particles_to_grid_with_tangent(
-            self._cells, self._particles, self.model.effects, point.position, point.F, split, self._fortran, out, self.panels
+            self.cells, self.particles, self.model.effects, point.position, point.F, split, self._fortran, out, self.panels
         )
         if self._fixed is not None:
             fix(self.panels, split, self._fixed)

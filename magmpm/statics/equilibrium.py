@@ -7,6 +7,7 @@ fails, or if its result is far from the rod, the load is ramped in the 3D solve 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,10 +65,8 @@ def solve_static(
             "name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
         )
     model.scene.check_energy()
-    global _controller
-    _controller = _controller or ThreadpoolController()
     model, of = arranged(model)
-    with _controller.limit(limits=1, user_api="blas"):  # the two halves of a factorization already use the threads
+    with one_blas_thread():
         try:
             return _restored(model, _solve(model, correction, on_step), of)
         except SolveError as error:
@@ -75,6 +74,14 @@ def solve_static(
             raise SolveError(
                 error.reason, _restored(model, state, of) if isinstance(state, Equilibrium) else state
             ) from None
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """BLAS on one thread: the two halves of a factorization already use the threads."""
+    global _controller
+    _controller = _controller or ThreadpoolController()
+    limit: AbstractContextManager[object] = _controller.limit(limits=1, user_api="blas")
+    return limit
 
 
 def _restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:

@@ -1,87 +1,107 @@
 """An equilibrium and its neighbors: how its unknowns and its axis answer to a small change of what the scene says.
 
 At equilibrium r(c, p) = 0, with r the gradient of the energy with respect to the grid's coefficients c, and p any number of the scene. So
-dc/dp = -K^-1 dr/dp, with the tangent K = dr/dc. Source: implicit function theorem.
+dc/dp = -K^-1 dr/dp, with the tangent K = dr/dc. An objective J of the axis has dJ/dp = -(K^-1 dJ/dc) . dr/dp, and what the axis depends on
+p at fixed c: one substitution for any number of variables.
+Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems in Engineering 1 (1994) 71, for both forms.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
-from magmpm.model import build
-from magmpm.scene import Scene
+from magmpm.kernels.changes import scatter
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
-from magmpm.statics.axis_order import arranged
-from magmpm.statics.block_cholesky import factor, solve
+from magmpm.statics.block_cholesky import factor, solve_columns
+from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy
-from magmpm.statics.equilibrium import Equilibrium
+from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
+from magmpm.statics.geometry import geometry_changes
 from magmpm.statics.interacting import InteractingEnergy
-from magmpm.statics.layout import StaticModel, static_model
-
-STEP = {"magnetization": 1e-4, "field": 1e-5, "length": 1e-3, "diameter": 1e-3}  # rad, T; of the size
 
 
 class Linearized:
-    """The neighborhood of an equilibrium, with the factors of its tangent."""
+    """The neighborhood of an equilibrium for k variables of its scene, with the factors of its tangent."""
 
-    def __init__(self, found: Equilibrium) -> None:
+    def __init__(self, found: Equilibrium, variables: Sequence[Variable]) -> None:
+        """Raises SolveError where the tangent is not positive definite: at a critical load, say."""
         assert found.energy is not None
-        itself = isinstance(found.energy, InteractingEnergy)
-        self.energy: Energy = found.energy.alone if isinstance(found.energy, InteractingEnergy) else found.energy
-        if itself:
-            raise NotImplementedError("sensitivities with magnetic_interaction")
-        self.model, self.grid = self.energy.model, found.point.grid
-        _, panels = self.energy.tangent(self.energy.at(self.grid))
-        if factor(panels, self.model.layout.split) >= 0:
-            raise SolveError("the equilibrium is not stable: its tangent has no Cholesky factors, so it has no sensitivities")
+        assert not isinstance(found.energy, InteractingEnergy)
+        self.energy: Energy = found.energy
+        self.model, self.variables = self.energy.model, variables
+        self._point = self.energy.at(found.point.grid)
+        with one_blas_thread():
+            self._right = right_sides(self.energy, self._point, variables)
+            self._geometry = geometry_changes(self.energy, self._point, variables)
+            for k, change in self._geometry.items():
+                self._right[:, k] = change.residual
+            _, panels = self.energy.tangent(self._point)
+            if factor(panels, self.model.layout.split) >= 0:
+                raise SolveError("the equilibrium is at a critical load: its tangent is singular, so it has no sensitivities")
 
     def solve(self, right: Array) -> Array:
-        """K^-1 times right-hand sides (k, planes, m)."""
-        return np.stack([solve(self.energy.panels, self.model.layout.split, one) for one in right])
+        """K^-1 times right-hand sides (planes, k, m), by block substitution."""
+        with one_blas_thread():
+            return solve_columns(self.energy.panels, self.model.layout.split, right)
 
-    def responses(self, variables: tuple[Variable, ...]) -> tuple[Array, Array, Array]:
-        """Derivatives by each variable of the coefficients (planes, m, k), of the rows of the axis (rows, 3, k), of the tip (3, k)."""
-        grids, rows, tips = [], [], []
-        for variable in variables:
-            h = self._step(variable)
-            near = [self._near(variable.changed(self.model.scene, sign * h)) for sign in (1, -1)]
-            slope = (near[0][0] - near[1][0]) / (2 * h)
-            change = -self.solve(slope[None])[0]
-            there = [self._shape(model, self.grid) for _, model in near]
-            moved = [self._shape(self.model, self.grid + sign * change * 1e-3) for sign in (1, -1)]
-            grids.append(change)
-            rows.append((there[0][0] - there[1][0]) / (2 * h) + (moved[0][0] - moved[1][0]) / 2e-3)
-            tips.append((there[0][1] - there[1][1]) / (2 * h) + (moved[0][1] - moved[1][1]) / 2e-3)
-        return tuple(np.stack(one, axis=-1) for one in (grids, rows, tips))  # type: ignore[return-value]
+    @cached_property
+    def unknowns(self) -> Array:
+        """dc/dp (planes, k, m), m per unit."""
+        return -self.solve(self._right)
 
-    def _near(self, scene: Scene) -> tuple[Array, StaticModel]:
-        model, _ = arranged(static_model(build(scene)))
-        if (model.layout.planes, model.layout.m) != self.grid.shape:
-            raise NotImplementedError("a change of the number of cells")
-        energy = Energy(replace(model))
-        return energy.residual(energy.at(self.grid)), model
+    @cached_property
+    def tip(self) -> Array:
+        """Derivatives (3, k), m per unit, of the tip (Result.tip)."""
+        out = np.einsum("pn,pkni->ik", self._tip_weights, self._by_node(self.unknowns))
+        for k, change in self._geometry.items():
+            out[:, k] += change.tip
+        return out
 
-    @staticmethod
-    def _shape(model: StaticModel, grid: Array) -> tuple[Array, Array]:
-        rows = axis.centreline(model, grid)[:, 1:]
+    @cached_property
+    def centreline(self) -> Array:
+        """Derivatives (rows, 3, k), m per unit, of the axis's rows."""
+        along, across = self._axis
+        out = np.einsum("rp,pkni,n->rik", along, self._by_node(self.unknowns), across, optimize=True)
+        for k, change in self._geometry.items():
+            out[:, :, k] += change.rows
+        return out
+
+    def adjoint(self, gradient: Array) -> Array:
+        """dJ/dp (k,) for dJ/d(axis) (rows, 3)."""
+        along, across = self._axis
+        right = np.einsum("rp,ri,n->pni", along, gradient, across, optimize=True).reshape(len(self._right), 1, -1)
+        multiplier = self.solve(self.energy.free_columns(right))
+        out = -np.einsum("pm,pkm->k", multiplier[:, 0], self._right)
+        for k, change in self._geometry.items():
+            out[k] += np.sum(gradient * change.rows)
+        return out
+
+    @cached_property
+    def _axis(self) -> tuple[Array, Array]:
+        """Splines along (rows, planes) and weights across (nodes,) that give the axis's rows from the coefficients."""
+        if self.model.line is None:
+            return np.zeros((0, self.model.layout.planes)), np.zeros(self.model.layout.nodes_per_plane)
+        return axis.splines_along(self.model, axis.stations(self.model)), axis.section_weights(self.model)
+
+    @cached_property
+    def _tip_weights(self) -> Array:
+        """Weights (planes, nodes) that give the tip from the coefficients."""
+        model = self.model
         if model.line is not None:
-            return rows, axis.tip(model, grid)
-        point = Energy(model).at(grid)
-        last = model.particles.segment == model.particles.segment.max()
-        volume = model.particles.volume[last]
-        return rows, volume @ point.position[last] / volume.sum()
+            return axis.splines_along(model, axis.stations(model)[-1:])[0][:, None] * axis.end_face_weights(model)
+        last = model.particles.segment == len(model.scene.regions()) - 1  # the tip of parts: the mean of the last (simulate)
+        out = np.zeros((model.layout.planes, 1, model.layout.m))
+        force = np.where(last[:, None], np.array([-1.0, 0.0, 0.0]), 0.0)[None]
+        column = np.zeros((1, len(model.layout.cell_plane)), np.int64)
+        scatter(self.energy.cells, self.energy.particles, column, np.zeros((1, len(last), 3, 3)), force, out)
+        return out[:, 0, ::3] / model.particles.volume[last].sum()
 
-    def _step(self, variable: Variable) -> float:
-        scene = self.model.scene
-        if variable.material is not None:
-            return 1e-4 * max(float(getattr(scene.materials[variable.material], variable.kind)), 1e-3)
-        if variable.kind == "diameter":
-            return STEP["diameter"] * scene.thickness
-        if variable.kind == "length":
-            return 1e-4 * scene.length
-        return STEP[variable.kind]
+    def _by_node(self, columns: Array) -> Array:
+        """Columns (planes, k, m) as (planes, k, nodes, 3)."""
+        return columns.reshape(*columns.shape[:2], -1, 3)

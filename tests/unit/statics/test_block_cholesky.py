@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reference.plain_forms import to_dense
 
-from magmpm.statics.block_cholesky import factor, multiply, new_panels, solve, split_plane
+from magmpm.statics.block_cholesky import factor, multiply, new_panels, solve, solve_columns, split_plane
 
 SIZES = pytest.mark.parametrize(
     ("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)]
@@ -74,6 +74,21 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
         # condition number about 10, and as many rounding errors as unknowns in a band
         np.testing.assert_allclose(x, expected, rtol=0, atol=1e-14 * m * np.abs(expected).max())
         assert np.array_equal(b, kept), "the right-hand side is left alone"
+
+
+@SIZES
+def test_solves_many_columns(rng: np.random.Generator, planes: int, m: int) -> None:
+    """solve_columns gives, column by column, what numpy.linalg.solve does."""
+    A = random_banded(rng, planes, m)
+    panels, split = to_panels(A, planes, m), split_plane(planes)
+    assert factor(panels, split) == -1
+    for columns in (0, 1, 2, 5):
+        b = rng.standard_normal((planes, columns, m))
+        kept = b.copy()
+        x = solve_columns(panels, split, b)
+        expected = np.linalg.solve(A, b.transpose(0, 2, 1).reshape(planes * m, columns)).reshape(planes, m, columns).transpose(0, 2, 1)
+        np.testing.assert_allclose(x, expected, rtol=0, atol=1e-14 * m * np.abs(expected).max(initial=0.0))
+        assert np.array_equal(b, kept), "the right-hand sides are left alone"
 
 
 @pytest.mark.parametrize("planes", range(3, 10))
