@@ -24,6 +24,7 @@ from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.geometry import geometry_changes
 from magmpm.statics.interacting import InteractingEnergy
+from magmpm.statics.newton import refined
 
 
 class Linearized:
@@ -35,8 +36,8 @@ class Linearized:
         assert not isinstance(found.energy, InteractingEnergy)
         self.energy: Energy = found.energy
         self.model, self.variables = self.energy.model, variables
-        self._point = self.energy.at(found.point.grid)
         with one_blas_thread():
+            self._point = refined(self.energy, self.energy.at(found.point.grid))
             self._right = right_sides(self.energy, self._point, variables)
             self._geometry = geometry_changes(self.energy, self._point, variables)
             for k, change in self._geometry.items():
