@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.grid import (
     ClampPlane,
     Grid,
@@ -80,17 +80,30 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
     """
     shape, resolution = scene.body.shape, scene.resolution
     made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell)
-    particles, of = made.particles, made.particles.segment
-    made.grid.locate(particles.position, particles.cell)  # each in its cell: kernels do not look
-    regions = scene.regions()
-    materials = [scene.materials[region.material_name] for region in regions]
+    made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
     if scene.effects.in_a_field:
-        scene.outside_field().check_at_rest(particles.position, moving=not scene.static)
+        scene.outside_field().check_at_rest(made.particles.position, moving=not scene.static)
+    model = _filled(scene, shape, made, effects.collect(scene))
+    effects.check(model)
+    return model
+
+
+def reshaped(model: Model, shape: BodyShape) -> Model:
+    """The model with a body of nearly the same shape, of the same kind, on as many cells; its scene, loads and field stay as they are."""
+    made = shape.discretize(model.scene.resolution.cells_across, model.scene.resolution.particles_per_cell, cells=model.grid.cells)
+    return _filled(model.scene, shape, made, model.effects)
+
+
+def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[NDArray[Any], ...]) -> Model:
+    """The model of a scene's materials and these effects in the shape's grid and particles."""
+    particles, of = made.particles, made.particles.segment
+    regions = shape.regions()
+    materials = [scene.materials[region.material_name] for region in regions]
     ratio = np.array([material.bulk_to_shear for material in materials])
     averaged = scene.solver.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
     remanence = np.array([material.remanence for material in materials])
-    model = Model(
+    return Model(
         scene=scene,
         grid=made.grid,
         particles=particles,
@@ -98,7 +111,7 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
         bulk=(shear * ratio)[of],
         remanence=effects.marked(scene, particles, remanence[of, None] * shape.magnetization(particles)),
         density=np.array([material.density or 0.0 for material in materials])[of],
-        effects=effects.collect(scene),
+        effects=named,
         modes=volume_modes(particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,
         held=np.array([region.held for region in regions])[of],
@@ -107,5 +120,3 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
         line=shape.line,
         planes=made.planes,
     )
-    effects.check(model)
-    return model

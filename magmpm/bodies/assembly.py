@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
-from magmpm.bodies.body_shape import BodyShape, Discretization
+from magmpm.bodies.body_shape import BodyShape, Cells, Discretization
 from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
@@ -195,7 +195,9 @@ class Parts(BodyShape):
     def _grid(self, cells_across: int) -> tuple[Grid, list[ClampPlane]]:
         return grid_of_parts(self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across))
 
-    def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
+    def discretize(self, cells_across: int, particles_per_cell: int, *, cells: Cells | None = None) -> Discretization:
+        if cells is not None:
+            raise ValueError("cells: the grid of parts follows from their meshes")
         triangles, (grid, planes) = self.triangles(), self._grid(cells_across)
         particles = part_particles(grid, triangles, particles_per_cell)
         return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))

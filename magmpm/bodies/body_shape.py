@@ -19,6 +19,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Settings
 from magmpm.inputs.vectors import Vector
 
+Cells = tuple[int, int, int]
+
 
 @dataclass(frozen=True)
 class Discretization:
@@ -85,8 +87,11 @@ class BodyShape(Settings):
         """The grid in the undeformed body. Raises SceneError where it would have too many cells."""
 
     @abstractmethod
-    def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
-        """Its grid and particles. Raises SceneError where the grid would have too many cells."""
+    def discretize(self, cells_across: int, particles_per_cell: int, *, cells: Cells | None = None) -> Discretization:
+        """Its grid and particles; cells: how many along x, y, z, where they are not to be as cells_across has them (straight bodies only).
+
+        Raises SceneError where the grid would have too many cells.
+        """
 
     @abstractmethod
     def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:

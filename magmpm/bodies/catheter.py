@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.body_shape import Cells, Discretization
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import gauss_depth, rod_grid, rod_particles, rod_section, section_errors
 from magmpm.bodies.sections import Section, ring
@@ -91,9 +91,13 @@ class Catheter(StraightBody):
         """The grid in the undeformed body, lower along y and z by `shift` of a cell."""
         return rod_grid(self.length, self.diameter, cells_across, shift=shift)
 
-    def discretize(self, cells_across: int, particles_per_cell: int, shift: tuple[float, float] = (0.0, 0.0)) -> Discretization:
-        """Its grid, lower along y and z by `shift` of a cell, and particles."""
+    def discretize(
+        self, cells_across: int, particles_per_cell: int, shift: tuple[float, float] = (0.0, 0.0), *, cells: Cells | None = None
+    ) -> Discretization:
+        """Its grid, lower along y and z by `shift` of a cell, and particles; cells: how many, in place of cells_across."""
         grid, ends = self.grid(cells_across, shift), np.cumsum(self.segment_lengths())
+        if cells is not None:
+            grid = rod_grid(self.length, self.diameter, cells[1], cells[0])
         particles = rod_particles(grid, **self.radii, segment_ends=ends, particles_per_cell=particles_per_cell)
         return Discretization(grid, particles, section_errors(particles, **self.radii, length=self.length))
 

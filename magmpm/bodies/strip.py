@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.body_shape import Cells, Discretization
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.magnetization_profile import REGIONS_A_PERIOD, Profile
 from magmpm.bodies.regions import Region
@@ -142,9 +142,11 @@ class Strip(StraightBody):
         """The grid in the undeformed body: knots on all its faces."""
         return strip_grid(np.array(self.position), self.size, cells_across, one_wide=self.plane_strain)
 
-    def discretize(self, cells_across: int, particles_per_cell: int) -> Discretization:
+    def discretize(self, cells_across: int, particles_per_cell: int, *, cells: Cells | None = None) -> Discretization:
         """Its grid and particles. The regions of a profile are there to be shown: they cut no cells."""
         grid, ends = self.grid(cells_across), np.cumsum(self.segment_lengths())
+        if cells is not None:
+            grid = Grid(grid.origin, self.size / np.array(cells), cells)
         particles = strip_particles(
             grid,
             segment_ends=self.position[0] + (ends if self.segments is not None else np.array([self.length])),

@@ -301,7 +301,7 @@ def solve(panels: Array, split: int, right: Array) -> Array:
 
 
 def solve_columns(panels: Array, split: int, right: Array) -> Array:
-    """Solutions (planes, k, m) for k right-hand sides at once (planes, k, m), from factored panels: dtrsm and dgemm in place of k solves."""
+    """Solutions (planes, k, m) for k right-hand sides at once (planes, k, m), from factored panels."""
     planes, columns, m = right.shape
     x = np.zeros((planes + 2, columns, m))
     x[:planes] = right

@@ -20,7 +20,7 @@ from magmpm.statics.layout import StaticModel
 
 
 class _Slots:
-    """Changes of stress P (n, 3, 3) and force f (n, 3) of the particles, and the column of each in the answer for each region (regions,)."""
+    """Changes of stress P (n, 3, 3) and force f (n, 3) of the particles, and the answer's column of each, by region (regions,)."""
 
     def __init__(self, energy: Energy, point: Point) -> None:
         self.energy, self.point, self.n = energy, point, len(point.F)

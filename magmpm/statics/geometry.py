@@ -1,13 +1,30 @@
-"""Derivatives with respect to a body's lengths and diameter."""
+"""Derivatives with respect to a body's lengths and diameter, at fixed coefficients: differences between models of nearly the same shape.
+
+The models have the same grid cells, so the same unknowns, and the same loads. Where a segment ends on a face of the cells, which is usual,
+to make it longer cuts the cells beyond the face, to make it shorter those before it: the residual has a kink there. Central differences D
+then have all powers of the step, D(h) = D + a h + b h^2 + ..., and D is extrapolated from three steps h, 2 h and 3 h, by
+3 D(h) - 3 D(2 h) + D(3 h). At a kink D is the mean of both one-sided derivatives, as central differences of solutions have it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
+from magmpm.model import Model, reshaped
 from magmpm.scene.variables import Variable
-from magmpm.statics.energy import Energy, Point
+from magmpm.statics import axis
+from magmpm.statics.energy import Energy
+from magmpm.statics.layout import StaticModel, static_model
+
+STEP = 1e-3  # of a cell's width
+WEIGHTS = (3.0, -3.0, 1.0)
+ON_A_FACE = 1e-9  # of a cell: a segment's end nearer than this to a face is on it (bodies.section_quadrature)
+Residual = Callable[[StaticModel, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -19,6 +36,49 @@ class GeometryChange:
     tip: Array
 
 
-def geometry_changes(energy: Energy, point: Point, variables: Sequence[Variable]) -> dict[int, GeometryChange]:
-    """By number, the change with each variable that is a length or diameter."""
-    return {}
+def geometry_changes(model: StaticModel, grid: Array, variables: Sequence[Variable], residual: Residual) -> dict[int, GeometryChange]:
+    """By number, the change with each variable that is a length or diameter.
+
+    residual(model, grid): of a model that differs from the given one in shape alone, at coefficients (planes, m) m.
+    """
+    return {k: _change(model, grid, one, residual) for k, one in enumerate(variables) if one.kind in ("length", "diameter")}
+
+
+def residual_alone(model: StaticModel, grid: Array) -> Array:
+    """Residual (planes, m) N of a model without magnetic interaction."""
+    energy = Energy(model)
+    return energy.residual(energy.at(grid))
+
+
+def _change(model: StaticModel, grid: Array, variable: Variable, residual: Residual) -> GeometryChange:
+    step = _step(model)
+    total: list[Array] = []
+    for k, weight in enumerate(WEIGHTS, start=1):
+        sides = []
+        for sign in (1.0, -1.0):
+            near = _near(model, variable, sign * k * step)
+            sides.append((residual(near, grid), axis.centreline(near, grid)[:, 1:], axis.tip(near, grid)))
+        slope = [weight * (ahead - behind) / (2 * k * step) for ahead, behind in zip(*sides, strict=True)]
+        total = [a + b for a, b in zip(total, slope, strict=True)] if total else slope
+    return GeometryChange(*total)
+
+
+def _step(model: StaticModel) -> float:
+    """Step (m) of a length or diameter: so short that no segment's end crosses a face that it is not on."""
+    shape = model.scene.body.shape
+    assert isinstance(shape, StraightBody)
+    ends = np.cumsum(shape.segment_lengths())[:-1] / model.grid.spacing[0]
+    off = np.abs(ends - np.round(ends))
+    least = float(np.min(off[off > ON_A_FACE], initial=1.0))
+    return min(STEP, least / 8) * float(model.grid.spacing.min())
+
+
+def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
+    """The model with a shape in which the variable is larger by an amount (m), on as many cells, under the same loads."""
+    shape = variable.changed(model.scene, amount).body.shape
+    base = Model(**{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__})
+    near = static_model(reshaped(base, shape))
+    same = near.layout.planes == model.layout.planes and np.array_equal(near.layout.node_yz, model.layout.node_yz)
+    if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
+        raise ValueError(f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative by differences")
+    return near

@@ -22,7 +22,7 @@ from magmpm.statics.block_cholesky import factor, solve_columns
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
-from magmpm.statics.geometry import geometry_changes
+from magmpm.statics.geometry import geometry_changes, residual_alone
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.newton import refined
 
@@ -39,7 +39,7 @@ class Linearized:
         with one_blas_thread():
             self._point = refined(self.energy, self.energy.at(found.point.grid))
             self._right = right_sides(self.energy, self._point, variables)
-            self._geometry = geometry_changes(self.energy, self._point, variables)
+            self._geometry = geometry_changes(self.model, self._point.grid, variables, residual_alone)
             for k, change in self._geometry.items():
                 self._right[:, k] = change.residual
             _, panels = self.energy.tangent(self._point)
