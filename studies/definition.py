@@ -21,12 +21,12 @@ from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
-from studies.sampler_names import LATER_SAMPLERS, SAMPLERS, check_sampler_name
+from studies.sampler_names import SAMPLERS, check_sampler_name
 from studies.study import Keyframe, Study
 from studies.study_checks import check_file_name, check_numbers, check_scene, check_target, named_in, place
 from studies.study_file import Match, StudyFile
 
-__all__ = ["LATER_SAMPLERS", "SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
+__all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
 
 SHOWN_DIFFERENCES = 12
 LATER_KEYS = {  # keys of the contract that nothing stands behind yet
@@ -47,8 +47,6 @@ def load_study(path: Path | str) -> Study:
     document = read_yaml(path)
     check_file_name(document.path)
     file = validate(StudyFile, document)
-    if file.sampler in LATER_SAMPLERS:
-        check_sampler_name(file.sampler, place(document, "sampler"))
     _check_later_keys(file, document)
     folder = document.path.parent
     try:

@@ -10,7 +10,7 @@ import dataclasses
 import shutil
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -21,7 +21,9 @@ from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
+from studies.linear_model import Differentiate, linear_model
 from studies.report import StudyReport
+from studies.rod_designs import rod_starts
 from studies.samplers import check_available, make_sampler, settings
 from studies.search_space import SearchSpace
 from studies.storage import (
@@ -40,11 +42,14 @@ from studies.trial import Outcome, Solve, Trial, attributes, evaluate
 
 if TYPE_CHECKING:
     import optuna
+    from optuna.samplers import BaseSampler
     from optuna.trial import FrozenTrial
 
     from magmpm.results.result import Result
+    from magmpm.scene import Scene
 
 FAILURES = "failures.log"
+STARTS = "starts"  # attribute of a study: the rod's designs
 REMEMBERED = 50  # durations of trials by which the time left is guessed
 
 
@@ -58,6 +63,7 @@ def run_study(
     study: Study,
     *,
     solve: Solve,
+    differentiate: Differentiate | None = None,
     out: Path | str,
     picture: Picture | None = None,
     on_trial: Callable[[Trial], None] | None = None,
@@ -68,7 +74,8 @@ def run_study(
 ) -> StudyReport:
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
-    solve: from scene to Result; what it raises costs the trial the penalty. trials, sampler: in place of the study's; trials
+    solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
+    use them (magmpm.sensitivities); ValueError where it is missing. trials, sampler: in place of the study's; trials
     counts all trials, including those of earlier runs; if it is given, the study runs that many, past its `stop` too. After an interrupt
     (Ctrl-C) everything finished is kept.
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
@@ -76,11 +83,13 @@ def run_study(
     """
     study = study.changed(trials=trials, sampler=sampler)
     check_available(study.sampler)
+    if study.sampler == "gauss-newton" and differentiate is None:
+        raise ValueError("differentiate: the sampler gauss-newton needs derivatives; pass magmpm.sensitivities")
     folder = Path(out)
     url = storage_url(folder, storage)
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(study, folder, url, storage_timeout)
+        run = _Run(study, folder, url, storage_timeout, differentiate)
         ended = run.to_the_end(solve, picture, on_trial, study.stop_rms if trials is None else None)
         if ended != "interrupted":
             run.keep_best(solve)
@@ -103,11 +112,11 @@ def _trials_kept(url: str) -> Iterator[None]:
 class _Run:
     """A study that is open in this process."""
 
-    def __init__(self, study: Study, out: Path, url: str, timeout: float) -> None:
+    def __init__(self, study: Study, out: Path, url: str, timeout: float, differentiate: Differentiate | None) -> None:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        self.study, self.out, self.url, self.timeout = study, out, url, timeout
+        self.study, self.out, self.url, self.timeout, self.differentiate = study, out, url, timeout, differentiate
         self.space = SearchSpace.of(study)
         self.distributions = self.space.distributions()
         search = {"parameters": list(self.distributions), **settings(study.sampler)}
@@ -118,6 +127,7 @@ class _Run:
         must_hold(self.storage, study.name, held, out, url, timeout)
         definition = {**study.definition(), "search": search}
         self.kept = open_study(self.storage, study, definition, out, url, timeout)
+        self.starts = self.rod_starts()
         self.gallery = records.Gallery(out, self.storage)
         finished = self.finished()
         best = report.best_trial(finished)
@@ -130,6 +140,15 @@ class _Run:
 
         with storage_faults(self.url, self.timeout):
             return list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
+
+    def rod_starts(self) -> list[dict[str, float]]:
+        """The rod's best designs, if this study begins with them. They are found once and kept with the study."""
+        if self.study.sampler != "gauss-newton":
+            return []
+        with storage_faults(self.url, self.timeout):
+            if STARTS not in self.kept.user_attrs:
+                self.kept.set_user_attr(STARTS, rod_starts(self.space, self.study.target, self.study.seed))
+            return list(self.kept.user_attrs[STARTS])
 
     def to_the_end(
         self,
@@ -155,11 +174,11 @@ class _Run:
         """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
         with storage_faults(self.url, self.timeout):
-            self.kept.sampler = make_sampler(self.study.sampler, self.space, self.study.seed, self.count)
+            self.kept.sampler = self.sampler()
             asked = self.kept.ask(self.distributions)
         try:
             scene = self.space.scene_of(asked.params)
-            outcome = evaluate(solve, scene, self.study.target, self.out / FAILURES)
+            outcome = evaluate(self.solved(solve, asked.params), scene, self.study.target, self.out / FAILURES)
             known = attributes(
                 outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
             )
@@ -168,6 +187,23 @@ class _Run:
         except KeyboardInterrupt:
             self.put_back(asked)
             raise
+
+    def sampler(self) -> BaseSampler:
+        """What chooses the next trial."""
+        study = self.study
+        return make_sampler(study.sampler, self.space, study.seed, self.count, starts=self.starts, goal=study.stop_rms or 0.0)
+
+    def solved(self, solve: Solve, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
+        """How the trial with these parameters is solved: with derivatives where its sampler reads them."""
+        differentiate = self.differentiate
+        if self.study.sampler != "gauss-newton" or differentiate is None:
+            return solve
+
+        def with_derivatives(scene: Scene) -> tuple[Result, dict[str, Any]]:
+            found = differentiate(scene, self.space.sensitivities)
+            return found.result, linear_model(found, self.study.target, self.space, params)
+
+        return with_derivatives
 
     def put_back(self, asked: optuna.Trial) -> None:
         """Lets `ask` take up this trial again, with the same number and parameters, unless it has ended."""

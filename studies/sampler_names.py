@@ -9,11 +9,10 @@ from __future__ import annotations
 import difflib
 from typing import Any
 
-from magmpm.errors import InputError, NotThereYet, report
+from magmpm.errors import InputError, report
 from magmpm.inputs.settings import fault
 
-SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
-LATER_SAMPLERS = {"gauss-newton": "search along the sensitivities of the shape"}
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", "gauss-newton")
 
 PREFIX = "optuna:"
 OPTUNA = ("TPESampler", "RandomSampler", "CmaEsSampler", "GPSampler", "QMCSampler", "NSGAIISampler", "NSGAIIISampler")
@@ -26,7 +25,7 @@ SENSELESS = {  # Optuna's other samplers, and why a study can't use them
 }
 NAMES = (*SAMPLERS, *(PREFIX + name for name in OPTUNA))
 
-ONE_OBJECTIVE = frozenset({"gp", "cmaes", "optuna:CmaEsSampler"})  # samplers that can't weigh two objectives
+ONE_OBJECTIVE = frozenset({"gp", "cmaes", "gauss-newton", "optuna:CmaEsSampler"})  # samplers that can't weigh two objectives
 # samplers that also choose among things without an order or a distance
 TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSampler", "optuna:NSGAIISampler", "optuna:NSGAIIISampler")
 
@@ -37,8 +36,8 @@ def is_optuna(name: str) -> bool:
 
 
 def wrong_name(name: Any) -> tuple[str, str] | None:
-    """Rule and remedy for a name that is no sampler; None for the name of one, of a later version too."""
-    if isinstance(name, str) and (name in NAMES or name in LATER_SAMPLERS):
+    """Rule and remedy for a name that is no sampler; None for the name of one."""
+    if isinstance(name, str) and name in NAMES:
         return None
     if isinstance(name, str) and is_optuna(name.lower()):
         return _wrong_optuna(name[len(PREFIX) :])
@@ -70,10 +69,7 @@ def known_sampler(value: Any) -> Any:
 
 
 def check_sampler_name(name: str, place: str) -> None:
-    """Raises NotThereYet for samplers of a later version, InputError for unknown names."""
-    if name in LATER_SAMPLERS:
-        rule = f"`{name}` ({LATER_SAMPLERS[name]}) is not there yet in this version; samplers: {', '.join(SAMPLERS)}"
-        raise NotThereYet(report(place, received=f'"{name}"', rule=rule, remedy="sampler: tpe"))
+    """Raises InputError for unknown names."""
     found = wrong_name(name)
     if found is not None:
         raise InputError(report(place, received=f'"{name}"', rule=found[0], remedy=found[1]))

@@ -9,12 +9,13 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.errors import InputError
+from studies.blocks import Direction, FieldVector, Number
 from studies.sampler_names import check_sampler_name
 from studies.search_space import SearchSpace
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 STARTUP = 5  # random trials of GP before a model of the objective is asked; TPE has its own settings
 
+POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
 _TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
@@ -50,9 +52,16 @@ def settings(name: str) -> dict[str, Any]:
     return {"startup": STARTUP} if name == "gp" else {}
 
 
-def make_sampler(name: str, space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name."""
+def make_sampler(
+    name: str, space: SearchSpace, seed: int, finished: int, *, starts: Sequence[Mapping[str, float]] = (), goal: float = 0.0
+) -> BaseSampler:
+    """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name.
+
+    starts: designs that gauss-newton begins from; goal: the value, m, that it need not go below.
+    """
     check_sampler_name(name, "sampler")
+    if name == "gauss-newton":
+        return _gauss_newton(space, seed, starts, goal)
     with warnings.catch_warnings():
         # Optuna calls samplers experimental, or announces changes of defaults, on every construction
         warnings.simplefilter("ignore")
@@ -116,6 +125,21 @@ def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
     from studies.quasi_random import SobolSampler
 
     return SobolSampler(space, seed, finished)
+
+
+def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, float]], goal: float) -> BaseSampler:
+    from studies import gauss_newton as gn
+
+    blocks: list[gn.Block] = []
+    for block in space.blocks:
+        names = list(block.bounds())
+        if isinstance(block, Direction):
+            blocks.append(gn.Direction(*names))
+        elif isinstance(block, FieldVector):
+            blocks.append(gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3))  # T for each mT
+        elif isinstance(block, Number):
+            blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
+    return gn.GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
 
 
 _MAKERS: dict[str, Callable[[SearchSpace, int, int], BaseSampler]] = {

@@ -72,7 +72,7 @@ class Study:
         return {"once": 1, "each depth": len(self.depths), "each time": len(self.keyframes)}[at]
 
     def changed(self, *, trials: int | None = None, sampler: str | None = None) -> Study:
-        """The study with what a command line overrides. Raises InputError (NotThereYet for later samplers)."""
+        """The study with what a command line overrides. Raises InputError."""
         if trials is not None and not 1 <= trials <= MOST_TRIALS:
             rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
             raise InputError(report("--trials", received=str(trials), rule=rule, remedy="--trials 35"))

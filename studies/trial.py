@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +53,7 @@ class Outcome:
     tip_error: float | None
     reason: str | None
     seconds: float
+    model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
 
 
 def penalty(scene: Scene) -> float:
@@ -63,8 +64,12 @@ def penalty(scene: Scene) -> float:
     return scene.length
 
 
-def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path) -> Outcome:
+def evaluate(
+    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]], scene: Scene, target: NDArray[np.float64], log: Path
+) -> Outcome:
     """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
+
+    solve: gives the Result, and what else is to be stored of the trial, if anything.
 
     A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; unexpected errors are logged
     with their traceback. Interrupts pass through.
@@ -75,7 +80,8 @@ def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path)
         return Outcome(None, penalty(scene), None, reason, time.perf_counter() - begun)
 
     try:
-        result = solve(scene)
+        found = solve(scene)
+        result, model = found if isinstance(found, tuple) else (found, {})
         seconds = time.perf_counter() - begun
         apart = gaps(result, target)
         rms, tip = root_mean_square(apart), float(np.linalg.norm(apart[-1]))
@@ -89,22 +95,22 @@ def evaluate(solve: Solve, scene: Scene, target: NDArray[np.float64], log: Path)
         return failed("the result holds numbers that are not finite")
     if not result.converged:
         return failed("the solve did not converge")
-    return Outcome(result, rms, tip, None, seconds)
+    return Outcome(result, rms, tip, None, seconds, model)
 
 
 def attributes(
-    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], field: NDArray[np.float64]
+    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
 ) -> dict[str, Any]:
     """What is stored of a trial besides its parameters and value: user attributes, plain data in SI.
 
-    directions (k, 3): magnetization of each segment; field (3,) T.
+    directions (k, 3): magnetization of each segment; uniform field (3,) T.
     """
     result = outcome.result
     kept: dict[str, Any] = {
         "feasible": result is not None,
         "scene_hash": scene.hash(),
         "magnetization": np.round(directions, 9).tolist(),
-        "field_T": np.round(field, 12).tolist(),
+        "field_T": np.round(uniform, 12).tolist(),
         "versions": dict(versions() if result is None else {**versions(), **result.versions}),
     }
     if result is None:
@@ -116,6 +122,7 @@ def attributes(
         "min_det_F": float(result.min_det_F),
         "max_det_F": float(result.max_det_F),
         "newton_steps": int(result.iterations),
+        **outcome.model,
     }
 
 

@@ -31,7 +31,7 @@ def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from contextlib import nullcontext
 
-    from magmpm.simulate import run
+    from magmpm.simulate import run, sensitivities
     from studies.definition import load_study
     from studies.engine import run_study
     from viz.worker import Renderer
@@ -46,6 +46,7 @@ def command(options: argparse.Namespace) -> int:
         report = run_study(
             study,
             solve=run,
+            differentiate=sensitivities,
             out=out,
             picture=None if renderer is None else _trial_picture(renderer, smooth),
             on_trial=lambda trial: _tell(trial, progress),

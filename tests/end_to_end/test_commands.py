@@ -192,7 +192,6 @@ def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.Ca
         (["accuracy", "scene.yaml", "--cells", "4"], ["at least two"]),
         (["accuracy", "scene.yaml", "--cells", "4,x"], ["4,x", "whole numbers"]),
         (["accuracy", "scene.yaml", "--cells", "4,99"], ["cells_across", "99"]),
-        (["design", "study.yaml", "--sampler", "gauss-newton"], ["gauss-newton", "not there yet"]),
         (["design", "study.yaml", "--sampler", "tpee"], ["tpee", "tpe"]),
         (["design", "study.yaml", "--trials", "0"], ["0"]),
         (["run", "scene.yaml", "--out", "target.csv"], ["--out", "target.csv"]),

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import optuna
-from rod_solve import RodResult, solve
+from rod_solve import RodResult, RodSensitivities, differentiate, solve
 
 from magmpm.scene import Scene
 from studies.definition import load_study
@@ -39,12 +40,16 @@ def main(study: str, out: str, sampler: str, at: str = "0", where: str = "solve"
         count("solve")
         return solve(scene)
 
+    def counted_differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
+        count("solve")
+        return differentiate(scene, of)
+
     def counted_tell(*args: Any, **options: Any) -> Any:
         count("tell")
         return tell(*args, **options)
 
     optuna.Study.tell = counted_tell  # type: ignore[method-assign]
-    run_study(load_study(study), solve=counted_solve, picture=draw, out=out, sampler=sampler)  # type: ignore[arg-type]
+    run_study(load_study(study), solve=counted_solve, differentiate=counted_differentiate, picture=draw, out=out, sampler=sampler)  # type: ignore[arg-type]
 
 
 def _wait(out: Path) -> NoReturn:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import write_centreline
-from magmpm.rod.cosserat import solve_rod
+from magmpm.rod.cosserat import rod_model, solve_rod
+from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
+from magmpm.scene.variables import Variable, variables
 
 SCENE = """\
 name: five segments
@@ -72,6 +76,40 @@ def solve(scene: Scene) -> RodResult:
         0.0, scene.body.catheter.length, 41
     )  # rows at the faces and centers of cells, as the measures require
     return RodResult(scene.to_si(), np.column_stack([s, shape.at(s)]), iterations=shape.iterations)
+
+
+@dataclass
+class RodSensitivities:
+    """The part of magmpm.Sensitivities that a study uses."""
+
+    result: RodResult
+    variables: tuple[Variable, ...]
+    centreline: Array
+
+    def at(self, s: Array) -> Array:
+        rows = self.centreline.reshape(len(self.centreline), -1)
+        return on_rows(self.result.centreline[:, 0], rows, s)[0].reshape(len(s), *self.centreline.shape[1:])
+
+
+def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
+    """As `solve`, with the rod's own derivatives by directions and the field."""
+    rod, found = rod_model(scene, 20), variables(scene, of)
+    regions = scene.magnetized_regions()
+    family = RodFamily.of(rod, scene.body.catheter.segment_lengths(), regions)
+    directions = np.array([scene.regions()[i].magnetization for i in regions])[None]
+    quaternions = family.straight(1)
+    for share in np.linspace(0, 1, 7)[1:]:  # as solve_rod: on the branch that grows from zero load
+        _, slopes, stable = family.relaxed(quaternions, directions, np.zeros((1, 3)), share=share)
+    assert stable.all()
+    columns = []
+    for variable in found:
+        place = 3 * (len(regions) if variable.kind == "field" else regions.index(variable.region))
+        along = np.eye(3)[variable.component] if variable.kind == "field" else np.array(variable.direction)
+        columns.append(slopes[0, :, :, place : place + 3] @ along)
+    result = solve(scene)
+    of_rod, of_rows = np.concatenate([[0.0], np.cumsum(rod.length)]), result.centreline[:, 0]
+    rows = [np.stack([np.interp(of_rows, of_rod, column[:, i]) for i in range(3)], axis=1) for column in columns]
+    return RodSensitivities(result, found, np.stack(rows, axis=2))
 
 
 def write_study(folder: Path, text: str = STUDY, scene: str | None = None) -> Path:

@@ -15,7 +15,7 @@ from typing import Any
 import optuna
 import pytest
 from interruptible import draw
-from rod_solve import STUDY, RodResult, solve, write_study
+from rod_solve import STUDY, RodResult, differentiate, solve, write_study
 
 from magmpm.errors import InputError
 from magmpm.scene import Scene
@@ -72,11 +72,11 @@ def kill_in_trial(study: Path, out: Path, sampler: str, at: int, where: str) -> 
 def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: Path) -> None:
     path = write_study(tmp_path)
     for out in ("a", "b"):
-        report = run_study(load_study(path), solve=solve, out=tmp_path / out, sampler=sampler)
+        report = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / out, sampler=sampler)
         assert report.trials == 8
     same(trials_of(tmp_path / "a"), trials_of(tmp_path / "b"))
     path.write_text(STUDY.replace("seed: 3", "seed: 4"))
-    run_study(load_study(path), solve=solve, out=tmp_path / "c", sampler=sampler)
+    run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "c", sampler=sampler)
     assert [t.params for t in trials_of(tmp_path / "a")] != [t.params for t in trials_of(tmp_path / "c")]
     assert len({t.value for t in trials_of(tmp_path / "a")}) == 8, "no design is tried twice"
 
@@ -87,10 +87,10 @@ def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: 
     # 23 trials: CMA-ES (population 10) has finished its second generation, TPE its random trials
     path = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 23"))
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    run_study(load_study(path), solve=solve, picture=draw, out=whole, sampler=sampler)
+    run_study(load_study(path), solve=solve, differentiate=differentiate, picture=draw, out=whole, sampler=sampler)
     for at in (1, 12):
         kill_in_trial(path, parts, sampler, at, where)
-    report = run_study(load_study(path), solve=solve, picture=draw, out=parts, sampler=sampler)
+    report = run_study(load_study(path), solve=solve, differentiate=differentiate, picture=draw, out=parts, sampler=sampler)
     assert report.trials == 23
     same(trials_of(whole), trials_of(parts))
     for one, other in zip(trials_of(whole), trials_of(parts), strict=True):
@@ -128,10 +128,10 @@ def pictures(out: Path, trial: optuna.trial.FrozenTrial) -> list[bytes]:
 def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
     """--trials counts all trials, so a study may be run in any number of sessions."""
     path = write_study(tmp_path)
-    run_study(load_study(path), solve=solve, out=tmp_path / "whole", sampler="tpe")
+    run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "whole", sampler="tpe")
     for trials in (1, 2, 6, 8):
         report = run_study(
-            load_study(path), solve=solve, out=tmp_path / "parts", sampler="tpe", trials=trials
+            load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "parts", sampler="tpe", trials=trials
         )
         assert report.trials == trials
     same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
@@ -139,7 +139,7 @@ def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
 
 def test_ctrl_c_keeps_what_is_finished_and_repeats_the_trial(tmp_path: Path) -> None:
     path = write_study(tmp_path)
-    run_study(load_study(path), solve=solve, out=tmp_path / "whole")
+    run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "whole")
     calls = []
 
     def interrupted(scene: Scene) -> RodResult:
@@ -158,7 +158,7 @@ def test_ctrl_c_keeps_what_is_finished_and_repeats_the_trial(tmp_path: Path) -> 
 
 def test_what_is_done_does_nothing(tmp_path: Path) -> None:
     study = load_study(write_study(tmp_path))
-    first = run_study(study, solve=solve, out=tmp_path / "out")
+    first = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
 
     def never(scene: Scene) -> Any:
         raise AssertionError("a finished study solved something")
@@ -173,20 +173,20 @@ def test_what_is_done_does_nothing(tmp_path: Path) -> None:
 def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
     """The reason names trial and remedy; a requested number of trials is run, even past `stop`."""
     path = write_study(tmp_path, STUDY + "stop: {rms: 30 mm}\n")  # any catheter is within 30 mm
-    first = run_study(load_study(path), solve=solve, out=tmp_path / "out")
+    first = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "out")
     assert (first.trials, first.ended, first.first_trial_below_stop) == (1, "stop", 0)
     assert first.why.startswith("stopped after trial 0, because its rms is within `stop`, 30 mm")
     assert "--trials 2" in first.why
-    again = run_study(load_study(path), solve=solve, out=tmp_path / "out")
+    again = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "out")
     assert (again.trials, again.ended) == (1, "stop")
-    past = run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=5)
+    past = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "out", trials=5)
     assert (past.trials, past.ended, past.first_trial_below_stop) == (5, "trials", 0)
     assert past.rms_m[0] == first.rms_m[0]
-    enough = run_study(load_study(path), solve=solve, out=tmp_path / "out", trials=3)
+    enough = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "out", trials=3)
     assert (enough.trials, enough.ended) == (5, "trials")
     assert enough.why.startswith("5 trials are done, and 3 were asked for")
     path.write_text(STUDY + "stop: {rms: 0.001 mm}\n")  # stop may change: it is not part of the definition
-    more = run_study(load_study(path), solve=solve, out=tmp_path / "out")
+    more = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "out")
     assert (more.trials, more.ended, more.first_trial_below_stop) == (8, "trials", None)
 
 
@@ -210,5 +210,5 @@ def test_missing_extra_is_said_before_any_trial(
         check_available(sampler)
     study = load_study(write_study(tmp_path))
     with pytest.raises(InputError, match=module):
-        run_study(study, solve=solve, out=tmp_path / "out", sampler=sampler)
+        run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out", sampler=sampler)
     assert not (tmp_path / "out").exists()

@@ -1,0 +1,220 @@
+"""Compiled derivatives of the rod's equilibrium, by the implicit function theorem. The formulas of the rod are in magmpm.rod.cosserat.
+
+At an equilibrium the gradient g(d; p) of the energy with respect to the frames' rotations is zero, so the rotations change with a parameter
+by d' = -H^-1 dg/dp, with the block-tridiagonal Hessian H that Newton's method factors anyway. A frame's potential has the gradient
+b x m + w x e_1 + f x C f (f = w + m_1 b), and its derivative follows by the product rule.
+
+Columns come in threes, one for each component: first the moments, dm_e = sizes[i, e] e_j, then the loads, dB_k = shares[g, 0, k] e_j with
+dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 and the mass beyond each frame).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.rod.kernels import _derivatives, _factor, _matrix, _solve, _to_frame, frames_of, relax
+
+
+@compiled
+def _add_cross(h, a, b, out):
+    """out += h a x b."""
+    out[0] += h * (a[1] * b[2] - a[2] * b[1])
+    out[1] += h * (a[2] * b[0] - a[0] * b[2])
+    out[2] += h * (a[0] * b[1] - a[1] * b[0])
+
+
+@compiled
+def _clear(a):
+    """a (n, 3) = 0. (Array expressions would take seconds to compile.)"""
+    for k in range(len(a)):
+        for i in range(3):
+            a[k, i] = 0.0
+
+
+@compiled
+def _add_change(h, fields, m, c, changes, work, out):
+    """out -= h times the change of a potential's gradient. fields: b, w (2, 3); changes: dm, db, dw (3, 3), all in the frame."""
+    b, w, dm, db, dw = fields[0], fields[1], changes[0], changes[1], changes[2]
+    f, Cf, df, Cdf, axis = work[0], work[1], work[2], work[3], work[4]
+    for i in range(3):
+        f[i] = w[i] + m[0] * b[i]
+        df[i] = dw[i] + dm[0] * b[i] + m[0] * db[i]
+        Cf[i], Cdf[i] = c[i] * f[i], c[i] * df[i]
+        axis[i] = 1.0 if i == 0 else 0.0
+    _add_cross(-h, b, dm, out)
+    _add_cross(-h, db, m, out)
+    _add_cross(-h, dw, axis, out)
+    _add_cross(-h, df, Cf, out)
+    _add_cross(-h, f, Cdf, out)
+
+
+@compiled
+def _imaginary(a, d, factor, out):
+    """out += factor times the vector part of a (0, d), a quaternion."""
+    out[0] += factor * (a[0] * d[0] + a[2] * d[2] - a[3] * d[1])
+    out[1] += factor * (a[0] * d[1] + a[3] * d[0] - a[1] * d[2])
+    out[2] += factor * (a[0] * d[2] + a[1] * d[1] - a[2] * d[0])
+
+
+@compiled
+def _between(p, q, a, b, mid):
+    """Frame half-way between two, mid, and by what their rotations (own axes) turn it: Im(a (0, d_p) + b (0, d_q))."""
+    dot, size = 0.0, 0.0
+    for i in range(4):
+        dot += p[i] * q[i]
+    sign = 1.0 if dot >= 0 else -1.0
+    for i in range(4):
+        mid[i] = p[i] + sign * q[i]
+        size += mid[i] ** 2
+    size = np.sqrt(size)
+    for i in range(4):
+        mid[i] /= size
+    for side in range(2):
+        r, out, factor = (p, a, 1.0 / size) if side == 0 else (q, b, sign / size)
+        out[0] = factor * (mid[0] * r[0] + mid[1] * r[1] + mid[2] * r[2] + mid[3] * r[3])
+        out[1] = factor * (mid[0] * r[1] - mid[1] * r[0] - mid[2] * r[3] + mid[3] * r[2])
+        out[2] = factor * (mid[0] * r[2] - mid[2] * r[0] - mid[3] * r[1] + mid[1] * r[3])
+        out[3] = factor * (mid[0] * r[3] - mid[3] * r[0] - mid[1] * r[2] + mid[2] * r[1])
+
+
+@compiled
+def _element(q, e, length, c, m0, field, weight, A, P, Q):
+    """How an element's span answers: A (2, 3, 3) to the rotations of its frames, P (2, 3, 3) to the fields there, Q (3) to the axial m0.
+
+    P without its factor m0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
+    """
+    R, mid, ra, rb = np.empty((3, 3)), np.empty(4), np.empty(4), np.empty(4)
+    b, w, v, Cb, turn, dv, span = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    unit = np.zeros(3)
+    for side in range(2):
+        _clear(A[side])
+        _clear(P[side])
+    for i in range(3):
+        Q[i] = 0.0
+    _between(q[e], q[e + 1], ra, rb, mid)
+    for part in range(3):
+        first = 1.0 if part == 0 else (0.5 if part == 1 else 0.0)  # share of the first frame's field
+        _matrix(mid if part == 1 else q[e + part // 2], R)
+        for i in range(3):
+            b[i] = w[i] = 0.0
+            for j in range(3):
+                b[i] += R[j, i] * (first * field[e, j] + (1.0 - first) * field[e + 1, j])
+                w[i] += R[j, i] * (first * weight[e, j] + (1.0 - first) * weight[e + 1, j])
+        for i in range(3):
+            v[i] = (1.0 if i == 0 else 0.0) + c[i] * (w[i] + m0 * b[i])
+            Cb[i] = c[i] * b[i]
+        share = length * (4.0 if part == 1 else 1.0) / 6.0
+        for i in range(3):
+            for j in range(3):
+                Q[i] += share * R[i, j] * Cb[j]
+                for t in range(3):
+                    value = share * R[i, t] * c[t] * R[j, t]
+                    P[0, i, j] += first * value
+                    P[1, i, j] += (1.0 - first) * value
+        for side in range(2):
+            if (side == 0 and part == 2) or (side == 1 and part == 0):
+                continue
+            for j in range(3):
+                for i in range(3):
+                    unit[i] = 1.0 if i == j else 0.0
+                    turn[i] = dv[i] = span[i] = 0.0
+                if part == 1:
+                    _imaginary(ra if side == 0 else rb, unit, 1.0, turn)
+                else:
+                    turn[j] = 1.0
+                _add_cross(-1.0, turn, w, dv)
+                _add_cross(-m0, turn, b, dv)
+                for i in range(3):
+                    span[i] = c[i] * dv[i]
+                _add_cross(1.0, turn, v, span)
+                for i in range(3):
+                    for t in range(3):
+                        A[side, i, j] += share * R[i, t] * span[t]
+
+
+@compiled
+def _right_side(frames, length, C, moment, field, weight, sizes, shares, column, x):
+    """x (n + 1, 3): minus the change of the gradient for a column."""
+    fields, changes, work = np.empty((2, 3)), np.empty((3, 3)), np.empty((5, 3))
+    group, j = column // 3, column % 3
+    moments = len(sizes)
+    _clear(x)
+    for e in range(len(length)):
+        if group < moments and sizes[group, e] == 0.0:
+            continue
+        for side in range(2):
+            k = e + side
+            R = frames[k]
+            _to_frame(R, field[k], fields[0])
+            _to_frame(R, weight[k], fields[1])
+            _clear(changes)
+            if group < moments:
+                changes[0, j] = sizes[group, e]
+            else:
+                for i in range(3):
+                    changes[1, i] = shares[group - moments, 0, k] * R[j, i]
+                    changes[2, i] = shares[group - moments, 1, k] * R[j, i]
+            _add_change(0.5 * length[e], fields, moment[e], C[e], changes, work, x[k])
+
+
+@compiled
+def _add_column(spans, moment, sizes, shares, column, slopes):
+    """Positions' slopes, slopes[1] (n + 1, 3), of a column from the rotations slopes[0] and the elements' answers `spans`."""
+    A, P, Q = spans
+    turn, place = slopes[0], slopes[1]
+    group, j = column // 3, column % 3
+    moments = len(sizes)
+    for i in range(3):
+        place[0, i] = 0.0
+    for e in range(len(moment)):
+        for i in range(3):
+            value = place[e, i]
+            for t in range(3):
+                value += A[e, 0, i, t] * turn[e, t] + A[e, 1, i, t] * turn[e + 1, t]
+            if group < moments:
+                if j == 0:
+                    value += Q[e, i] * sizes[group, e]
+            else:
+                for side in range(2):
+                    k = e + side
+                    load = moment[e, 0] * shares[group - moments, 0, k] + shares[group - moments, 1, k]
+                    value += P[e, side, i, j] * load
+            place[e + 1, i] = value
+
+
+@compiled
+def _slopes(q, length, D, C, moment, field, weight, sizes, shares, frames, slopes):
+    """All columns: slopes (columns, 2, n + 1, 3), of the rotations (rad, own axes) and of the positions. False: no minimum."""
+    n = len(length)
+    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    Ld, Lo = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+    if not _factor(Hd, Ho, 0.0, Ld, Lo):
+        return False
+    A, P, Q = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3, 3)), np.empty((n, 3))
+    for e in range(n):
+        _element(q, e, length[e], C[e], moment[e, 0], field, weight, A[e], P[e], Q[e])
+    for column in range(len(slopes)):
+        _right_side(frames, length, C, moment, field, weight, sizes, shares, column, slopes[column, 0])
+        _solve(Ld, Lo, slopes[column, 0])
+        _add_column((A, P, Q), moment, sizes, shares, column, slopes[column])
+    return True
+
+
+@kernel
+def relax_all(q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found):
+    """Equilibria of many rods with their slopes, each from its q (rods, n + 1, 4), changed in place.
+
+    Per rod: moment (rods, n, 3), field and weight (rods, n + 1, 3), position (rods, n + 1, 3), slopes (rods, columns, 2, n + 1, 3),
+    found (rods,): whether it is a stable equilibrium.
+    """
+    for r in prange(len(q)):
+        status, _, _, stable = relax(q[r], length, D, C, moment[r], field[r], weight[r])
+        place, frames, _, _ = frames_of(q[r], length, C, moment[r], field[r], weight[r])
+        for k in range(len(place)):
+            for i in range(3):
+                position[r, k, i] = place[k, i]
+        found[r] = status == 0 and stable
+        if found[r]:
+            found[r] = _slopes(q[r], length, D, C, moment[r], field[r], weight[r], sizes, shares, frames, slopes[r])

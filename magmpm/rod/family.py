@@ -1,0 +1,81 @@
+"""Many rods at once that differ in the directions of their moments and in the uniform field: shapes and their derivatives.
+
+All start from a straight rod or from each other's shapes, and each column of the derivatives costs one substitution
+(magmpm.rod.derivative_kernels).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.rod.cosserat import RodModel
+from magmpm.rod.derivative_kernels import relax_all
+
+
+@dataclass(frozen=True)
+class RodFamily:
+    """Rods that have the same lengths, stiffnesses and weight.
+
+    rod: what they share; its moments count where no region is varied, and its field where none is given. sizes (k, n) A m: moment per
+    length of the k varied regions in each element, zero outside the region.
+    """
+
+    rod: RodModel
+    sizes: Array
+
+    @classmethod
+    def of(cls, rod: RodModel, lengths: Sequence[float], regions: Sequence[int]) -> RodFamily:
+        """A rod whose regions with these indices are varied; lengths (m) of all regions, base to tip."""
+        middle = np.cumsum(rod.length) - rod.length / 2
+        of = np.searchsorted(np.cumsum(lengths), middle)
+        strength = np.linalg.norm(rod.moment, axis=1)
+        return cls(rod, np.array([np.where(of == i, strength, 0.0) for i in regions]).reshape(len(regions), len(of)))
+
+    def moments(self, directions: Array) -> Array:
+        """Moments per length (rods, n, 3) A m for directions (rods, k, 3)."""
+        varied = np.any(self.sizes != 0.0, axis=0).reshape(-1, 1)
+        return np.where(varied, np.einsum("in,sij->snj", self.sizes, directions), self.rod.moment)
+
+    def straight(self, rods: int) -> Array:
+        """Quaternions (rods, n + 1, 4) of straight rods."""
+        q = np.zeros((rods, len(self.rod.length) + 1, 4))
+        q[:, :, 0] = 1.0
+        return q
+
+    def relaxed(
+        self, quaternions: Array, directions: Array, field: Array | None = None, *, share: float = 1.0
+    ) -> tuple[Array, Array, Array]:
+        """Equilibria from quaternions (rods, n + 1, 4), which are changed in place.
+
+        directions (rods, k, 3) unit vectors; field (rods, 3) T: uniform, added to the rod's own; share: of field and weight. Returns
+        positions (rods, n + 1, 3) m; their slopes (rods, n + 1, 3, c), 3 k by the components of the directions, and 3 more by the field
+        (per T) where one is given; found (rods,): whether it is a stable equilibrium. Slopes of others are not defined.
+        """
+        rods, frames = len(quaternions), len(self.rod.length) + 1
+        added = np.zeros((rods, 1, 3)) if field is None else field[:, None, :]
+        groups = 0 if field is None else 1
+        shares = np.zeros((groups, 2, frames))
+        shares[:, 0] = share
+        position, found = np.empty((rods, frames, 3)), np.empty(rods, dtype=bool)
+        slopes = np.zeros((rods, 3 * (len(self.sizes) + groups), 2, frames, 3))
+        weight = np.ascontiguousarray(np.broadcast_to(share * self.rod.weight, (rods, frames, 3)))
+        rod = self.rod
+        relax_all(
+            quaternions,
+            rod.length,
+            rod.twist_bend,
+            rod.compliance,
+            np.ascontiguousarray(self.moments(directions)),
+            np.ascontiguousarray(share * (rod.field + added)),
+            weight,
+            self.sizes,
+            shares,
+            position,
+            slopes,
+            found,
+        )
+        return position, slopes[:, :, 1].transpose(0, 2, 3, 1), found

@@ -1,0 +1,451 @@
+"""Gauss-Newton for Optuna: a sampler that minimizes a sum of squares by its residuals and their Jacobian.
+
+    sampler = GaussNewtonSampler([Direction("around", "along"), Number("length", 4.0, 12.0)], seed=1)
+
+An objective stores two user attributes with each trial: `residuals` (m) and `jacobian` (m rows of k), the derivatives of the residuals with
+respect to the coordinates of the blocks, one after the other: the three components of a direction's unit vector, the three of a vector in a
+ball, and a number's place between its bounds, 0 to 1. Of a direction's derivatives only the part along the sphere counts. A trial
+without these attributes has failed.
+
+The method is Levenberg's and Marquardt's with a trust region (Nocedal and Wright, Numerical Optimization, chapter 10), in the tangent space
+of the product of spheres, balls and intervals (Absil et al., Optimization Algorithms on Matrix Manifolds, chapter 8): the step p solves
+min |r + J p|^2 within bounds, with |p| at most the radius (1 is a radian, a ball's radius, or an interval's length). A step that is worse,
+infeasible or failed is taken back, and the radius shrinks. A descent that is stuck is left for the next start: first the given designs,
+then points of a low-discrepancy sequence (Roberts' generalized golden ratio).
+
+Every suggestion depends only on the seed and the finished trials: what a step began from is kept with its trial (the system attribute
+PLAN), and the rest is read from there. So a study that is resumed, by any process, is the same study, and suggestions do not get slower.
+This file needs Optuna, NumPy and SciPy alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import optuna
+from numpy.typing import NDArray
+from optuna.distributions import BaseDistribution, FloatDistribution
+from optuna.trial import FrozenTrial, TrialState
+from scipy.optimize import lsq_linear
+
+Array = NDArray[np.float64]
+
+PLAN = "gauss_newton:plan"
+RADIUS = 1.0  # of the first step of a descent
+LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
+LEAST_GAIN = 0.04  # share of the sum of squares that a step must promise, else the descent is stuck
+PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brought the value below this share
+LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A unit vector by the names of two angles in degrees: (sin along, cos along cos around, cos along sin around)."""
+
+    around: str
+    along: str
+    size = 3
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return {self.around: FloatDistribution(-180.0, 180.0), self.along: FloatDistribution(-90.0, 90.0)}
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        a, b = math.radians(params[self.around]), math.radians(params[self.along])
+        return np.array([math.sin(b), math.cos(b) * math.cos(a), math.cos(b) * math.sin(a)])
+
+    def write(self, x: Array) -> dict[str, float]:
+        along = math.atan2(x[0], math.hypot(x[1], x[2]))
+        return {self.around: math.degrees(math.atan2(x[2], x[1])), self.along: math.degrees(along)}
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        """Basis (size, q) of steps, and their lower and upper bounds (q,)."""
+        return _across(x), np.full(2, -math.pi), np.full(2, math.pi)
+
+    def within(self, x: Array, p: Array) -> Array:
+        """The step p, shortened to what the block allows."""
+        return p
+
+    def moved(self, x: Array, p: Array) -> Array:
+        """Along a great circle."""
+        angle = float(np.linalg.norm(p))
+        if angle == 0.0:
+            return x
+        there = math.cos(angle) * x + math.sin(angle) / angle * (_across(x) @ p)
+        return np.asarray(there / np.linalg.norm(there))
+
+    def anywhere(self, u: Array) -> Array:
+        """The point of uniform density for numbers u (size,) in 0 to 1."""
+        x, turn = 2 * u[0] - 1, 2 * math.pi * u[1]
+        return np.array([x, math.sqrt(1 - x * x) * math.cos(turn), math.sqrt(1 - x * x) * math.sin(turn)])
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A vector: strength (cos elevation cos azimuth, cos elevation sin azimuth, sin elevation), angles in degrees.
+
+    The parameter `strength` is at most `most`; coordinates are in a unit of their own: `unit` for each of the strength's.
+    """
+
+    strength: str
+    azimuth: str
+    elevation: str
+    most: float
+    unit: float = 1.0
+    size = 3
+
+    @property
+    def radius(self) -> float:
+        """Greatest length, in coordinates."""
+        return self.most * self.unit
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        angles = {self.azimuth: FloatDistribution(-180.0, 180.0), self.elevation: FloatDistribution(-90.0, 90.0)}
+        return {self.strength: FloatDistribution(0.0, self.most), **angles}
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        a, b = math.radians(params[self.azimuth]), math.radians(params[self.elevation])
+        return params[self.strength] * self.unit * np.array([math.cos(b) * math.cos(a), math.cos(b) * math.sin(a), math.sin(b)])
+
+    def write(self, x: Array) -> dict[str, float]:
+        strength = min(float(np.linalg.norm(x)) / self.unit, self.most)
+        elevation = math.atan2(x[2], math.hypot(x[0], x[1]))
+        return {
+            self.strength: strength,
+            self.azimuth: math.degrees(math.atan2(x[1], x[0])),
+            self.elevation: math.degrees(elevation),
+        }
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        outward = _outward(x)
+        basis = self.radius * np.column_stack([outward, _across(outward)])
+        inside = float(np.linalg.norm(x)) / self.radius
+        return basis, np.array([-1.0 - inside, -2.0, -2.0]), np.array([max(1.0 - inside, 0.0), 2.0, 2.0])
+
+    def within(self, x: Array, p: Array) -> Array:
+        basis = self.tangent(x)[0] / self.radius
+        there = x / self.radius + basis @ p
+        size = float(np.linalg.norm(there))
+        return p if size <= 1.0 else np.asarray(basis.T @ (there / size - x / self.radius))
+
+    def moved(self, x: Array, p: Array) -> Array:
+        return np.asarray(x + self.tangent(x)[0] @ p)
+
+    def anywhere(self, u: Array) -> Array:
+        return self.radius * u[2] ** (1 / 3) * Direction("", "").anywhere(u)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number from low to high; its coordinate is its place between them, 0 to 1."""
+
+    name: str
+    low: float
+    high: float
+    size = 1
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return {self.name: FloatDistribution(self.low, self.high)}
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        return np.array([(params[self.name] - self.low) / (self.high - self.low)])
+
+    def write(self, x: Array) -> dict[str, float]:
+        return {self.name: min(max(self.low + float(x[0]) * (self.high - self.low), self.low), self.high)}
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        return np.eye(1), np.minimum(-x, 0.0), np.maximum(1.0 - x, 0.0)
+
+    def within(self, x: Array, p: Array) -> Array:
+        return p
+
+    def moved(self, x: Array, p: Array) -> Array:
+        return np.asarray(x + p)
+
+    def anywhere(self, u: Array) -> Array:
+        return u
+
+
+Block = Direction | Ball | Number
+
+
+def _outward(x: Array) -> Array:
+    size = float(np.linalg.norm(x))
+    return np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
+
+
+def _across(unit: Array) -> Array:
+    """Two unit vectors across a unit vector, (3, 2)."""
+    axis = np.zeros(3)
+    axis[int(np.argmin(np.abs(unit)))] = 1.0
+    first = np.cross(unit, axis)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(unit, first)])
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step p (q,) in the tangent space, its length, and the decrease of the sum of squares that the linear model promises."""
+
+    p: Array
+    length: float
+    promised: float
+
+
+class Coordinates:
+    """All blocks together: parameters, their k coordinates, and steps in them."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self.blocks = tuple(blocks)
+        ends = np.cumsum([block.size for block in self.blocks])
+        self.places = [slice(int(end) - block.size, int(end)) for block, end in zip(self.blocks, ends, strict=True)]
+        self.size = int(ends[-1])
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        """Coordinates (k,) of parameters."""
+        return np.concatenate([block.read(params) for block in self.blocks])
+
+    def write(self, x: Array) -> dict[str, float]:
+        """Parameters of coordinates (k,)."""
+        found: dict[str, float] = {}
+        for block, place in zip(self.blocks, self.places, strict=True):
+            found.update(block.write(x[place]))
+        return found
+
+    def anywhere(self, u: Array) -> Array:
+        """A point for numbers u (k,) in 0 to 1; uniform in them is uniform on spheres, in balls and between bounds."""
+        return np.concatenate([block.anywhere(u[place]) for block, place in zip(self.blocks, self.places, strict=True)])
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        """Basis (k, q) of the steps at x, and their lower and upper bounds (q,)."""
+        parts = [block.tangent(x[place]) for block, place in zip(self.blocks, self.places, strict=True)]
+        basis = np.zeros((self.size, sum(part[0].shape[1] for part in parts)))
+        column = 0
+        for place, (part, _, _) in zip(self.places, parts, strict=True):
+            basis[place, column : column + part.shape[1]] = part
+            column += part.shape[1]
+        return basis, np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
+
+    def _split(self, p: Array) -> list[Array]:
+        ends = np.cumsum([2 if isinstance(block, Direction) else block.size for block in self.blocks])
+        return np.split(p, ends[:-1])
+
+    def moved(self, x: Array, p: Array) -> Array:
+        """Where a step leads."""
+        parts = zip(self.blocks, self.places, self._split(p), strict=True)
+        return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
+
+    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float) -> Step:
+        """The step that the linear model likes best within the bounds and the radius."""
+        basis, low, high = self.tangent(x)
+        J = jacobian @ basis
+        p = _trusted(J, residuals, low, high, radius)
+        parts = zip(self.blocks, self.places, self._split(p), strict=True)
+        p = np.concatenate([block.within(x[place], part) for block, place, part in parts])
+        left = residuals + J @ p
+        return Step(p, float(np.linalg.norm(p)), float(residuals @ residuals - left @ left))
+
+
+def _trusted(J: Array, r: Array, low: Array, high: Array, radius: float) -> Array:
+    """min |r + J p|^2 for low <= p <= high and |p| <= radius, by damping: (J^T J + damping) p = -J^T r on the free variables."""
+    largest = float(np.linalg.norm(J, 2))
+    if largest == 0.0:
+        return np.zeros(J.shape[1])
+
+    def damped(root: float) -> Array:
+        matrix = np.vstack([J, root * np.eye(J.shape[1])])
+        right = np.concatenate([-r, np.zeros(J.shape[1])])
+        return np.asarray(lsq_linear(matrix, right, (low, high), method="bvls").x)
+
+    less = 1e-6 * largest  # directions that hardly matter stay as they are
+    p = damped(less)
+    if np.linalg.norm(p) <= radius:
+        return p
+    more = largest + float(np.linalg.norm(J.T @ r)) / (radius * largest)
+    while np.linalg.norm(p := damped(more)) > radius:
+        more *= 4.0
+    for _ in range(40):
+        if np.linalg.norm(p) >= 0.95 * radius:
+            break
+        root = math.sqrt(less * more)
+        tried = damped(root)
+        if np.linalg.norm(tried) <= radius:
+            p, more = tried, root
+        else:
+            less = root
+    return p
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the trial that is asked for shall be: coordinates, and what is kept with it."""
+
+    x: Array
+    kept: dict[str, Any]
+
+
+class GaussNewtonSampler(optuna.samplers.BaseSampler):
+    """Suggests starts and Gauss-Newton steps; reads `residuals` and `jacobian` from the trials' user attributes.
+
+    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first. goal: value that is good
+    enough: a descent above it is left once it hardly moves. poor: value above which a given design is not improved before others
+    are tried.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        seed: int,
+        *,
+        starts: Sequence[Mapping[str, float]] = (),
+        goal: float = 0.0,
+        poor: float = math.inf,
+    ) -> None:
+        self._space, self._seed = Coordinates(blocks), seed
+        self._starts, self._goal, self._poor = [dict(start) for start in starts], goal, poor
+
+    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+        return {name: kind for block in self._space.blocks for name, kind in block.distributions().items()}
+
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        ended = (TrialState.COMPLETE, TrialState.FAIL, TrialState.PRUNED)
+        trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
+        plan = self._plan(trials)
+        study._storage.set_trial_system_attr(trial._trial_id, PLAN, plan.kept)
+        return self._space.write(plan.x)
+
+    def sample_independent(
+        self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
+    ) -> Any:
+        """For parameters that no block names: the middle of their range."""
+        if not isinstance(param_distribution, FloatDistribution):
+            raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
+        return (param_distribution.low + param_distribution.high) / 2
+
+    def _plan(self, trials: Sequence[FrozenTrial]) -> _Plan:
+        """The next trial: a step from the descent's best design so far, or a start."""
+        known = {t.number: t for t in trials}
+        found = self._base(trials, known)
+        if found is not None:
+            base, radius = found
+            x, residuals, jacobian = self._space.read(base.params), *_model(base)
+            step = self._space.step(x, residuals, jacobian, radius)
+            there = self._space.moved(x, step.p)
+            if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
+                kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
+                return _Plan(there, {**kept, "promised": step.promised})
+        index = 1 + max((_start(t) for t in trials), default=-1)
+        while self._seen(x := self._start_at(index), trials):
+            index += 1
+        return _Plan(x, {"start": index, "from": None})
+
+    def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
+        """The design to step from and the radius, after the last trial; None: a start is due."""
+        if not trials:
+            return None
+        last = trials[-1]
+        plan = last.system_attrs.get(PLAN)
+        if plan is not None and plan["from"] is not None:
+            before = known[plan["from"]]
+            return _judged(before, last, plan)
+        given = [t for t in trials if _model_of(t) is not None and _of_a_start(t)]
+        if plan is None:  # not ours: enqueued, or of another sampler
+            return (min(given, key=_cost), RADIUS) if given else None
+        looked_at = min(LOOKED_AT, len(self._starts))
+        fresh = [t for t in given if t is last or 0 <= _start(t) <= plan["start"] < looked_at]
+        if not fresh or (_value(best := min(fresh, key=_cost)) > self._poor and plan["start"] + 1 < looked_at):
+            return None
+        return best, RADIUS
+
+    def _stuck(
+        self,
+        base: FrozenTrial,
+        step: Step,
+        radius: float,
+        known: Mapping[int, FrozenTrial],
+        x: Array,
+        residuals: Array,
+        jacobian: Array,
+    ) -> bool:
+        """Whether this descent is better left."""
+        cost = float(residuals @ residuals)
+        if radius < LEAST_RADIUS or step.promised <= 0.0:
+            return True
+        if step.length > 0.9 * radius and radius < RADIUS / 4:  # short because of the radius, not because it is near the end
+            step = self._space.step(x, residuals, jacobian, RADIUS / 4)
+        if step.promised < LEAST_GAIN * cost:
+            return True
+        if _value(base) <= self._goal:
+            return False
+        earlier: FrozenTrial | None = base
+        for _ in range(PATIENCE):
+            plan = earlier.system_attrs.get(PLAN) if earlier is not None else None
+            earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
+        return earlier is not None and _cost(base) > PROGRESS**2 * _cost(earlier)
+
+    def _start_at(self, index: int) -> Array:
+        """The given design, or after them the point of the sequence."""
+        if index < len(self._starts):
+            return self._space.read(self._starts[index])
+        size = self._space.size
+        ratio = 1.5
+        for _ in range(60):  # the root of ratio^(size + 1) = ratio + 1
+            ratio = (1.0 + ratio) ** (1.0 / (size + 1))
+        shift = np.random.default_rng([self._seed]).random(size)
+        return self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0)
+
+    def _seen(self, x: Array, trials: Sequence[FrozenTrial]) -> bool:
+        """Whether a finished trial had this design."""
+        params = self._space.write(x)
+        return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
+
+
+def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:
+    """The better of the two designs, and the next radius, from how well the linear model foresaw the last one."""
+    length = plan["length"]
+    if _model_of(last) is None:
+        return before, length / 4
+    gain = _cost(before) - _cost(last)
+    share = gain / plan["promised"]
+    if share < 0.25:
+        # the parabola through both sums of squares, with the slope that belongs to the promise
+        shrunk = length * min(0.5, max(0.1, 1.0 / (2.0 - share)))
+        return (last if gain > 0.0 else before), shrunk
+    return last, max(plan["radius"], 2.0 * length) if share > 0.75 else plan["radius"]
+
+
+def _model_of(trial: FrozenTrial) -> Any:
+    """A trial's stored residuals, if it counts: solved, with derivatives, and no constraint violated."""
+    attrs = trial.user_attrs
+    if "residuals" not in attrs or "jacobian" not in attrs or any(c > 0.0 for c in trial.constraints.values()):
+        return None
+    return attrs["residuals"]
+
+
+def _model(trial: FrozenTrial) -> tuple[Array, Array]:
+    residuals = np.array(trial.user_attrs["residuals"], dtype=float)
+    return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
+
+
+def _cost(trial: FrozenTrial) -> float:
+    residuals = np.array(trial.user_attrs["residuals"], dtype=float)
+    return float(residuals @ residuals)
+
+
+def _value(trial: FrozenTrial) -> float:
+    return math.inf if trial.value is None else trial.value
+
+
+def _start(trial: FrozenTrial) -> int:
+    """Number of the start whose descent a trial belongs to; -1 for one that was not ours."""
+    return int(trial.system_attrs.get(PLAN, {"start": -1})["start"])
+
+
+def _of_a_start(trial: FrozenTrial) -> bool:
+    return bool(trial.system_attrs.get(PLAN, {"from": None})["from"] is None)
+
