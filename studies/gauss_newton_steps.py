@@ -1,0 +1,254 @@
+"""Steps of Gauss and Newton on products of spheres, balls and intervals: coordinates of parameters, tangents, trust region.
+
+The part of the Gauss-Newton sampler (gauss_newton.py) that knows geometry. Like it, this file needs Optuna, NumPy and SciPy alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from optuna.distributions import BaseDistribution, FloatDistribution
+from scipy.optimize import lsq_linear
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A unit vector by the names of two angles in degrees: (sin along, cos along cos around, cos along sin around)."""
+
+    around: str
+    along: str
+    size = 3
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return {self.around: FloatDistribution(-180.0, 180.0), self.along: FloatDistribution(-90.0, 90.0)}
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        a, b = math.radians(params[self.around]), math.radians(params[self.along])
+        return np.array([math.sin(b), math.cos(b) * math.cos(a), math.cos(b) * math.sin(a)])
+
+    def write(self, x: Array) -> dict[str, float]:
+        along = math.atan2(x[0], math.hypot(x[1], x[2]))
+        return {self.around: math.degrees(math.atan2(x[2], x[1])), self.along: math.degrees(along)}
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        """Basis (size, q) of steps, and their lower and upper bounds (q,)."""
+        return _across(x), np.full(2, -math.pi), np.full(2, math.pi)
+
+    def within(self, x: Array, p: Array) -> Array:
+        """The step p, shortened to what the block allows."""
+        return p
+
+    def moved(self, x: Array, p: Array) -> Array:
+        """Along a great circle."""
+        angle = float(np.linalg.norm(p))
+        if angle == 0.0:
+            return x
+        there = math.cos(angle) * x + math.sin(angle) / angle * (_across(x) @ p)
+        return np.asarray(there / np.linalg.norm(there))
+
+    def anywhere(self, u: Array) -> Array:
+        """The point of uniform density for numbers u (size,) in 0 to 1."""
+        x, turn = 2 * u[0] - 1, 2 * math.pi * u[1]
+        return np.array([x, math.sqrt(1 - x * x) * math.cos(turn), math.sqrt(1 - x * x) * math.sin(turn)])
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A vector: strength (cos elevation cos azimuth, cos elevation sin azimuth, sin elevation), angles in degrees.
+
+    The parameter `strength` is at most `most`; coordinates are in a unit of their own: `unit` for each of the strength's.
+    """
+
+    strength: str
+    azimuth: str
+    elevation: str
+    most: float
+    unit: float = 1.0
+    size = 3
+
+    @property
+    def radius(self) -> float:
+        """Greatest length, in coordinates."""
+        return self.most * self.unit
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        angles = {self.azimuth: FloatDistribution(-180.0, 180.0), self.elevation: FloatDistribution(-90.0, 90.0)}
+        return {self.strength: FloatDistribution(0.0, self.most), **angles}
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        a, b = math.radians(params[self.azimuth]), math.radians(params[self.elevation])
+        return params[self.strength] * self.unit * np.array([math.cos(b) * math.cos(a), math.cos(b) * math.sin(a), math.sin(b)])
+
+    def write(self, x: Array) -> dict[str, float]:
+        strength = min(float(np.linalg.norm(x)) / self.unit, self.most)
+        elevation = math.atan2(x[2], math.hypot(x[0], x[1]))
+        return {
+            self.strength: strength,
+            self.azimuth: math.degrees(math.atan2(x[1], x[0])),
+            self.elevation: math.degrees(elevation),
+        }
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        outward = _outward(x)
+        basis = self.radius * np.column_stack([outward, _across(outward)])
+        inside = float(np.linalg.norm(x)) / self.radius
+        return basis, np.array([-1.0 - inside, -2.0, -2.0]), np.array([max(1.0 - inside, 0.0), 2.0, 2.0])
+
+    def within(self, x: Array, p: Array) -> Array:
+        basis = self.tangent(x)[0] / self.radius
+        there = x / self.radius + basis @ p
+        size = float(np.linalg.norm(there))
+        return p if size <= 1.0 else np.asarray(basis.T @ (there / size - x / self.radius))
+
+    def moved(self, x: Array, p: Array) -> Array:
+        return np.asarray(x + self.tangent(x)[0] @ p)
+
+    def anywhere(self, u: Array) -> Array:
+        return self.radius * u[2] ** (1 / 3) * Direction("", "").anywhere(u)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number from low to high; its coordinate is its place between them, 0 to 1."""
+
+    name: str
+    low: float
+    high: float
+    size = 1
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return {self.name: FloatDistribution(self.low, self.high)}
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        return np.array([(params[self.name] - self.low) / (self.high - self.low)])
+
+    def write(self, x: Array) -> dict[str, float]:
+        return {self.name: min(max(self.low + float(x[0]) * (self.high - self.low), self.low), self.high)}
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        return np.eye(1), np.minimum(-x, 0.0), np.maximum(1.0 - x, 0.0)
+
+    def within(self, x: Array, p: Array) -> Array:
+        return p
+
+    def moved(self, x: Array, p: Array) -> Array:
+        return np.asarray(x + p)
+
+    def anywhere(self, u: Array) -> Array:
+        return u
+
+
+Block = Direction | Ball | Number
+
+
+def _outward(x: Array) -> Array:
+    size = float(np.linalg.norm(x))
+    return np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
+
+
+def _across(unit: Array) -> Array:
+    """Two unit vectors across a unit vector, (3, 2)."""
+    axis = np.zeros(3)
+    axis[int(np.argmin(np.abs(unit)))] = 1.0
+    first = np.cross(unit, axis)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(unit, first)])
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step p (q,) in the tangent space, its length, and the decrease of the sum of squares that the linear model promises."""
+
+    p: Array
+    length: float
+    promised: float
+
+
+class Coordinates:
+    """All blocks together: parameters, their k coordinates, and steps in them."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self.blocks = tuple(blocks)
+        ends = np.cumsum([block.size for block in self.blocks])
+        self.places = [slice(int(end) - block.size, int(end)) for block, end in zip(self.blocks, ends, strict=True)]
+        self.size = int(ends[-1])
+
+    def read(self, params: Mapping[str, float]) -> Array:
+        """Coordinates (k,) of parameters."""
+        return np.concatenate([block.read(params) for block in self.blocks])
+
+    def write(self, x: Array) -> dict[str, float]:
+        """Parameters of coordinates (k,)."""
+        found: dict[str, float] = {}
+        for block, place in zip(self.blocks, self.places, strict=True):
+            found.update(block.write(x[place]))
+        return found
+
+    def anywhere(self, u: Array) -> Array:
+        """A point for numbers u (k,) in 0 to 1; uniform in them is uniform on spheres, in balls and between bounds."""
+        return np.concatenate([block.anywhere(u[place]) for block, place in zip(self.blocks, self.places, strict=True)])
+
+    def tangent(self, x: Array) -> tuple[Array, Array, Array]:
+        """Basis (k, q) of the steps at x, and their lower and upper bounds (q,)."""
+        parts = [block.tangent(x[place]) for block, place in zip(self.blocks, self.places, strict=True)]
+        basis = np.zeros((self.size, sum(part[0].shape[1] for part in parts)))
+        column = 0
+        for place, (part, _, _) in zip(self.places, parts, strict=True):
+            basis[place, column : column + part.shape[1]] = part
+            column += part.shape[1]
+        return basis, np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
+
+    def _split(self, p: Array) -> list[Array]:
+        ends = np.cumsum([2 if isinstance(block, Direction) else block.size for block in self.blocks])
+        return np.split(p, ends[:-1])
+
+    def moved(self, x: Array, p: Array) -> Array:
+        """Where a step leads."""
+        parts = zip(self.blocks, self.places, self._split(p), strict=True)
+        return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
+
+    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float) -> Step:
+        """The step that the linear model likes best within the bounds and the radius."""
+        basis, low, high = self.tangent(x)
+        J = jacobian @ basis
+        p = _trusted(J, residuals, low, high, radius)
+        parts = zip(self.blocks, self.places, self._split(p), strict=True)
+        p = np.concatenate([block.within(x[place], part) for block, place, part in parts])
+        left = residuals + J @ p
+        return Step(p, float(np.linalg.norm(p)), float(residuals @ residuals - left @ left))
+
+
+def _trusted(J: Array, r: Array, low: Array, high: Array, radius: float) -> Array:
+    """min |r + J p|^2 for low <= p <= high and |p| <= radius, by damping: (J^T J + damping) p = -J^T r on the free variables."""
+    largest = float(np.linalg.norm(J, 2))
+    if largest == 0.0:
+        return np.zeros(J.shape[1])
+
+    def damped(root: float) -> Array:
+        matrix = np.vstack([J, root * np.eye(J.shape[1])])
+        right = np.concatenate([-r, np.zeros(J.shape[1])])
+        return np.asarray(lsq_linear(matrix, right, (low, high), method="bvls").x)
+
+    less = 1e-6 * largest  # directions that hardly matter stay as they are
+    p = damped(less)
+    if np.linalg.norm(p) <= radius:
+        return p
+    more = largest + float(np.linalg.norm(J.T @ r)) / (radius * largest)
+    while np.linalg.norm(p := damped(more)) > radius:
+        more *= 4.0
+    for _ in range(40):
+        if np.linalg.norm(p) >= 0.95 * radius:
+            break
+        root = math.sqrt(less * more)
+        tried = damped(root)
+        if np.linalg.norm(tried) <= radius:
+            p, more = tried, root
+        else:
+            less = root
+    return p
