@@ -44,9 +44,9 @@ LOOKED_AT = 3  # given designs that are tried before the best of them is improve
 
 @dataclass(frozen=True)
 class _Plan:
-    """What the trial that is asked for shall be: coordinates, and what is kept with it."""
+    """What the trial that is asked for shall be: its parameters, and what is kept with it."""
 
-    x: Array
+    params: dict[str, float]
     kept: dict[str, Any]
 
 
@@ -80,7 +80,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
         plan = self._plan(trials)
         study._storage.set_trial_system_attr(trial._trial_id, PLAN, plan.kept)
-        return self._space.write(plan.x)
+        return plan.params
 
     def sample_independent(
         self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
@@ -98,14 +98,14 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             base, radius = found
             x, residuals, jacobian = self._space.read(base.params), *_model(base)
             step = self._space.step(x, residuals, jacobian, radius)
-            there = self._space.moved(x, step.p)
+            there = self._space.write(self._space.moved(x, step.p))
             if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
                 kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
                 return _Plan(there, {**kept, "promised": step.promised})
         index = 1 + max((_start(t) for t in trials), default=-1)
-        while self._seen(x := self._start_at(index), trials):
+        while self._seen(params := self._start_at(index), trials):
             index += 1
-        return _Plan(x, {"start": index, "from": None})
+        return _Plan(params, {"start": index, "from": None})
 
     def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
         """The design to step from and the radius, after the last trial; None: a start is due."""
@@ -151,20 +151,19 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
         return earlier is not None and _cost(base) > PROGRESS**2 * _cost(earlier)
 
-    def _start_at(self, index: int) -> Array:
+    def _start_at(self, index: int) -> dict[str, float]:
         """The given design, or after them the point of the sequence."""
         if index < len(self._starts):
-            return self._space.read(self._starts[index])
+            return self._starts[index]
         size = self._space.size
         ratio = 1.5
         for _ in range(60):  # the root of ratio^(size + 1) = ratio + 1
             ratio = (1.0 + ratio) ** (1.0 / (size + 1))
         shift = np.random.default_rng([self._seed]).random(size)
-        return self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0)
+        return self._space.write(self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0))
 
-    def _seen(self, x: Array, trials: Sequence[FrozenTrial]) -> bool:
+    def _seen(self, params: Mapping[str, float], trials: Sequence[FrozenTrial]) -> bool:
         """Whether a finished trial had this design."""
-        params = self._space.write(x)
         return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
 
 

@@ -1,0 +1,144 @@
+"""Derivatives of the rod: Taylor's remainder, and agreement with the rod that is solved alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from magmpm.compiled.arrays import Array
+from magmpm.rod.cosserat import RodModel, rod_model, solve_rod
+from magmpm.rod.derivative_kernels import relax_all
+from magmpm.rod.family import RodFamily
+from magmpm.scene import Scene
+
+GRAVITY = 9.81
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """A catheter with a plain segment, in a field and under its weight, bent and twisted by more than a radian."""
+    segments = [{"magnetization": m} for m in ([1, 0, 0], [0, 1, 0.3], [0, 0, 0], [0.2, -0.7, 1], [0, 0.4, -1])]
+    body = {"catheter": {"length": "60 mm", "diameter": "3 mm", "material": "m", "segments": segments}}
+    material = {"shear_modulus": "120 kPa", "bulk_to_shear": 20, "density": "1882 kg/m^3", "remanence": "138 mT"}
+    return Scene.from_si(
+        {
+            "name": "rod",
+            "materials": {"m": material},
+            "body": body,
+            "field": {"uniform": ["2 mT", "6 mT", "8 mT"]},
+            "effects": {"magnetic_torque": {}, "gravity": {}},
+        }
+    )
+
+
+def regions(scene: Scene) -> list[int]:
+    return scene.magnetized_regions()
+
+
+def directions(scene: Scene) -> Array:
+    return np.array([scene.regions()[i].magnetization for i in regions(scene)])[None]
+
+
+class Rod:
+    """The rod's positions and rotations' slopes as a function of directions, field and acceleration, with shear that matters."""
+
+    def __init__(self, scene: Scene) -> None:
+        rod = rod_model(scene, 40)
+        self.rod: RodModel = replace(rod, compliance=30 * rod.compliance)
+        self.family = RodFamily.of(self.rod, scene.body.shape.segment_lengths(), regions(scene))
+        self.beyond = np.linalg.norm(rod.weight, axis=1) / GRAVITY
+        self.groups = len(self.family.sizes)
+
+    def __call__(self, given: Array, field: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Positions (n + 1, 3) and slopes (columns, 2, n + 1, 3)."""
+        frames = len(self.beyond)
+        q, m = self.family.straight(1), self.family.moments(given)
+        shares = np.zeros((2, 2, frames))
+        shares[0, 0], shares[1, 1] = 1.0, self.beyond
+        position, found = np.empty((1, frames, 3)), np.empty(1, dtype=bool)
+        slopes = np.empty((1, 3 * (self.groups + 2), 2, frames, 3))
+        B, W = np.tile(field, (1, frames, 1)), (self.beyond[:, None] * acceleration)[None]
+        rod = self.rod
+        for load in (0.3, 0.6, 1.0):
+            relax_all(
+                q, rod.length, rod.twist_bend, rod.compliance, m, load * B, load * W, self.family.sizes, shares, position, slopes, found
+            )
+        assert found.all()
+        return position[0], slopes[0]
+
+
+def test_slopes_leave_a_remainder_of_second_order(scene: Scene) -> None:
+    """Along a random change of all moments, the field and the weight at once, the remainder shrinks 100 times for a tenth of the change."""
+    rod, rng = Rod(scene), np.random.default_rng(1)
+    given, field, acceleration = directions(scene), np.array(scene.field.uniform), np.array([0.0, 0.0, -GRAVITY])
+    change = rng.normal(size=given.shape), 5e-3 * rng.normal(size=3), GRAVITY * rng.normal(size=3)
+    at, slopes = rod(given, field, acceleration)
+    along = np.einsum("c,cni->ni", np.concatenate([change[0].ravel(), change[1], change[2]]), slopes[:, 1])
+    remainder = []
+    for h in (1e-2, 1e-3, 1e-4):
+        there, _ = rod(given + h * change[0], field + h * change[1], acceleration + h * change[2])
+        remainder.append(np.abs(there - at - h * along).max())
+    assert np.log10(remainder[0] / remainder[1]) == pytest.approx(2, abs=0.1)  # third-order terms are 1 % of second-order ones at h = 1e-2
+    assert np.log10(remainder[1] / remainder[2]) == pytest.approx(2, abs=0.1)
+    assert np.abs(along).max() > 0.01, "the rod answers to the change"
+
+
+@pytest.mark.parametrize("column", range(18))
+def test_each_column_is_a_central_difference(scene: Scene, column: int) -> None:
+    """Each component of each moment, of the field and of the acceleration."""
+    rod = Rod(scene)
+    given, field, acceleration = directions(scene), np.array(scene.field.uniform), np.array([0.0, 0.0, -GRAVITY])
+    _, slopes = rod(given, field, acceleration)
+    group, j = divmod(column, 3)
+
+    def at(amount: float) -> Array:
+        moved = [given.copy(), field.copy(), acceleration.copy()]
+        if group < 4:
+            moved[0][0, group, j] += amount
+        else:
+            moved[group - 3][j] += amount * (1e-2 if group == 4 else 10.0)
+        return rod(*moved)[0]
+
+    unit = (1.0, 1e-2, 10.0)[max(group - 3, 0)]
+    h = 1e-3
+    difference = (at(h) - at(-h)) / (2 * h)
+    # the difference's own error is h^2 times the third derivative, up to half the first
+    np.testing.assert_allclose(unit * slopes[column, 1], difference, rtol=0, atol=2e-6 * np.abs(difference).max())
+
+
+def test_a_family_has_the_shapes_of_its_rods(scene: Scene, rng: np.random.Generator) -> None:
+    """Several directions and fields at once, as each alone: the plain segment and the weight are the scene's."""
+    several = rng.normal(size=(3, len(regions(scene)), 3))
+    several /= np.linalg.norm(several, axis=2, keepdims=True)
+    fields = 4e-3 * rng.normal(size=(3, 3))
+    rod = rod_model(scene, 60)
+    family = RodFamily.of(replace(rod, field=np.zeros_like(rod.field)), scene.body.shape.segment_lengths(), regions(scene))
+    q = family.straight(3)
+    for share in np.linspace(0.1, 1, 10):
+        position, slopes, found = family.relaxed(q, several, fields, share=share)
+    assert found.all()
+    assert slopes.shape == (3, 61, 3, 15)
+    for k in range(3):
+        every = np.zeros((5, 3))
+        every[regions(scene)] = several[k]
+        alone = solve_rod(scene.with_magnetizations(every).with_field(fields[k]), 60)
+        # both stop when their energy decrement is 1e-14 of the bending energy of a radian: turns of 1e-7
+        np.testing.assert_allclose(position[k], alone.position, rtol=0, atol=1e-6 * scene.length)
+
+
+def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
+    """Magnetized against the field, straight is an equilibrium, but no minimum: slopes there would mean nothing."""
+    against = scene.with_effects(gravity=None).with_magnetizations(np.tile([1.0, 0, 0], (5, 1))).with_field([-20e-3, 0, 0])
+    rod = rod_model(against, 40)
+    family = RodFamily.of(rod, against.body.shape.segment_lengths(), regions(against))
+    q = family.straight(1)
+    position, slopes = np.empty((1, 41, 3)), np.zeros((1, 3, 2, 41, 3))
+    found = np.ones(1, dtype=bool)
+    relax_all(
+        q, rod.length, rod.twist_bend, rod.compliance, family.moments(directions(against)), rod.field[None], rod.weight[None],
+        family.sizes[:1], np.zeros((0, 2, 41)), position, slopes, found,
+    )  # fmt: skip
+    assert found[0], "it leaves the straight shape and finds the bent one"
+    assert np.abs(position[0, :, 2]).max() > 0.1 * against.length
