@@ -45,6 +45,12 @@ class Model:
     plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
     line: Line | None  # the undeformed axis of a straight body
     planes: tuple[ClampPlane, ...]  # the grid's faces on which held parts, or a far end's clamp, hold the rest
+    time: float | None = None  # s, of the schedule of an equilibrium's field; None: its end
+
+    @property
+    def times(self) -> Array | None:
+        """`time` as effects are asked for it."""
+        return None if self.time is None else np.array([self.time])
 
     @property
     def free(self) -> bool:
@@ -73,17 +79,19 @@ class Model:
         return weights, slopes
 
 
-def build(scene: Scene, made: Discretization | None = None) -> Model:
+def build(scene: Scene, made: Discretization | None = None, time: float | None = None) -> Model:
     """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds.
 
-    made: the body's grid and particles, where they are not to be those of the scene's resolution.
+    made: the body's grid and particles, where they are not to be those of the scene's resolution; time: s, of an equilibrium's field
+    (None: the end of its schedule).
     """
     shape, resolution = scene.body.shape, scene.resolution
     made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell)
     made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
     if scene.effects.in_a_field:
-        scene.outside_field().check_at_rest(made.particles.position, moving=not scene.static)
-    model = _filled(scene, shape, made, effects.collect(scene))
+        scene.outside_field().check_at_rest(made.particles.position, moving=not scene.static, time=time)
+    named = effects.collect(scene, times=None if time is None else np.array([time]))
+    model = _filled(scene, shape, made, named, time)
     effects.check(model)
     return model
 
@@ -91,10 +99,10 @@ def build(scene: Scene, made: Discretization | None = None) -> Model:
 def reshaped(model: Model, shape: BodyShape) -> Model:
     """The model with a body of nearly the same shape, of the same kind, on as many cells; its scene, loads and field stay as they are."""
     made = shape.discretize(model.scene.resolution.cells_across, model.scene.resolution.particles_per_cell, cells=model.grid.cells)
-    return _filled(model.scene, shape, made, model.effects)
+    return _filled(model.scene, shape, made, model.effects, model.time)
 
 
-def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[NDArray[Any], ...]) -> Model:
+def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[NDArray[Any], ...], time: float | None) -> Model:
     """The model of a scene's materials and these effects in the shape's grid and particles."""
     particles, of = made.particles, made.particles.segment
     regions = shape.regions()
@@ -119,4 +127,5 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
         plane_strain=shape.in_plane_strain,
         line=shape.line,
         planes=made.planes,
+        time=time,
     )

@@ -35,7 +35,7 @@ from magmpm.compiled.environment import PACKAGE
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
-from magmpm.model import build
+from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
@@ -103,14 +103,22 @@ def _has_room() -> bool:
 
 def describe(scene: Scene) -> str:
     """The use of a scene's kernels, in a few words."""
-    solver = "statics" if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
+    several = "statics along time" if scene.in_time else "statics"
+    solver = several if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
     return f"{solver} with {' + '.join(scene.effects.named()) or 'no effects'}"
 
 
 def _kinds(scene: Scene) -> str:
     """Text that distinguishes one set of kernels from another."""
-    about = [scene.solver.anti_locking, scene.body.kind, scene.solver.dynamic is not None and formulation_of(scene)]
+    about = [scene.solver.anti_locking, scene.body.kind, _solver(scene)]
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
+
+
+def _solver(scene: Scene) -> str | bool:
+    """What distinguishes the kernels of one way to solve a scene from another's."""
+    if scene.solver.quasi_static is not None:
+        return "quasi_static"
+    return scene.solver.dynamic is not None and formulation_of(scene)
 
 
 def _cache() -> Path:
@@ -130,7 +138,7 @@ def _stamp(kinds: str) -> str:
 
 def _times(scene: Scene) -> NDArray[np.float64] | None:
     """Times at which effects are evaluated: as in motion, or as in statics."""
-    return None if scene.solver.dynamic is None else np.zeros(1)
+    return np.zeros(1) if scene.in_time else None
 
 
 def _small(scene: Scene) -> Scene:
@@ -138,6 +146,8 @@ def _small(scene: Scene) -> Scene:
     data = {**scene.to_si(), "name": "compilation", "reference": None}
     if data["body"]["parts"] is not None:
         data["body"]["parts"]["spacing"] = None
+    if scene.solver.quasi_static is not None:
+        data["solver"]["quasi_static"] = {"at": scene.path_times()[:2]}
     if scene.solver.dynamic is not None:
         short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
@@ -230,7 +240,7 @@ class _Worker:
 def parts_of(small: Scene) -> list[str]:
     """Names of a scene's parts, longest first."""
     if small.solver.dynamic is None:
-        return list(_STATIC)
+        return [*_STATIC, "measured"] if small.in_time else list(_STATIC)
     return list(_TOTAL if formulation_of(small) == "total" else _UPDATED)
 
 
@@ -248,6 +258,10 @@ def solve_small(small: Scene) -> None:
             from magmpm.dynamics.time_loop import move
 
             move(build(small))
+        elif small.in_time:
+            from magmpm.dynamics.quasi_static import follow
+
+            follow(small)
         else:
             solve_static(static_model(build(small)))
 
@@ -263,15 +277,19 @@ def serve() -> None:
         print("done" if kept_all() else "not kept", flush=True)
 
 
+def _built(small: Scene) -> Model:
+    return build(small, time=small.path_times()[0] if small.solver.quasi_static is not None else None)
+
+
 def _tangent(small: Scene) -> None:
-    energy = Energy(arranged(static_model(build(small)))[0])
+    energy = Energy(arranged(static_model(_built(small)))[0])
     model, n = energy.model, len(energy.model.shear)
     rest = np.tile(energy.rest_gradient, (n, 1, 1))
     energy.tangent(Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0))
 
 
 def _energy(small: Scene) -> None:
-    energy = Energy(arranged(static_model(build(small)))[0])
+    energy = Energy(arranged(static_model(_built(small)))[0])
     energy.residual(energy.at(straight(energy.model)))
 
 

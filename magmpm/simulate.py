@@ -7,6 +7,7 @@ import platform
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
 
 if TYPE_CHECKING:
+    from magmpm.dynamics.quasi_static import PathState
     from magmpm.dynamics.time_loop import SimulationState
 
 Progress = Callable[[int, float], None]
@@ -47,7 +49,7 @@ def run(
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
-    """Simulate a scene: its equilibrium, or its motion if it has solver.dynamic.
+    """Simulate a scene: its equilibrium, equilibria along time if it has solver.quasi_static, or its motion if it has solver.dynamic.
 
     scene: a Scene, or the path of a scene file.
     start: statics only: the result of a similar scene on the same grid, whose solution the solve starts from.
@@ -83,13 +85,13 @@ def run(
         try:
             result = simulated(scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=begin)
         except SolveError as error:
-            if scene.solver.dynamic is not None and error.state is not None:
+            if scene.in_time and error.state is not None:
                 try:
                     error.state.save(folder)
                 except OSError as trouble:  # a full disk, say: why the motion failed matters more
                     raise error from trouble
             raise
-        if scene.solver.dynamic is None:
+        if not scene.in_time:
             forget_motion(folder)
         result.save(folder)
     return result
@@ -105,6 +107,8 @@ def simulated(
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
     """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does."""
+    if scene.solver.quasi_static is not None:
+        return _path(scene, folder, resume, on_progress, on_begin)
     if scene.solver.dynamic is not None:
         return _motion(scene, folder, resume, on_progress, on_begin)
     return _at_rest(scene, start, on_progress)[0]
@@ -201,6 +205,44 @@ def _motion(
     return _sound(_moved_result(moved, seconds))
 
 
+def _path(
+    scene: Scene,
+    folder: Path | str | None,
+    resume: bool,
+    on_progress: Progress | None,
+    on_begin: Callable[[], None] | None,
+) -> Result:
+    from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
+
+    begun = time.perf_counter()
+    compiled = prepare_kernels(scene)
+    seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
+
+    def told(at: float, steps: int) -> None:
+        if on_progress is not None:
+            on_progress(steps, at)
+
+    def result_of(state: PathState, failure: str = "") -> Result:
+        seconds["solve"] = time.perf_counter() - begun - compiled
+        found = state.equilibrium
+        if failure:
+            found = replace(found, converged=False)
+        result = _result(state.model, found, seconds, failure)
+        kind: dict[str, Any] = {"time": state.time, "formulation": quasi_static.FORMULATION, "steps": state.rows, "jumps": state.jumps}
+        return replace(result, warnings=result.warnings + state.warnings, **_strained(state.strain), **kind)
+
+    try:
+        with nullcontext() if folder is None else folder_lock(folder):
+            if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
+                on_begin()
+            with memory.within(scene):
+                state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=told)
+    except SolveError as error:
+        failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
+        raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
+    return _sound(result_of(state))
+
+
 def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:
     model = moved.motion.model
     J = np.linalg.det(moved.F)
@@ -284,7 +326,7 @@ def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], f
     scene, point = model.scene, found.point
     position, strain = point.position, strain_of(model, point.position, point.F)
     return Result(
-        **_particles(model, position, point.F, None),
+        **_particles(model, position, point.F, model.time),
         grid_correction=found.correction,
         centreline=axis_of_unknowns.centreline(model, point.grid),
         tip=measures.region_means(model, position)[-1] if model.line is None else axis_of_unknowns.tip(model, point.grid),

@@ -15,6 +15,7 @@ from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.inputs.yaml_document import of_file
 from magmpm.results.file_names import CHECKPOINT, EARLIER
 from magmpm.results.folder_lock import folder_lock
+from magmpm.results.path_tables import jump_in_words
 from magmpm.results.readable import lengths, quantity, significant
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
@@ -29,7 +30,7 @@ def command(options: argparse.Namespace) -> int:
         from viz.worker import forced_backend
 
         forced_backend()  # before the run, whose pictures it would fail to draw
-    if options.style == PARTICLES and scene.solver.dynamic is not None:
+    if options.style == PARTICLES and scene.in_time:
         raise InputError(
             f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface; leave --style out, and look at the "
             "particles in ParaView"
@@ -43,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int:
-    folder, moving = kept.path, scene.solver.dynamic is not None
+    folder, moving = kept.path, scene.in_time
     resume = options.resume and moving and (folder / CHECKPOINT).exists()
     if options.resume and not resume:
         _say_afresh(folder, moving)
@@ -77,14 +78,13 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
-    dynamic = scene.solver.dynamic
     with Progress(f"{scene.name}") as progress, of_file(options.scene):
 
         def tell(step: int, number: float) -> None:
-            if dynamic is None:
+            if not scene.in_time:
                 progress.note(f"Newton step {step}, energy gap {number:.0e}")
             else:  # in thousandths, of which the time left is guessed
-                progress.at(int(1000 * number / dynamic.duration), 1000, f"step {step}, t = {number:.4g} s")
+                progress.at(int(1000 * number / scene.duration), 1000, f"step {step}, t = {number:.4g} s")
 
         return simulated(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
 
@@ -130,9 +130,16 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
     return "\n".join(lines)
 
 
+def _along_time(result: Result) -> str:
+    total = sum(step["iterations"] for step in result.steps)
+    return f"{len(result.steps)} equilibria until {quantity(result.time, 's')} in {total} Newton steps, {len(result.jumps)} jumps"
+
+
 def _done(result: Result) -> str:
     if result.formulation == "static":
         return f"equilibrium in {result.iterations} Newton steps"
+    if result.formulation == "quasi_static":
+        return "\n".join([_along_time(result), *(f"  jump            {jump_in_words(jump)}" for jump in result.jumps)])
     bounds = ", ".join(f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items())
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +20,14 @@ _ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "contr
 
 
 def motion_hash(scene: Scene) -> str:
-    """Scene.hash() of all settings that decide a motion up to any time: all but its duration, its frames and its budgets."""
-    assert scene.solver.dynamic is not None
+    """Scene.hash() of all settings that decide a motion up to any time: all but its duration, its frames and its budgets.
+
+    Of equilibria along time, whose steps decide how a branch is followed: all but its budget.
+    """
+    if scene.solver.dynamic is None:
+        assert scene.solver.quasi_static is not None
+        path = scene.solver.quasi_static.model_copy(update={"max_disk": None})
+        return scene.model_copy(update={"solver": scene.solver.model_copy(update={"quasi_static": path})}).hash()
     endless = scene.solver.dynamic.model_copy(
         update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None}
     )
@@ -40,7 +47,7 @@ class Checkpoint:
     formulation: str
     frame: int
     steps: int
-    control: dict[str, float]
+    control: dict[str, Any]
     state: dict[str, Array]
 
     def save(self, folder: Path | str) -> Path:
@@ -73,17 +80,20 @@ class Checkpoint:
     def _must_be_of(self, scene: Scene, path: Path) -> None:
         """Raise InputError unless the motion of a scene can continue from here: the same scene, possibly with a longer duration."""
         options = scene.solver.dynamic
-        assert options is not None
-        if self.scene_hash != motion_hash(scene) or (options.output_every or self.every) != self.every:
+        if self.scene_hash != motion_hash(scene) or (options is not None and (options.output_every or self.every) != self.every):
+            but = "its budget (max_disk) alone may be another"
+            if options is not None:
+                but = "its duration alone may be longer, and its budgets (max_disk, max_memory) others"
             raise InputError(
                 report(
                     str(path),
                     received="the checkpoint of another scene (or the file was changed since)",
-                    rule="only the scene that it was written by can be resumed from it; its duration alone may be longer, and its budgets "
-                    "(max_disk, max_memory) others",
+                    rule=f"only the scene that it was written by can be resumed from it; {but}",
                     remedy="run without --resume, or into another folder with --out",
                 )
             )
+        if options is None:  # equilibria along time
+            return
         if options.duration < self.time * (1 - 1e-9):
             raise InputError(
                 report(

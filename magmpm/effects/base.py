@@ -38,11 +38,14 @@ class SceneLike(Protocol):
     field: FieldSource
     effects: Any  # effects.acting.Effects: settings by key, None where not named
     materials: Any  # by name: shear_modulus (Pa), bulk_to_shear, density (kg/m^3 or None), remanence (T)
-    solver: Any  # dynamic: None, or duration (s)
+    solver: Any  # dynamic, quasi_static: None where not asked for
     resolution: Any  # cells_across, particles_per_cell
 
     @property
     def length(self) -> float: ...
+
+    @property
+    def duration(self) -> float: ...
 
     @property
     def cell(self) -> float: ...
@@ -123,6 +126,7 @@ class Effect(Settings):
 
     PHASE: ClassVar[Phase]
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
+    ALONG_TIME: ClassVar[bool] = False  # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it too
     IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
     # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date.
     REFRESHED: ClassVar[np.dtype[Any] | None] = None

@@ -36,9 +36,9 @@ def body_reach(scene: SceneLike) -> BodyReach:
     """The region that a scene's body can reach."""
     lower, upper = (np.array(corner) for corner in scene.box())
     size = float(np.linalg.norm(upper - lower))
-    feed, dynamic, line = scene.effects.feed, scene.solver.dynamic, scene.body.shape.line
+    feed, line = scene.effects.feed, scene.body.shape.line
     if line is not None and (feed is not None or scene.body.shape.clamp != "none"):
-        pushed = 0.0 if feed is None or dynamic is None else feed.speed * dynamic.duration
+        pushed = 0.0 if feed is None else feed.speed * scene.duration
         way = np.linspace(0.0, pushed, STATIONS if pushed else 1)
         words = f"{STRETCHED:g} times its length from {'all places its base is pushed to' if pushed else 'its base'}"
         return BodyReach(np.array(line.base) + way[:, None] * [1.0, 0.0, 0.0], STRETCHED * size, words)

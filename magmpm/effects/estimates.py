@@ -76,10 +76,10 @@ def obstacle(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array
 
 def _ahead(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array]) -> str:
     """How near a fed body would come to an obstacle if it moved straight ahead, in words."""
-    feed, dynamic = scene.effects.feed, scene.solver.dynamic
-    if feed is None or dynamic is None:
+    feed = scene.effects.feed
+    if feed is None or not scene.duration > 0.0:
         return ""
-    way = feed.speed * dynamic.duration
+    way = feed.speed * scene.duration
     sweep = body.begin + np.linspace(0.0, way, STATIONS)[:, None, None] * [1.0, 0.0, 0.0]
     least = float(room(sweep.reshape(-1, 3)).min()) - body.half
     if least < 0:

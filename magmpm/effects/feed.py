@@ -35,6 +35,7 @@ class Feed(Effect):
 
     PHASE = "constraint"
     ONLY_IN_MOTION = True
+    ALONG_TIME = True
     speed: Annotated[float, Quantity("speed", at_least="-10 m/s", at_most="10 m/s")] = Field(
         description="Speed along +x; negative pulls back.", examples=["20 mm/s"]
     )
@@ -50,9 +51,9 @@ class Feed(Effect):
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
         """How far it pushes."""
         named = scene.effects.feed
-        if named is None or scene.solver.dynamic is None:
+        if named is None or not scene.duration > 0.0:
             return Advice(None, "pushes the base through a guide at the speed it is given")
-        way = named.speed * scene.solver.dynamic.duration
+        way = named.speed * scene.duration
         return Advice(abs(way), f"pushes the base on by {1e3 * way:.3g} mm")
 
 

@@ -126,12 +126,13 @@ class Field:
         if found is not None:
             raise SolveError(f"{found[0]}; {found[2]}")
 
-    def check_at_rest(self, points: Array, moving: bool) -> None:
+    def check_at_rest(self, points: Array, moving: bool, time: float | None = None) -> None:
         """Raises SceneError where the undeformed body is in a magnet, or not where the field is known.
 
-        moving: at time 0; else at the end of the schedule, where statics takes the field.
+        time: s; unless given, 0 if moving, else the end of the schedule, where statics takes the field.
         """
-        time = 0.0 if moving else end_time(self.source)
+        if time is None:
+            time = 0.0 if moving else end_time(self.source)
         found = self.outside_domain(points, time)
         if found is not None:
             when = "" if self.source.over_time is None else f" at {time:g} s"

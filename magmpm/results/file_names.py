@@ -6,12 +6,13 @@ from pathlib import Path
 
 NUMBERS, ARRAYS = "result.json", "state.npz"
 MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.csv", "motion.json"
+STEPS, JUMPS = "steps.csv", "jumps.csv"  # of equilibria along time
 CHECKPOINT = "checkpoint.npz"
 PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
 OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
 
 OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
-OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, ABOUT)
+OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, STEPS, JUMPS, ABOUT)
 PICTURES = (PICTURE, MOVIE, "movie.gif", MOMENTS, ENERGIES_PLOT)
 OF_ACCURACY = ("accuracy.csv", "accuracy.json", "accuracy.png")  # of `magmpm accuracy`
 

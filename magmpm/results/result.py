@@ -21,7 +21,7 @@ from magmpm.results.readable import lengths, quantity
 from magmpm.results.whole_file import whole_file, write_json
 
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
-    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None,
+    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [],
 }  # fmt: skip
 
 
@@ -100,16 +100,21 @@ class Result:
     time: float = 0.0  # s that a motion has lasted; iterations are its steps
     time_step: float = 0.0  # s
     stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
-    formulation: str = "static"  # or total, updated
+    formulation: str = "static"  # or quasi_static, total, updated
     kinetic_energy: float = 0.0  # J
     load_share: float = 1.0  # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve failed on the way
     failure: str = ""  # why the run stopped early; then this is not the answer but the last good state
     largest_stretch: float = 1.0  # no unit: of any particle; of a motion in any frame
+    steps: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # of equilibria along time, one each: see docs/motion.md
+    jumps: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # where a branch of equilibria ended: see docs/motion.md
     tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
 
     def __repr__(self) -> str:
         """One line: how the run ended, the tip, det F, and what it cost."""
-        how = "equilibrium in {} Newton steps" if self.formulation == "static" else f"motion of {quantity(self.time, 's')} in {{}} steps"
+        how = {
+            "static": "equilibrium in {} Newton steps",
+            "quasi_static": f"{len(self.steps)} equilibria until {quantity(self.time, 's')}, the last in {{}} Newton steps",
+        }.get(self.formulation, f"motion of {quantity(self.time, 's')} in {{}} steps")
         ended = how.format(self.iterations) + ("" if self.converged else ", NOT CONVERGED")
         return (
             f"Result({self.name!r}: {ended}, tip {lengths(self.tip)}, det F {self.min_det_F:.4f} to {self.max_det_F:.4f}, "

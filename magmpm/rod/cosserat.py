@@ -82,8 +82,11 @@ class RodModel:
     field: Array
 
 
-def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodModel:
-    """The rod of a scene. Elements end where segments end. extensible False: no stretch or shear (the pure elastica)."""
+def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodModel:
+    """The rod of a scene. Elements end where segments end. extensible False: no stretch or shear (the pure elastica).
+
+    time: s, of the field's schedule; its end unless given.
+    """
     body = scene.body.shape
     if not isinstance(body, StraightBody):
         raise SolveError("a body made of parts is not a rod")
@@ -102,29 +105,30 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     acceleration = np.zeros(3) if gravity is None else np.array(gravity.acceleration)
     mass = (density * area)[of] * length
     beyond = np.concatenate([np.cumsum(mass[::-1])[::-1], [0.0]])
+    times = None if time is None else np.array([time])
     return RodModel(
         length=length,
         twist_bend=section.twist_bend[of],
         compliance=section.compliance[of] if extensible else np.zeros((len(of), 3)),
         moment=magnetized[of],
         weight=beyond[:, None] * acceleration,
-        field=np.tile(fields.places(scene.field)[0]["uniform"], (len(of) + 1, 1)),
+        field=np.tile(fields.places(scene.field, times)[0]["uniform"], (len(of) + 1, 1)),
     )
 
 
-def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True) -> RodShape:
-    """Equilibrium of the scene's rod on the branch that grows from zero load.
+def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodShape:
+    """Equilibrium of the scene's rod on the branch that grows from zero load; time: as of `rod_model`.
 
     Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
     continuation has become unstable, it goes down the direction of negative curvature.
     Raises SolveError if a step does not converge.
     """
-    rod = rod_model(scene, elements, extensible=extensible)
-    surroundings = _surroundings(scene, rod) if scene.field.varies and scene.effects.in_a_field else None
+    rod = rod_model(scene, elements, extensible=extensible, time=time)
+    surroundings = _surroundings(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
     return solve_rod_model(rod, surroundings=surroundings)
 
 
-def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
+def _surroundings(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
     """Field and pull of a field that varies in space, along the axis of the rod. They are taken as uniform within a section."""
     source = scene.outside_field()
     line = scene.body.shape.line
@@ -133,9 +137,9 @@ def _surroundings(scene: Scene, rod: RodModel) -> Surroundings:
     pulls = scene.effects.magnetic_force is not None
 
     def along(position: Array, frames: Array) -> tuple[Array, Array]:
-        field, force = source.at(base + position), np.zeros((len(rod.length), 3))
+        field, force = source.at(base + position, time), np.zeros((len(rod.length), 3))
         if pulls:
-            gradient = source.gradient(base + position)
+            gradient = source.gradient(base + position, time)
             for side in (slice(None, -1), slice(1, None)):
                 moment = np.einsum("kij,kj->ki", frames[side], rod.moment)
                 force += np.einsum("kji,kj->ki", gradient[side], moment) * rod.length[:, None] / 2

@@ -1,10 +1,11 @@
-"""What a scene may say of motion in time: `solver: {dynamic: ...}`."""
+"""What a scene may say of what happens in time: `solver: {dynamic: ...}`, motion, or `solver: {quasi_static: ...}`, equilibria."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, field_validator, model_validator
 
 from magmpm.inputs.settings import Quantity, Settings, fault
 
@@ -75,3 +76,61 @@ class DynamicOptions(Settings):
         count = int(self.duration / every * (1 + 1e-12))
         times = [k * every for k in range(1, count + 1)]
         return times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]
+
+
+class QuasiStaticOptions(Settings):
+    """Equilibria along time, each found from the one before."""
+
+    steps: int | None = Field(
+        default=None,
+        strict=True,
+        ge=1,
+        le=MOST_FRAMES - 1,
+        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.",
+        examples=[40],
+    )
+    at: tuple[Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")], ...] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=MOST_FRAMES,
+        description="Times of the equilibria, rising; give this or `steps`.",
+        examples=[["0 s", "0.1 s", "0.15 s"]],
+    )
+    duration: Annotated[float, Quantity("time", above="0 s", at_most="1e6 s")] | None = Field(
+        default=None,
+        description="With `steps`: when the last equilibrium is; the end of the field's schedule unless given.",
+        examples=["0.5 s"],
+    )
+    max_disk: Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")] | None = Field(
+        default=None, description="What the files of all steps may take; all there is unless given.", examples=["2 GB"]
+    )
+
+    @field_validator("at")
+    @classmethod
+    def _rising(cls, times: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        for k, (before, now) in enumerate(zip(times or (), (times or ())[1:]), start=1):
+            if not now > before:
+                raise fault(
+                    f"times must rise; this one, {now:g} s, follows {before:g} s",
+                    "sort them, each time once; a load that returns is a field whose schedule returns",
+                    (k,),
+                )
+        return times
+
+    @model_validator(mode="after")
+    def _one_way_to_say_when(self) -> QuasiStaticOptions:
+        if self.steps is None and self.at is None:
+            raise fault("it must say when: `steps` or `at`", "write, say, `quasi_static: {steps: 40}`")
+        if self.at is not None:
+            for key in ("steps", "duration"):
+                if getattr(self, key) is not None:
+                    raise fault(f"`at` says when the equilibria are, and so does `{key}`", f"remove `at` or `{key}`", (key,))
+        return self
+
+    def times(self, schedule_end: float) -> list[float]:
+        """Times (s) of all equilibria. schedule_end: s, when everything in the field's schedule that ends has ended."""
+        if self.at is not None:
+            return list(self.at)
+        assert self.steps is not None  # _one_way_to_say_when
+        end = self.duration if self.duration is not None else schedule_end
+        return [float(time) for time in np.linspace(0.0, end, self.steps + 1)]

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.inputs.settings import Quantity, Settings, fault, from_file
-from magmpm.scene.motion_options import DynamicOptions
+from magmpm.scene.motion_options import DynamicOptions, QuasiStaticOptions
 
 
 class Material(Settings):
@@ -82,7 +82,7 @@ class StaticOptions(Settings):
 
 
 class Solver(Settings):
-    """Statics or dynamics, one of them, and the settings that both share."""
+    """Statics, quasi-statics or dynamics, one of them, and the settings that all share."""
 
     anti_locking: Literal["f-bar", "none"] = Field(
         default="f-bar",
@@ -90,21 +90,32 @@ class Solver(Settings):
         examples=["f-bar"],
     )
     static: StaticOptions = Field(
-        default=StaticOptions(), description="Equilibrium: {} for the usual settings; give this or `dynamic`.", examples=[{}]
+        default=StaticOptions(),
+        description="Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`.",
+        examples=[{}],
     )
     dynamic: DynamicOptions | None = Field(
         default=None,
-        description="Motion in time, from rest: at least {duration: 0.5 s}; give this or `static`.",
+        description="Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or `static`.",
         examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
+    )
+    quasi_static: QuasiStaticOptions | None = Field(
+        default=None,
+        description="Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or `static`.",
+        examples=[{"steps": 40}],
     )
 
     @model_validator(mode="after")
     def _one_solver(self, info: ValidationInfo) -> Solver:
-        """A motion has no use for settings of equilibrium; plain SI data hold both, with the usual settings of statics."""
-        if self.dynamic is not None and "static" in self.model_fields_set and (from_file(info) or self.static != StaticOptions()):
+        """One kind of solve has no use for the settings of another; plain SI data hold all three, with the usual settings of statics."""
+        given = [key for key in ("quasi_static", "dynamic") if getattr(self, key) is not None]
+        if "static" in self.model_fields_set and (from_file(info) or self.static != StaticOptions()):
+            given.insert(0, "static")
+        if len(given) > 1:
             raise fault(
-                "give `static` or `dynamic`, one of them: a scene is solved for its equilibrium or for its motion",
-                "remove one of them; what both use, `anti_locking`, stands beside them in `solver`",
+                "give `static`, `quasi_static` or `dynamic`, one of them: a scene is solved for its equilibrium, for equilibria along "
+                f"time, or for its motion; this has {' and '.join(f'`{key}`' for key in given)}",
+                "remove one of them; what all use, `anti_locking`, stands beside them in `solver`",
             )
         return self
 

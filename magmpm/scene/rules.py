@@ -6,7 +6,10 @@ import difflib
 from collections.abc import Set
 from typing import Any, Protocol
 
+import numpy as np
+
 from magmpm.effects.base import SceneLike
+from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
 
 NO_ENERGY = (  # rule and remedy, where a static scene names one of them
@@ -22,6 +25,8 @@ class WholeScene(SceneLike, Protocol):
 
     @property
     def static(self) -> bool: ...
+
+    def path_times(self) -> list[float]: ...
 
     @property
     def model_fields_set(self) -> Set[str]: ...
@@ -44,9 +49,11 @@ def check(scene: WholeScene, *, written: bool) -> None:
         )
     _motion_has_its_solver(scene)
     _contact_has_its_formulation(scene)
+    _path_has_an_end(scene)
     _feed_can_push(scene)
     _field_suits_the_solver(scene)
     if written:
+        _something_changes(scene)
         if (missing := without_energy(scene)) is not None:
             raise fault(*NO_ENERGY, ("effects", missing))
         for effect in ("magnetic_torque", "magnetic_force"):
@@ -103,11 +110,13 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
     """Effects that act on a moving body only need the dynamic solver."""
     if not scene.static:
         return
+    along_time = scene.solver.quasi_static is not None
     for name, effect in scene.effects.named().items():
-        if effect.ONLY_IN_MOTION:
+        if effect.ONLY_IN_MOTION and not (along_time and effect.ALONG_TIME):
+            ways = "`solver: {dynamic: {duration: 0.5 s}}`"
             raise fault(
-                f"{name} acts in motion only, and this scene is solved for its equilibrium",
-                f"write `solver: {{dynamic: {{duration: 0.5 s}}}}`, or do not name {name}",
+                f"{name} acts in motion only, and this scene is solved for {'equilibria along time' if along_time else 'its equilibrium'}",
+                f"write {ways}{' or `solver: {quasi_static: {steps: 40}}`' if effect.ALONG_TIME else ''}, or do not name {name}",
                 ("effects", name),
             )
 
@@ -141,12 +150,11 @@ def _feed_can_push(scene: WholeScene) -> None:
             f"write an exit of {1e3 * least:g} mm or more",
             ("effects", "feed", "exit"),
         )
-    duration = scene.solver.dynamic.duration if scene.solver.dynamic is not None else 0.0
-    left = feed.exit - feed.speed * duration
+    left = feed.exit - feed.speed * scene.duration
     if not left >= least:
         raise fault(
             f"the base must stay in the guide by one diameter, {1e3 * least:g} mm; {1e3 * left:g} mm are left after "
-            f"{duration:g} s",
+            f"{scene.duration:g} s",
             "push more slowly, for a shorter time, or from a guide whose exit is farther",
             ("effects", "feed", "speed"),
         )
@@ -154,7 +162,7 @@ def _feed_can_push(scene: WholeScene) -> None:
 
 def _field_suits_the_solver(scene: WholeScene) -> None:
     """Equilibrium has one field, the one at the end of the schedule, and is a minimum of one energy."""
-    if not scene.static:
+    if not scene.static or scene.solver.quasi_static is not None:
         return
     over = scene.field.over_time
     if over is not None and over.endless is not None:
@@ -164,6 +172,46 @@ def _field_suits_the_solver(scene: WholeScene) -> None:
             f"add `{count}` to say when it stops, or ask for motion with solver.dynamic",
             ("field", "over_time", over.endless),
         )
+
+
+def _path_has_an_end(scene: WholeScene) -> None:
+    """Equilibria along time need to know until when, where neither the solver nor the field's schedule says it."""
+    options, over = scene.solver.quasi_static, scene.field.over_time
+    if options is None or options.steps is None or options.duration is not None:
+        return
+    why = None
+    if over is not None and over.endless is not None:
+        why = f"the field's {over.endless} has no end"
+    elif over is None and scene.effects.feed is not None:
+        why = "feed has no end, and the field does not change"
+    elif not scene.path_times()[-1] > 0.0:
+        raise fault(*_nothing_changes("the field has no schedule, and nothing is fed"), ("solver", "quasi_static"))
+    if why is not None:
+        raise fault(
+            f"the steps are equal parts of a time that the scene must give: {why}",
+            "add `duration`, say `quasi_static: {steps: 40, duration: 0.5 s}`, or list the times: `at`",
+            ("solver", "quasi_static", "steps"),
+        )
+
+
+def _something_changes(scene: WholeScene) -> None:
+    """Along a path of equilibria the load must change. Only asked of files."""
+    feed = scene.effects.feed
+    if scene.solver.quasi_static is None or (feed is not None and feed.speed != 0.0):
+        return
+    places = schedule.places(scene.field, np.array(scene.path_times()))
+    if len(places) == 1 or (places == places[0]).all():
+        why = "the field is the same at all of its times" if scene.field.over_time is not None else "the field has no schedule"
+        raise fault(*_nothing_changes(f"{why}, and nothing is fed"), ("solver", "quasi_static"))
+    if not scene.effects.in_a_field:
+        raise fault(*_nothing_changes("no effect of the field is named, and nothing is fed"), ("solver", "quasi_static"))
+
+
+def _nothing_changes(why: str) -> tuple[str, str]:
+    return (
+        f"nothing changes along this path of equilibria: {why}",
+        "let the field change, say `over_time: {ramp: {duration: 0.1 s}}`, name `feed`, or ask for one equilibrium: `solver: {static: {}}`",
+    )
 
 
 def without_energy(scene: WholeScene) -> str | None:

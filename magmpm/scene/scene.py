@@ -30,7 +30,7 @@ from magmpm.bodies.regions import Region
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, report
 from magmpm.fields.outside_field import Field as OutsideField
-from magmpm.fields.outside_field import outside_field
+from magmpm.fields.outside_field import end_time, outside_field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.folder_names import folder_fault
@@ -147,8 +147,24 @@ class Scene(Settings):
 
     @property
     def static(self) -> bool:
-        """Whether equilibrium is sought, rather than motion."""
+        """Whether equilibrium is sought, one or several along time, rather than motion."""
         return self.solver.dynamic is None
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it is solved for several moments, which are written as frames: a motion, or equilibria along time."""
+        return self.solver.dynamic is not None or self.solver.quasi_static is not None
+
+    @property
+    def duration(self) -> float:
+        """When the last moment is, s; 0 of a single equilibrium."""
+        dynamic = self.solver.dynamic
+        return dynamic.duration if dynamic is not None else (self.path_times() or [0.0])[-1]
+
+    def path_times(self) -> list[float]:
+        """Times (s) of the equilibria along time; none where the scene asks for none."""
+        quasi_static = self.solver.quasi_static
+        return [] if quasi_static is None else quasi_static.times(end_time(self.field))
 
     # what the scene says, put together
 
@@ -210,7 +226,8 @@ class Scene(Settings):
         """One line: the body, its effects, and how it is solved."""
         named = " + ".join(name for name, effect in self.effects if effect is not None) or "no effects"
         dynamic = self.solver.dynamic
-        solved = "equilibrium" if dynamic is None else f"motion of {dynamic.duration:g} s"
+        several = f"{len(self.path_times())} equilibria over {self.duration:g} s" if self.in_time else "equilibrium"
+        solved = several if dynamic is None else f"motion of {dynamic.duration:g} s"
         size = f"{1e3 * self.length:g} mm long, {1e3 * self.thickness:g} mm thick, {len(self.regions())} regions"
         return f"Scene({self.name!r}: {self.body.kind}, {size}; {named}; {solved} in cells of {1e3 * self.cell:.3g} mm)"
 

@@ -55,6 +55,10 @@ class Energy:
         self._per_cell = np.empty((3, cells))
         self._fixed = layout.fixed if layout.fixed.any() else None
 
+    def load(self, model: StaticModel) -> None:
+        """Put the same body under other loads: those of a model with the same grid and particles."""
+        self.model, self._rest = model, None
+
     def at(self, grid: Array) -> Point:
         """State and energy for grid coefficients (planes, m) m."""
         model = self.model

@@ -68,11 +68,11 @@ def solve_static(
     model, of = arranged(model)
     with one_blas_thread():
         try:
-            return _restored(model, _solve(model, correction, on_step), of)
+            return restored(model, _solve(model, correction, on_step), of)
         except SolveError as error:
             state = error.state
             raise SolveError(
-                error.reason, _restored(model, state, of) if isinstance(state, Equilibrium) else state
+                error.reason, restored(model, state, of) if isinstance(state, Equilibrium) else state
             ) from None
 
 
@@ -84,7 +84,7 @@ def one_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-def _restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
+def restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
     """The equilibrium with particles and reference axes in their order before statics.axis_order."""
     if model.order == (0, 1, 2):
         return found
@@ -118,7 +118,7 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
     """The error if a solve has led into a magnet, or to where the field is not known; else None."""
     if not isinstance(point, Point) or not model.scene.effects.in_a_field:
         return None
-    found = model.scene.outside_field().outside_domain(point.position)
+    found = model.scene.outside_field().outside_domain(point.position, model.time)
     return None if found is None else SolveError(f"{found[0]}; {found[2]}", state)
 
 
@@ -153,7 +153,7 @@ def _branch(
     if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
-        rod = solve_rod(model.scene)
+        rod = solve_rod(model.scene, time=model.time)
     except SolveError as error:
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
@@ -199,7 +199,7 @@ def _ramp(
     last: Point | None = None
     while reached < 1.0:
         factor = min(1.0, reached + size)
-        energy = Energy(replace(model, effects=acting.collect(model.scene, factor)))
+        energy = Energy(replace(model, effects=acting.collect(model.scene, factor, model.times)))
         try:
             found = minimize(
                 energy,

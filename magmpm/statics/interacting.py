@@ -39,8 +39,8 @@ class InteractingEnergy:
     def __init__(self, model: StaticModel) -> None:
         scene = model.scene.with_effects(magnetic_interaction=None)
         self.model = model
-        self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene)))
-        self.named = acting.collect(model.scene)
+        self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene, times=model.times)))
+        self.named = acting.collect(model.scene, times=model.times)
         self.whole = Energy(replace(model, effects=self.named))
 
     def at(self, grid: Array) -> Point:
