@@ -1,7 +1,6 @@
 """Equilibria along a path of loads: each found from the one before, on its branch, until the branch ends.
 
-A step is accepted where undamped Newton iterations from the prediction contract (each step at most CONTRACTION times the one before)
-to a state whose tangent is positive definite: then the state is the neighbor of the one before, and stable. Otherwise the step is halved,
+A step is accepted where undamped Newton iterations from the prediction contract (step k is at most CONTRACTION^k times the first) to a state whose tangent is positive definite: then the state is the neighbor of the one before, and stable. Otherwise the step is halved,
 down to FINEST of what the caller asked for. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of
 the tangent reaches zero:
 
@@ -30,17 +29,21 @@ from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import NEAR, _chord_steps, _step, factored, minimize
+from magmpm.statics.newton import NEAR, ROUNDING_AT_REST, _chord_steps, factored
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
 ALIKE = 1e-5  # of the length: steps shorter than this may shrink more slowly, down to rounding
 MOST_NEWTON = 12  # steps of one attempt
 FINEST = 2.0**-10  # of the step asked for: attempts are halved down to this, and critical loads known within it
+LANDING = 15  # of the finest steps: how far past the end of a branch the body is sought again; nearer, a new branch is too steep
 GROWTH = 2.0  # of the step after one that was accepted
 PUSH = 1e-3  # of the length: how far along its mode an unstable body is pushed off
 LONGEST_FALL = 0.03  # of the length: a step of a fall
 MOST_FALLING = 400  # steps of a fall
-SOFT = 100.0  # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone moves the soft mode by an energy like this
+MOST_TURNS = 6  # Newton steps in each
+STIFFER = 10.0  # times as much of the mass matrix, where a tangent has no factors yet
+NEUTRAL = 1e-4  # of the lowest eigenvalue of the undeformed body: what counts as zero. A buckled round rod turns about its axis freely
+SOFT = 100.0  # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode such an energy
 Kind = Literal["limit point", "bifurcation"]
 Tell = Callable[[int, float], None]
 
@@ -91,16 +94,16 @@ class Branch:
         self._tolerance, self._max_steps, self._tell = tolerance, max_steps, on_step
         self._energy: Energy | None = None
         self._spent = 0
+        self._unstable = False  # whether the last attempt failed on a branch that goes on, unstable
+        self._shift, self._free, self._decrement = 0.0, 0.0, 0.0
+        self._mass_of: object = None
+        self._masses = np.zeros((0, 0))
 
     def settle_in(self, grid: Array) -> None:
         """Take an equilibrium that was found otherwise as the first: its energy, and its lowest eigenvalue."""
         energy = self.energy_at(self.now.time)
         point = energy.at(grid)
-        lowest = None
-        if not acting.feels_itself(energy.model.scene):
-            factored(energy, point)
-            lowest = lowest_mode(energy)[0]
-        self.now = replace(self.now, point=point, lowest=lowest)
+        self.now = replace(self.now, point=point, lowest=self._eigenvalue(energy, point))
 
     def state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Arrays and numbers from which `restored` makes the same branch."""
@@ -123,26 +126,33 @@ class Branch:
     def advance(self, until: float) -> list[Jump]:
         """Go on to a time (s). Returns the jumps on the way. Raises SolveError where the body falls to no rest, or leaves the field."""
         jumps: list[Jump] = []
-        asked, failed = until - self.now.time, np.inf
-        finest, self._spent = FINEST * asked, 0
+        finest, self._spent = FINEST * (until - self.now.time), 0
+        growth = GROWTH
+        beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
-            way = min(until - self.now.time, self.now.step)
-            if failed < np.inf:
-                way = min(way, failed - self.now.time)
-            target = until if self.now.time + way > until - 0.5 * finest else self.now.time + way
+            gap = min(until, beyond) - self.now.time
+            way = gap / 2 if beyond < np.inf and (self._unstable or self._ends_before(beyond)) else gap
+            way = min(way, self.now.step)
+            if beyond < np.inf and gap <= 1.5 * finest:
+                jumps.append(self._jump(beyond, min(until, beyond + LANDING * finest)))
+                beyond = np.inf
+                continue
+            end = min(until, beyond)
+            target = end if self.now.time + way > end - 0.5 * finest else self.now.time + way
             found = self._attempt(target)
-            if found is not None:
-                self.before = self.now
-                self.now = replace(found, step=max(GROWTH * way, found.step))
-                failed = np.inf if target >= failed else failed
-            elif way > 1.01 * finest:
-                failed = target
-                self.now = replace(self.now, step=way / 2)
-            else:
-                jumps.append(self._jump(target))
-                failed = np.inf
+            if found is None:
+                beyond, growth = target, 1.0  # the next step is no longer than the one that was too long
+                self.now = replace(self.now, step=max(way / 2, 0.5 * finest))
+                continue
+            self.before, self.now = self.now, replace(found, step=growth * way)
+            growth = GROWTH
+            beyond = np.inf if target >= beyond else beyond
         self.now = replace(self.now, iterations=self._spent)
         return jumps
+
+    def _ends_before(self, time: float) -> bool:
+        """Whether the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
+        return self.before is not None and _zero_of("limit point", self.before, self.now, time) < time
 
     def energy_at(self, time: float) -> Energy:
         """The energy under the load of a time, s. Its work arrays are used again as long as the grid stays."""
@@ -157,12 +167,15 @@ class Branch:
         energy = self.energy_at(target)
         model = energy.model
         begin = self.loads.carried(self.now.point.grid, self.now.time, target)
+        self._unstable = False
         if acting.feels_itself(model.scene):
-            point = self._together(model, begin)
-            lowest = None
+            point, lowest = self._together(model, begin), None
         else:
-            point = self._contracted(energy, begin)
-            lowest = None if point is None else lowest_mode(energy)[0]
+            point, mode = self._contracted(energy, begin), None
+            if point is not None:
+                mode = self._lowest(energy, point)
+                self._unstable = mode is None
+            point, lowest = (None, None) if mode is None else (point, mode[0])
         if point is None:
             return None
         if (lost := outside_domain(model, point)) is not None:
@@ -170,33 +183,78 @@ class Branch:
         return Reached(target, point, lowest, self._spent, self.now.step)
 
     def _contracted(self, energy: Energy, begin: Array) -> Point | None:
-        """The minimum to which Newton's steps contract, with its factored tangent in the energy's panels; None where they do not."""
-        point, rest, last = energy.at(begin), energy.rest_energy(), np.inf
-        alike = ALIKE * float(np.ptp(energy.model.plane_coordinates()))
+        """The minimum to which Newton's steps contract; None where they do not, or lead to where the tangent is not positive definite."""
+        point, rest, allowed = energy.at(begin), energy.rest_energy(), np.inf
+        length = float(np.ptp(energy.model.plane_coordinates()))
         for step in range(MOST_NEWTON):
             if not point.min_det_F > 0:
                 return None
-            residual, direction, shift = _step(energy, point, 0.0)
+            residual, definite = self._made_definite(energy, point)
+            direction = -solve(energy.panels, energy.model.layout.split, residual)
             self._spent += 1
-            if shift > 0.0 and step > 0:  # the prediction alone may hold a spurious pressure
-                return None
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())
             if self._tell is not None:
                 self._tell(step + 1, decrement / scale)
             size = float(np.abs(direction).max())
-            if size > max(CONTRACTION * last, alike):
+            if size > max(allowed, ALIKE * length):
                 return None
-            if decrement < NEAR * scale and shift == 0.0:
+            allowed = CONTRACTION * min(allowed, size) if step == 0 else CONTRACTION * allowed
+            if decrement < NEAR * scale:
+                if not definite:
+                    self._unstable = True
+                    return None
                 enough = max(self._tolerance * scale, SOFT * energy.least_scale())
                 point, reached = _chord_steps(energy, point, direction, decrement, enough)
                 if reached < enough:
                     return point
                 if reached < decrement:
                     continue
-            last = size if shift == 0.0 else np.inf
             point = energy.at(point.grid + direction)
         return None
+
+    def _factored(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array, bool]:
+        """Residual, and whether all eigenvalues of the tangent are positive or count as zero (NEUTRAL): if so, the energy's panels hold the
+        factors of the tangent plus that much, or `more` (Pa/m^2), of the mass matrix. So steps along a neutral direction, where rounding
+        decides, stay short; others are Newton's to within NEUTRAL."""
+        layout, self._shift = energy.model.layout, max(more, self._neutral(energy))
+        residual, panels = energy.tangent(point)
+        diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
+        diagonal += self._shift * self._mass(energy)
+        return residual, factor(panels, layout.split) < 0
+
+    def _made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array, bool]:
+        """As `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed for a
+        step or two, for it moves along tangents of its arcs: it is not unstable."""
+        residual, definite = self._factored(energy, point, more)
+        done = definite
+        while not done:
+            residual, done = self._factored(energy, point, STIFFER * self._shift)
+            if self._shift > 1e12 * self._neutral(energy):
+                raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
+        return residual, definite
+
+    def _mass(self, energy: Energy) -> Array:
+        """The lumped mass of the energy's model."""
+        if self._mass_of is not energy.model.layout:
+            self._mass_of, self._masses = energy.model.layout, lumped_mass(energy.model)
+            self._free = 0.0
+        return self._masses
+
+    def _neutral(self, energy: Energy) -> float:
+        """Eigenvalue (Pa/m^2) that counts as zero: NEUTRAL of the lowest of the undeformed body."""
+        mass = self._mass(energy)
+        if self._free == 0.0:
+            factored(energy, energy.at(np.zeros(energy.shape)))
+            self._free = lowest_mode(energy, mass)[0]
+        return NEUTRAL * self._free
+
+    def _lowest(self, energy: Energy, point: Point) -> tuple[float, Array] | None:
+        """Lowest eigenvalue (Pa/m^2) and mode of the tangent at a minimum; None where it is none."""
+        if not self._factored(energy, point)[1]:
+            return None
+        lowest, mode = lowest_mode(energy, self._mass(energy))
+        return lowest - self._shift, mode
 
     def _together(self, model: StaticModel, begin: Array) -> Point | None:
         """The minimum near a state of a body whose segments act on each other, if the steps to it are few."""
@@ -208,35 +266,41 @@ class Branch:
         self._spent += found.steps
         return found.point
 
-    def _jump(self, past: float) -> Jump:
-        """The end of the branch, between now and a time (s) just past it; the body falls to where it is then."""
-        last, before = self.now, self.before
+    def _eigenvalue(self, energy: Energy, point: Point) -> float | None:
+        """Lowest eigenvalue (Pa/m^2) at a minimum; None where it is not known."""
+        mode = None if acting.feels_itself(energy.model.scene) else self._lowest(energy, point)
+        return None if mode is None else mode[0]
+
+    def _jump(self, past: float, landing: float) -> Jump:
+        """The end of the branch, between now and a time (s) just past it; the body falls to where it is at `landing`, s."""
+        last = self.now
         energy = self.energy_at(last.time)
-        factored(energy, last.point)
-        lowest, mode = lowest_mode(energy)
+        found_mode = self._lowest(energy, last.point)
+        assert found_mode is not None  # `last` is a minimum
+        mode = found_mode[1]
         kind = self._kind(energy, last, past, mode)
-        critical = _zero_of(kind, before, last, lowest, past)
-        energy = self.energy_at(past)
+        critical = 0.5 * (last.time + past)
+        if self.before is not None:
+            critical = _zero_of(kind, self.before, last, past)
+        energy = self.energy_at(landing)
         carry = self.loads.carried
-        begin = energy.at(carry(last.point.grid, last.time, past))
-        found = self._fall(energy, begin, carry(mode, last.time, past), kind)
+        begin = energy.at(carry(last.point.grid, last.time, landing))
+        found = self._fall(energy, begin, carry(mode, last.time, landing))
         if (lost := outside_domain(energy.model, found)) is not None:
-            raise SolveError(f"t = {past:.6g} s: after the branch ended, {lost}")
+            raise SolveError(f"t = {landing:.6g} s: after the branch ended, {lost}")
         moved = float(np.linalg.norm(found.position - begin.position, axis=1).max())
-        factored(energy, found)
-        self.now = Reached(past, found, lowest_mode(energy)[0], self._spent, 4 * (past - last.time))
+        self.now = Reached(landing, found, self._eigenvalue(energy, found), self._spent, landing - critical)
         self.before = None
-        return Jump(critical, kind, past - last.time, moved, begin.energy - found.energy, past)
+        return Jump(critical, kind, past - last.time, moved, begin.energy - found.energy, landing)
 
     def _kind(self, energy: Energy, last: Reached, past: float, mode: Array) -> Kind:
         """Whether the branch turns back there (its direction is the mode) or goes on unstable (its direction has nothing of the mode).
 
         energy: at the last state, with its factored tangent.
         """
-        mass = lumped_mass(energy.model)
-        split, layout = energy.model.layout.split, energy.model.layout
+        mass, layout = self._mass(energy), energy.model.layout
         if self.loads.at(past).layout is layout:
-            direction = -solve(energy.panels, split, self.energy_at(past).residual(last.point))
+            direction = -solve(energy.panels, layout.split, self.energy_at(past).residual(last.point))
         elif self.before is not None:
             direction = last.point.grid - self.loads.carried(self.before.point.grid, self.before.time, last.time)
         else:
@@ -245,7 +309,7 @@ class Branch:
         whole = float(np.sum(mass * direction**2) * np.sum(mass * mode**2))
         return "limit point" if along > 0.5 * whole else "bifurcation"
 
-    def _fall(self, energy: Energy, begin: Point, mode: Array, kind: Kind) -> Point:
+    def _fall(self, energy: Energy, begin: Point, mode: Array) -> Point:
         """The minimum that the body falls to from just past the end of a branch."""
         length = float(np.ptp(energy.model.plane_coordinates()))
         push = PUSH * length / float(np.abs(mode).max()) * mode
@@ -257,13 +321,46 @@ class Branch:
         if acting.feels_itself(energy.model.scene):
             whole = InteractingEnergy(energy.model)
             return minimize_with_interaction(whole, one.grid, tolerance=self._tolerance, max_steps=self._max_steps).point
-        point, count = fall(energy, one, LONGEST_FALL * length)
-        self._spent += count
-        scale = max(abs(point.energy - energy.rest_energy()), energy.least_scale())
-        tolerance = max(self._tolerance, SOFT * energy.least_scale() / scale)
-        found = minimize(energy, point.grid, tolerance=tolerance, max_steps=self._max_steps, on_step=self._tell)
-        self._spent += found.steps
-        return found.point
+        return self._settled(energy, one, LONGEST_FALL * length)
+
+    def _settled(self, energy: Energy, point: Point, longest: float) -> Point:
+        """Where overdamped motion from a state ends, by implicit Euler steps of at most `longest` (m). Raises SolveError.
+
+        A step of the time 1 / mu is the minimum of E + mu/2 |c - c0|^2, found by Newton's method. mu grows where that fails, the step is
+        too long or the energy does not fall, and shrinks otherwise, to next to nothing: the last steps are Newton's.
+        """
+        neutral, rest = self._neutral(energy), energy.rest_energy()
+        noise, mu = ROUNDING_AT_REST * energy.least_scale(), neutral
+        for _ in range(MOST_FALLING):
+            trial = self._euler(energy, point, mu, longest)
+            if trial is None or trial.energy > point.energy + noise:
+                mu *= 4.0
+                continue
+            scale = max(abs(trial.energy - rest), energy.least_scale())
+            if mu <= neutral and self._decrement < max(self._tolerance * scale, SOFT * energy.least_scale()):
+                return trial
+            point, mu = trial, max(mu / 4.0, neutral)
+        raise SolveError(f"the body fell for {MOST_FALLING} steps and came to no rest", point)
+
+    def _euler(self, energy: Energy, before: Point, mu: float, longest: float) -> Point | None:
+        """The minimum of E + mu/2 |c - c0|^2 near a state c0; None where there is none within `longest` (m)."""
+        mass, split, point = self._mass(energy), energy.model.layout.split, before
+        for turn in range(MOST_TURNS):
+            residual, definite = self._made_definite(energy, point, mu)
+            if not definite and turn == 0:
+                return None
+            self._spent += 1
+            residual = residual + mu * mass * (point.grid - before.grid)
+            direction = -solve(energy.panels, split, residual)
+            decrement = -float(np.sum(residual * direction)) / 2
+            if turn == 0:
+                self._decrement = decrement
+            point = energy.at(point.grid + direction)
+            if not point.min_det_F > 0 or float(np.abs(point.grid - before.grid).max()) > longest:
+                return None
+            if decrement < max(1e-4 * self._decrement, SOFT * energy.least_scale()):
+                break
+        return point
 
 
 def outside_domain(model: StaticModel, point: Point) -> str | None:
@@ -274,45 +371,13 @@ def outside_domain(model: StaticModel, point: Point) -> str | None:
     return None if found is None else f"{found[0]}; {found[2]}"
 
 
-def _zero_of(kind: Kind, before: Reached | None, last: Reached, lowest: float, past: float) -> float:
-    """When the lowest eigenvalue reaches zero, s: by its trend between the last two equilibria, within the bracket."""
-    if before is None or before.lowest is None or not before.lowest > lowest:
-        return 0.5 * (last.time + past)
+def _zero_of(kind: Kind, before: Reached, last: Reached, past: float) -> float:
+    """When the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
+    if before.lowest is None or last.lowest is None or not before.lowest > last.lowest:
+        return past
     power = 2 if kind == "limit point" else 1
-    far, near = before.lowest**power, lowest**power
+    far, near = before.lowest**power, max(last.lowest, 0.0) ** power
     return float(np.clip(last.time + near * (last.time - before.time) / (far - near), last.time, past))
-
-
-def fall(energy: Energy, point: Point, longest: float) -> tuple[Point, int]:
-    """Overdamped motion from a state, by implicit Euler steps of at most `longest` (m), until Newton's method can take over.
-
-    Each step solves (K + mu M) d = -R. mu (1/s^2: one over the time step) grows where K + mu M is not positive definite, the step too long,
-    or the energy does not fall, and shrinks otherwise. Returns the state and the number of steps. Raises SolveError.
-    """
-    layout, mass = energy.model.layout, lumped_mass(energy.model)
-    mu, count = 0.0, 0
-    least = 1e-9 * float(energy.model.shear.max()) / (float(np.ptp(energy.model.plane_coordinates())) ** 2)
-    while count < MOST_FALLING:
-        count += 1
-        residual, panels = energy.tangent(point)
-        diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
-        diagonal += mu * mass
-        if factor(panels, layout.split) >= 0:
-            mu = max(4.0 * mu, least)
-            continue
-        direction = -solve(panels, layout.split, residual)
-        size = float(np.abs(direction).max())
-        trial = energy.at(point.grid + direction) if size <= longest else None
-        if trial is None or not (trial.min_det_F > 0 and trial.energy <= point.energy):
-            if mu == 0.0 and size < 1e-3 * longest:
-                return point, count
-            mu = max(3.0 * mu, least)
-            continue
-        point = trial
-        if mu == 0.0 and size < 0.1 * longest:
-            return point, count
-        mu = mu / 3.0 if mu > least else 0.0
-    raise SolveError(f"the body fell for {MOST_FALLING} steps and came to no rest", point)
 
 
 def lumped_mass(model: StaticModel) -> Array:
@@ -330,10 +395,10 @@ def lumped_mass(model: StaticModel) -> Array:
     return out
 
 
-def lowest_mode(energy: Energy) -> tuple[float, Array]:
-    """Smallest eigenvalue (Pa/m^2) and mode (planes, m) of the factored tangent against the lumped mass of density 1: inverse iteration."""
+def lowest_mode(energy: Energy, mass: Array) -> tuple[float, Array]:
+    """Smallest eigenvalue (Pa/m^2) and mode (planes, m) of the factored tangent against a lumped mass of density 1: inverse iteration."""
     model, layout = energy.model, energy.model.layout
-    mass, x = lumped_mass(model), model.plane_coordinates()
+    x = model.plane_coordinates()
     _, second, third = model.order
     d = 1e-6 * np.random.default_rng(0).standard_normal((layout.planes, layout.m)) * float(np.ptp(x)) ** 2
     d[:, third::3] += ((x - x[0]) ** 2)[:, None]
