@@ -159,7 +159,7 @@ def _note(state: PathState) -> None:
             "tip": [float(x) for x in tip_of(model, point)],
             "field": [float(b) for b in field_at(model, point.position)],
             "energy": point.energy,
-            "stability": state.branch.now.lowest,
+            "stability": state.branch.stability,
             "min_det_F": point.min_det_F,
             "max_det_F": point.max_det_F,
             "iterations": state.branch.now.iterations,

@@ -217,7 +217,7 @@ SHAPES = [
     edit("segment of no length to speak of", "length: 5 mm}", "length: 1e-9 mm}", CATHETER + ".segments[1].length", '"1e-9 mm"', "at least 0.01 times the catheter's diameter long, 0.04 mm here", "segment 2 is 1e-09 mm", "check its unit"),
     edit("nothing left for the last segment", "length: 15 mm}", "length: 34.99 mm}", CATHETER + ".segments", '[{"magnetization"', "at least 0.01 times the catheter's diameter", "segment 3 is 0.01 mm", line=17),
     edit("wall of no thickness to speak of", "inner_diameter: 1 mm", "inner_diameter: 3.999 mm", CATHETER + ".inner_diameter", '"3.999 mm"', "wall must be at least 0.001 times its diameter thick, 0.004 mm here", "at most 3.992 mm"),
-    edit("two solvers", "  static: {", "  dynamic: {duration: 1 ms}\n  static: {", "solver", '{"dynamic": {"duration": "1 ms"}, "static": {"tolerance": 1e-09, "max_steps":...', "`static` or `dynamic`, one of them", "remove one", "`anti_locking`", line=26),
+    edit("two solvers", "  static: {", "  dynamic: {duration: 1 ms}\n  static: {", "solver", '{"dynamic": {"duration": "1 ms"}, "static": {"tolerance": 1e-09, "max_steps":...', "`quasi_static` or `dynamic`, one of them", "this has `static` and `dynamic`", "remove one", "`anti_locking`", line=26),
     edit("cure within statics", "{tolerance", "{anti_locking: f-bar, tolerance", "solver.static.anti_locking", '"f-bar"', "unknown key", "it belongs in solver"),
     edit("unknown model", "neo-hookean", "neohookean", MAGNETIC + ".model", '"neohookean"', "must be 'neo-hookean'", "did you mean"),
     edit("clamp at the tip", "clamp: base", "clamp: tip", CATHETER + ".clamp", '"tip"', "must be 'base'", "`clamp: base`"),
