@@ -96,9 +96,12 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     return model
 
 
-def reshaped(model: Model, shape: BodyShape) -> Model:
-    """The model with a body of nearly the same shape, of the same kind, on as many cells; its scene, loads and field stay as they are."""
-    made = shape.discretize(model.scene.resolution.cells_across, model.scene.resolution.particles_per_cell, cells=model.grid.cells)
+def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None) -> Model:
+    """The model with another body of the same kind; its scene, loads and field stay as they are.
+
+    made: its grid and particles; unless given, on as many cells, for a body of nearly the same shape.
+    """
+    made = made or shape.discretize(model.scene.resolution.cells_across, model.scene.resolution.particles_per_cell, cells=model.grid.cells)
     return _filled(model.scene, shape, made, model.effects, model.time)
 
 

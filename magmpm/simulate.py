@@ -7,7 +7,6 @@ import platform
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -224,12 +223,7 @@ def _path(
 
     def result_of(state: PathState, failure: str = "") -> Result:
         seconds["solve"] = time.perf_counter() - begun - compiled
-        found = state.equilibrium
-        if failure:
-            found = replace(found, converged=False)
-        result = _result(state.model, found, seconds, failure)
-        kind: dict[str, Any] = {"time": state.time, "formulation": quasi_static.FORMULATION, "steps": state.rows, "jumps": state.jumps}
-        return replace(result, warnings=result.warnings + state.warnings, **_strained(state.strain), **kind)
+        return _path_result(state, seconds, failure)
 
     try:
         with nullcontext() if folder is None else folder_lock(folder):
@@ -241,6 +235,30 @@ def _path(
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
         raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
     return _sound(result_of(state))
+
+
+def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
+    shape, last = state.shape, state.rows[-1]
+    return Result(
+        **_particles(shape.model, shape.position, shape.F, state.time),
+        grid_correction=np.zeros((0, 0)),
+        centreline=shape.centreline,
+        tip=shape.tip,
+        converged=not failure,
+        iterations=last["iterations"],
+        dof=shape.dof,
+        min_det_F=shape.min_det_F,
+        max_det_F=shape.max_det_F,
+        energy=state.energy,
+        seconds=seconds,
+        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model),
+        time=state.time,
+        formulation="quasi_static",
+        steps=state.rows,
+        jumps=state.jumps,
+        **_strained(state.strain),
+        failure=failure,
+    )
 
 
 def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:

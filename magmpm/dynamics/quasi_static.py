@@ -17,41 +17,21 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
+from magmpm.dynamics.path_loads import FeedLoads, FieldLoads, Shape
 from magmpm.effects import acting
 from magmpm.errors import SolveError
-from magmpm.model import Model, build
+from magmpm.model import Model
 from magmpm.results.file_names import JUMPS, STEPS, forget_motion
 from magmpm.results.motion_tables import GrowingTable
 from magmpm.results.path_tables import jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene
-from magmpm.statics import axis
-from magmpm.statics.axis_order import arranged
 from magmpm.statics.branch import Branch, Jump, Reached
-from magmpm.statics.energy import Point
-from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, restored, solve_static
-from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.equilibrium import one_blas_thread
 
 FORMULATION = "quasi_static"
 Progress = Callable[[float, int], None]
-
-
-class FieldLoads:
-    """The load of a body that stays where it is: only the field changes. statics.branch.Loads."""
-
-    def __init__(self, scene: Scene, time: float) -> None:
-        self.model = static_model(build(scene, time=time))
-        self._arranged, self.of = arranged(self.model)
-
-    def at(self, time: float) -> StaticModel:
-        """The model, with its axes as the solve needs them, under the load of a time, s."""
-        named = acting.collect(self.model.scene, times=np.array([time]))
-        return replace(self._arranged, effects=named, time=time)
-
-    def carried(self, grid: Array, before: float, after: float) -> Array:
-        """The same coefficients: the grid stays."""
-        return grid
 
 
 @dataclass
@@ -62,8 +42,9 @@ class PathState:
     equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all.
     """
 
-    loads: FieldLoads
-    branch: Branch
+    loads: FieldLoads | FeedLoads
+    time: float  # of the last equilibrium, s
+    branch: Branch | None = None  # None: all of the body is in its guide
     frame: int = 0
     iterations: int = 0
     rows: list[dict[str, Any]] = field(default_factory=list)
@@ -72,42 +53,59 @@ class PathState:
     strain: Strain = field(default_factory=Strain)
 
     @property
-    def time(self) -> float:
-        """Of the last equilibrium, s."""
-        return self.branch.now.time
+    def shape(self) -> Shape:
+        """The body at the last equilibrium."""
+        return self.loads.shape(self.time, None if self.branch is None else self.branch.now.point)
 
     @property
-    def model(self) -> StaticModel:
-        """The model under the load of the last equilibrium, in its own axes."""
-        return replace(self.loads.model, time=self.time)
+    def energy(self) -> float:
+        """Energy of the last equilibrium, J, as statics counts it."""
+        return 0.0 if self.branch is None else self.branch.now.point.energy
 
-    @property
-    def equilibrium(self) -> Equilibrium:
-        """The last equilibrium, with particles in the order of the model."""
-        point = self.branch.now.point
-        found = Equilibrium(point, self.branch.now.iterations, True, np.zeros_like(point.grid))
-        return restored(self.branch.loads.at(self.time), found, self.loads.of)
+
+def loads_of(scene: Scene, time: float) -> FieldLoads | FeedLoads:
+    """The loads of a scene's path that begins at a time, s."""
+    return FieldLoads(scene, time) if scene.effects.feed is None else FeedLoads(scene, time)
 
 
 def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int, float], None] | None = None) -> PathState:
     """The first equilibrium, found as statics finds one; or the one of a checkpoint. Raises SolveError, InputError."""
-    options = scene.solver.static
-    first = scene.path_times()[0] if saved is None else saved.time
-    loads = FieldLoads(scene, first)
-    kind: dict[str, Any] = {"tolerance": options.tolerance, "max_steps": options.max_steps, "on_step": on_step}
     if saved is None:
-        found = solve_static(loads.model, on_step=on_step)
-        branch = Branch(loads, Reached(first, found.point, None, found.steps, np.inf), **kind)
-        with one_blas_thread():
-            branch.settle_in(found.point.grid)
-        state = PathState(loads, branch, iterations=found.steps, warnings=found.warnings)
-        _note(state)
+        first = scene.path_times()[0]
+        state = PathState(loads_of(scene, first), first)
+        _note(state, _go_on(state, first, on_step))
         return state
-    branch = Branch.restored(loads, saved.state, saved.control["branch"], **kind)
-    more = saved.control
-    return PathState(
-        loads, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"], Strain.restored(more["strain"])
-    )
+    loads, more = loads_of(scene, scene.path_times()[0]), saved.control
+    branch = None
+    if more["branch"]:
+        with one_blas_thread():
+            branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene, on_step))
+    strain = Strain.restored(more["strain"])
+    return PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"], strain)
+
+
+def _options(scene: Scene, on_step: Callable[[int, float], None] | None) -> dict[str, Any]:
+    return {"tolerance": scene.solver.static.tolerance, "max_steps": scene.solver.static.max_steps, "on_step": on_step}
+
+
+def _go_on(state: PathState, time: float, on_step: Callable[[int, float], None] | None) -> list[Jump]:
+    """Go on to a time, s. Returns the jumps on the way. Raises SolveError."""
+    loads, jumps = state.loads, []
+    scene = loads.whole.scene
+    if not loads.bends(time):
+        state.branch = None
+    elif state.branch is None:
+        found = loads.first(time, on_step)
+        state.branch = Branch(loads, Reached(time, found.point, None, found.steps, np.inf), **_options(scene, on_step))
+        with one_blas_thread():
+            state.branch.settle_in(found.point.grid)
+        state.warnings += found.warnings
+    else:
+        with one_blas_thread():
+            jumps = state.branch.advance(time)
+    state.time = time
+    state.iterations += 0 if state.branch is None else state.branch.now.iterations
+    return jumps
 
 
 def follow(
@@ -133,12 +131,9 @@ def follow(
         files.write(state, ())
     for time in times[state.frame + 1 :]:
         try:
-            with one_blas_thread():
-                jumps = state.branch.advance(time)
+            jumps = _go_on(state, time, on_step)
             state.frame += 1
-            state.iterations += state.branch.now.iterations
-            state.jumps += (found := [_told(scene, state, jump) for jump in jumps])
-            _note(state)
+            found = _note(state, jumps)
             if files is not None:
                 files.write(state, found)
         except SolveError as error:
@@ -148,31 +143,28 @@ def follow(
     return state
 
 
-def _note(state: PathState) -> None:
-    """Add the last equilibrium to what is known."""
-    model, now = state.model, state.equilibrium
-    point = now.point
-    state.strain = state.strain.worst(strain_of(model, point.position, point.F, state.time))
+def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
+    """Add the last equilibrium, and the jumps on the way to it, to what is known. Returns the jumps as results tell them."""
+    shape, branch = state.shape, state.branch
+    told = [_told(state, shape, jump) for jump in jumps]
+    state.jumps += told
+    state.warnings += [jump_in_words(jump) for jump in told]
+    state.strain = state.strain.worst(strain_of(shape.model, shape.position, shape.F, state.time))
+    inserted = state.loads.inserted(state.time)
     state.rows.append(
         {
             "time": state.time,
-            "tip": [float(x) for x in tip_of(model, point)],
-            "field": [float(b) for b in field_at(model, point.position)],
-            "energy": point.energy,
-            "stability": state.branch.stability,
-            "min_det_F": point.min_det_F,
-            "max_det_F": point.max_det_F,
-            "iterations": state.branch.now.iterations,
+            "tip": [float(x) for x in shape.tip],
+            "field": [float(b) for b in field_at(shape.model, shape.position)],
+            **({} if inserted is None else {"inserted": inserted}),
+            "energy": state.energy,
+            "stability": None if branch is None else branch.stability,
+            "min_det_F": shape.min_det_F,
+            "max_det_F": shape.max_det_F,
+            "iterations": 0 if branch is None else branch.now.iterations,
         }
     )
-
-
-def tip_of(model: StaticModel, point: Point) -> Array:
-    """Position (3,) m of the far end of a straight body, or the mean of the last part of any other."""
-    if model.line is not None:
-        return axis.tip(model, point.grid)
-    last = model.particles.segment == model.particles.segment.max()
-    return np.asarray(np.average(point.position[last], axis=0, weights=model.particles.volume[last]))
+    return told
 
 
 def field_at(model: Model, position: Array) -> Array:
@@ -183,49 +175,46 @@ def field_at(model: Model, position: Array) -> Array:
     return np.asarray(model.scene.outside_field().at(center, model.time)[0])
 
 
-def _told(scene: Scene, state: PathState, jump: Jump) -> dict[str, Any]:
-    """A jump as results tell it."""
-    model = replace(state.model, time=jump.time)
-    field = field_at(model, state.equilibrium.point.position)
-    told = {**vars(jump), "field": float(np.linalg.norm(field))}
-    state.warnings.append(jump_in_words(told))
-    return told
+def _told(state: PathState, shape: Shape, jump: Jump) -> dict[str, Any]:
+    """A jump as results tell it: with the field's strength, and the length outside of the guide, when the branch ended."""
+    strength = float(np.linalg.norm(field_at(replace(shape.model, time=jump.time), shape.position)))
+    inserted = state.loads.inserted(jump.time)
+    return {**vars(jump), "field": strength, **({} if inserted is None else {"inserted": inserted})}
 
 
 class _Files:
     """Frames, tables and checkpoints of a path in a folder."""
 
     def __init__(self, state: PathState, folder: Path | str, saved: Checkpoint | None) -> None:
-        self.folder, self.scene = Path(folder), state.model.scene
+        self.folder, self.scene = Path(folder), state.loads.whole.scene
         self.steps, self.jumps = GrowingTable(self.folder / STEPS), GrowingTable(self.folder / JUMPS)
         self._hash = motion_hash(self.scene)
         options = self.scene.solver.quasi_static
         most = None if options is None else options.max_disk
         if saved is None:
             forget_motion(folder)
-            self.frames = MotionWriter(folder, state.model, max_disk=most)
+            self.frames = MotionWriter(folder, state.loads.whole, max_disk=most)
         else:
-            self.frames = MotionWriter(folder, state.model, max_disk=most, resume_at=saved.time, resume_frames=saved.frame + 1)
+            self.frames = MotionWriter(folder, state.loads.whole, max_disk=most, resume_at=saved.time, resume_frames=saved.frame + 1)
             for table in (self.steps, self.jumps):
                 table.cut(saved.time)
 
     def write(self, state: PathState, jumps: Any) -> None:
         """The last equilibrium, the jumps on the way to it, and the state from which the path goes on."""
-        model, point, named = state.model, state.equilibrium.point, acting.collect(self.scene, times=state.model.times)
-        elastic, stress = energies.elastic(model, point.F, True)
-        acting.refresh(named, model, point.position, point.F)
-        energies.add_effects_stress(model, point.position, point.F, named, stress)
-        parts = energies.effect_energies(model, point.position, point.F, state.time)
-        still = np.zeros_like(point.position)
-        known = {"kinetic": 0.0, "elastic": elastic, **parts}
-        self.frames.frame(state.time, point.position, still, point.F, stress, known, {}, field_at(model, point.position))
+        shape = state.shape
+        model, x, F, named = shape.model, shape.position, shape.F, acting.collect(self.scene, times=shape.model.times)
+        elastic, stress = energies.elastic(model, F, True)
+        acting.refresh(named, model, x, F)
+        energies.add_effects_stress(model, x, F, named, stress)
+        known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}
+        self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, {}, field_at(model, x))
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:
             self.jumps.add(path_row(jump))
         self._checkpoint(state).save(self.folder)
 
     def _checkpoint(self, state: PathState) -> Checkpoint:
-        arrays, numbers = state.branch.state()
+        arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
         more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
         return Checkpoint(
             scene_hash=self._hash, every=0.0, time=state.time, formulation=FORMULATION,

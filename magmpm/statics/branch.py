@@ -2,8 +2,8 @@
 
 A step is accepted where undamped Newton iterations from the state before contract (step k is at most CONTRACTION^k times the first) to a
 state whose tangent is positive definite: then it is the neighbor of the one before, and stable. Otherwise the step is halved, down to
-FINEST of what the caller asked for. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the tangent
-reaches zero:
+FINEST of what the caller asked for. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the
+tangent reaches zero:
 
 * a limit point: the branch turns back, and the body snaps to another. Near it the eigenvalue falls as the root of the distance;
 * a bifurcation: the branch goes on but is unstable, as a straight column is beyond its buckling load. The eigenvalue falls linearly.

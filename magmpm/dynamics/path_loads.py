@@ -1,0 +1,215 @@
+"""The loads along a path of equilibria: a body that stays where it is in a field that changes, or one that is fed out of a guide.
+
+Of a fed catheter only the part outside the guide bends: a shorter catheter, clamped exactly at the guide's exit, with a grid of its own for
+each length. Its displacement is carried from one length to the next at the points of the material, so that nothing jumps with the cells.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Grid, spline_slopes, spline_weights
+from magmpm.bodies.regions import Line
+from magmpm.compiled.arrays import Array
+from magmpm.effects import acting
+from magmpm.effects.base import Records
+from magmpm.model import Model, build, reshaped
+from magmpm.results import measures
+from magmpm.scene import Scene
+from magmpm.statics import axis
+from magmpm.statics.axis_order import arranged
+from magmpm.statics.energy import Point
+from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
+from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.nearby_minima import Tell
+
+LEAST = 1.0  # diameters: a shorter piece outside of the guide is taken as straight
+KEPT = 4  # lengths whose models are kept
+RAMP = 8  # load steps to the first equilibrium of a fed part in a field that varies
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The whole body at one equilibrium: position (n, 3) m and F (n, 3, 3) of the model's particles, axis rows [s, x, y, z] (m, 4) m and
+    tip (3,) m; min_det_F and max_det_F; dof: unknowns of the solve."""
+
+    model: Model
+    position: Array
+    F: Array
+    centreline: Array
+    tip: Array
+    min_det_F: float
+    max_det_F: float
+    dof: int
+
+
+class FieldLoads:
+    """The load of a body that stays where it is: only the field changes. statics.branch.Loads."""
+
+    def __init__(self, scene: Scene, time: float) -> None:
+        self.model = static_model(build(scene, time=time))
+        self._arranged, self._of = arranged(self.model)
+
+    @property
+    def whole(self) -> Model:
+        """The model of all particles."""
+        return self.model
+
+    def bends(self, time: float) -> bool:
+        """Whether anything can bend at a time, s."""
+        return True
+
+    def inserted(self, time: float) -> float | None:
+        """Length (m) outside of the guide; None where there is none."""
+        return None
+
+    def first(self, time: float, on_step: Tell | None = None) -> Equilibrium:
+        """The equilibrium at a time, s, found as statics finds one."""
+        return solve_static(replace(self.model, effects=self._named(time), time=time), on_step=on_step)
+
+    def at(self, time: float) -> StaticModel:
+        """The model, with its axes as the solve needs them, under the load of a time, s."""
+        return replace(self._arranged, effects=self._named(time), time=time)
+
+    def carried(self, grid: Array, before: float, after: float) -> Array:
+        """The same coefficients: the grid stays."""
+        return grid
+
+    def shape(self, time: float, point: Point | None) -> Shape:
+        """The body at an equilibrium of a time, s."""
+        assert point is not None  # it always bends
+        found = restored(self._arranged, Equilibrium(point, 0, True, np.zeros((0, 0))), self._of).point
+        model = replace(self.model, time=time)
+        tip = measures.region_means(model, found.position)[-1] if model.line is None else axis.tip(model, point.grid)
+        rows = axis.centreline(model, point.grid)
+        return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof)
+
+    def _named(self, time: float) -> Records:
+        return acting.collect(self.model.scene, times=np.array([time]))
+
+
+class FeedLoads:
+    """The load of a catheter that is pushed through a guide: its free part grows, in a field that may change. statics.branch.Loads."""
+
+    def __init__(self, scene: Scene, time: float) -> None:
+        feed = scene.effects.feed
+        assert feed is not None  # dynamics.quasi_static.loads_of
+        self._speed, self._exit = feed.speed, feed.exit
+        self.scene = scene
+        self.whole = build(scene, time=time)
+        self._free = scene.with_effects(feed=None)
+        self._models: OrderedDict[float, StaticModel] = OrderedDict()
+
+    def inserted(self, time: float) -> float:
+        """Length (m) outside of the guide, at most the whole."""
+        return min(max(self.scene.length - self._exit + self._speed * time, 0.0), self.scene.length)
+
+    def bends(self, time: float) -> bool:
+        """Whether enough of it is outside of the guide at a time, s."""
+        return self.inserted(time) >= LEAST * self.scene.thickness
+
+    def at(self, time: float) -> StaticModel:
+        """The model of the part outside the guide, clamped at its exit."""
+        if time not in self._models:
+            part = self._free.inserted(self.inserted(time))
+            base = np.array([self._exit, 0.0, 0.0])
+            shape, resolution = part.body.shape, part.resolution
+            made = shape.discretize(resolution.cells_across, resolution.particles_per_cell)
+            grid = Grid(made.grid.origin + base, made.grid.spacing, made.grid.cells)
+            made = replace(made, grid=grid, particles=replace(made.particles, position=made.particles.position + base))
+            model = reshaped(replace(self.whole, scene=self._free), shape, made)
+            named = acting.collect(self._free, times=np.array([time]))
+            line = Line((self._exit, 0.0, 0.0), shape.length)
+            self._models[time] = static_model(replace(model, effects=named, time=time, line=line))
+            while len(self._models) > KEPT:
+                self._models.popitem(last=False)
+        return self._models[time]
+
+    def first(self, time: float, on_step: Tell | None = None) -> Equilibrium:
+        """The equilibrium at a time, s, found as statics finds one: from the rod, or in a field that varies by a ramp of the load."""
+        model = self.at(time)
+        if self.scene.field.varies:  # the rod would need the field's tables around a body that begins at the exit
+            slow = self._free.solver.static.model_copy(update={"field_steps": RAMP})
+            scene = self._free.model_copy(update={"solver": self._free.solver.model_copy(update={"static": slow})})
+        else:
+            scene = self._free.inserted(self.inserted(time)).model_copy(update={"field": self.scene.field})
+        return solve_static(replace(model, scene=scene), on_step=on_step)
+
+    def carried(self, grid: Array, before: float, after: float) -> Array:
+        """The same displacement of the material on the grid of another length; what was in the guide has none."""
+        old, new = self.at(before), self.at(after)
+        if old is new:
+            return grid
+        moved = self.inserted(before) - self.inserted(after)  # m: where the new clamp is on the old axis
+        x = new.grid.node_coordinates(0)[1:] - new.grid.origin[0] + moved
+        values = _along(old, grid, x)
+        count = len(x)
+        fit = (np.diag(np.full(count, 6.0)) + np.diag(np.ones(count - 1), 1) + np.diag(np.ones(count - 1), -1)) / 8
+        fit[0, 0] = 5 / 8  # node 0 is minus node 1: the clamp
+        fit[-1, -2:] = 0.0, 1.0  # beyond the end the displacement goes on straight
+        return np.ascontiguousarray(np.linalg.solve(fit, values))
+
+    def shape(self, time: float, point: Point | None) -> Shape:
+        """The whole catheter: what is in the guide is straight, and moved by the push."""
+        whole, fed = self.whole, self._speed * time
+        X = whole.particles.position
+        clamp = self._exit - fed  # m along the catheter
+        position, F = X + np.array([fed, 0.0, 0.0]), np.tile(np.eye(3), (len(X), 1, 1))
+        s = np.linspace(0.0, self.scene.length, 2 * whole.grid.cells[0] + 1)
+        rows = np.column_stack([s, s + fed, np.zeros((len(s), 2))])
+        tip, dof = np.array([self.scene.length + fed, 0.0, 0.0]), 0
+        if point is not None:
+            part = self.at(time)
+            free = X[:, 0] > clamp
+            u, slope = _displacement(part, point.grid, whole, free, clamp)
+            position[free] += u
+            F[free] += slope
+            out = s > clamp
+            rows[out, 1:] = axis.along_axis(part, point.grid, axis.section_weights(part), s[out] - clamp)
+            tip, dof = axis.tip(part, point.grid), part.dof
+        low, high = (1.0, 1.0) if point is None else (point.min_det_F, point.max_det_F)
+        return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof)
+
+
+def _all_planes(model: StaticModel, grid: Array) -> Array:
+    """Coefficients (planes + 1, m) with node 0, which the clamp eliminated."""
+    return np.concatenate([-grid[:1], grid])
+
+
+def _along(model: StaticModel, grid: Array, x: Array) -> Array:
+    """Plane coefficients (k, m) at places x (k,) m along the axis from the clamp: nothing behind it, straight on beyond the end."""
+    h, cells = model.grid.spacing[0], model.grid.cells[0]
+    cell = np.clip(np.floor(x / h).astype(int), 0, cells - 1)
+    end = cells * h
+    inside = np.clip(x, 0.0, end)
+    N, D = spline_weights(inside / h - cell), spline_slopes(inside / h - cell) / h
+    planes = _all_planes(model, grid)
+    beyond = np.maximum(x - end, 0.0)
+    weights = N + beyond[:, None] * D
+    weights[x < 0.0] = 0.0
+    return np.asarray(sum(weights[:, a, None] * planes[cell + a] for a in range(3)))
+
+
+def _displacement(part: StaticModel, grid: Array, whole: Model, free: NDArray[np.bool_], clamp: float) -> tuple[Array, Array]:
+    """Displacement (k, 3) m and its gradient (k, 3, 3) at the whole's free particles; clamp: m, where the part begins on its axis."""
+    layout, h = part.layout, part.grid.spacing[0]
+    x = whole.particles.position[free, 0] - clamp
+    cell = np.clip(np.floor(x / h).astype(int), 0, part.grid.cells[0] - 1)
+    weights, slopes = (values[free] for values in whole.splines())
+    weights[:, 0], slopes[:, 0] = spline_weights(x / h - cell), spline_slopes(x / h - cell) / h
+    planes = _all_planes(part, grid).reshape(layout.planes + 1, layout.nodes_per_plane, 3)
+    nodes = np.zeros((layout.planes + 1, *part.grid.nodes[1:], 3))
+    nodes[:, layout.node_yz[:, 0], layout.node_yz[:, 1]] = planes
+    at = whole.particles.cell[free]
+    u, gradient = np.zeros((len(x), 3)), np.zeros((len(x), 3, 3))
+    for a, b, c in np.ndindex(3, 3, 3):
+        value = nodes[cell + a, at[:, 1] + b, at[:, 2] + c]
+        w, d = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
+        u += (w[0] * w[1] * w[2])[:, None] * value
+        for k, rate in enumerate((d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2])):
+            gradient[:, :, k] += rate[:, None] * value
+    return u, gradient
