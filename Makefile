@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long test-gp lint bench claims bench-sampler validate stability schema gallery clean
+.PHONY: help setup design test test-long test-gp lint bench claims bench-sampler bench-robust validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -65,6 +65,9 @@ test-gp: $(GP_VENV)/.ready
 
 bench-sampler: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/sampler.py
+
+bench-robust: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/robust.py
 
 bench: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/bench.py
