@@ -32,7 +32,6 @@ SHOWN_DIFFERENCES = 12
 LATER_KEYS = {  # keys of the contract that nothing stands behind yet
     "insertion": "a catheter that is pushed along a path",
     "schedule": "a field over time through given shapes",
-    "robust": "designs that bear errors of manufacture",
     "stability": "designs kept away from critical loads",
     "limits": "directions that can be made",
     "start": "beginning with the rod's best designs",
@@ -47,7 +46,6 @@ def load_study(path: Path | str) -> Study:
     document = read_yaml(path)
     check_file_name(document.path)
     file = validate(StudyFile, document)
-    _check_later_keys(file, document)
     folder = document.path.parent
     try:
         scene = load_scene(folder / file.scene)
@@ -56,6 +54,7 @@ def load_study(path: Path | str) -> Study:
     check_scene(scene, file, document)
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
+    _check_later_keys(file, document)
     return Study(
         path=document.path,
         name=document.path.stem,

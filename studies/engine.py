@@ -21,7 +21,7 @@ from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
-from studies.linear_model import Differentiate, linear_model
+from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
 from studies.samplers import check_available, make_sampler, settings
@@ -39,6 +39,7 @@ from studies.storage import (
     storage_url,
 )
 from studies.trial import Outcome, Solve, Trial, attributes, evaluate
+from studies.well_posed import check_search
 
 if TYPE_CHECKING:
     import optuna
@@ -67,6 +68,7 @@ def run_study(
     out: Path | str,
     picture: Picture | None = None,
     on_trial: Callable[[Trial], None] | None = None,
+    on_advice: Callable[[list[str]], None] | None = None,
     trials: int | None = None,
     sampler: str | None = None,
     storage: str | None = None,
@@ -77,14 +79,17 @@ def run_study(
     solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
     use them (magmpm.sensitivities); ValueError where it is missing. trials, sampler: in place of the study's; trials
     counts all trials, including those of earlier runs; if it is given, the study runs that many, past its `stop` too. After an interrupt
-    (Ctrl-C) everything finished is kept.
+    (Ctrl-C) everything finished is kept. on_advice: called before the first trial with what a user should know of the search.
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
     check_available(study.sampler)
-    if study.sampler == "gauss-newton" and differentiate is None:
-        raise ValueError("differentiate: the sampler gauss-newton needs derivatives; pass magmpm.sensitivities")
+    if needs_derivatives(study) and differentiate is None:
+        raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
+    advice = check_search(study, SearchSpace.of(study))
+    if on_advice is not None:
+        on_advice(advice)
     folder = Path(out)
     url = storage_url(folder, storage)
     with folder_lock(folder), _trials_kept(url):
@@ -93,7 +98,7 @@ def run_study(
         ended = run.to_the_end(solve, picture, on_trial, study.stop_rms if trials is None else None)
         if ended != "interrupted":
             run.keep_best(solve)
-        summary = run.report(ended)
+        summary = dataclasses.replace(run.report(ended), warnings=advice)
         summary.save()
     return summary
 
@@ -194,16 +199,11 @@ class _Run:
         return make_sampler(study.sampler, self.space, study.seed, self.count, starts=self.starts, goal=study.stop_rms or 0.0)
 
     def solved(self, solve: Solve, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
-        """How the trial with these parameters is solved: with derivatives where its sampler reads them."""
+        """How the trial with these parameters is solved: with derivatives where they are read."""
         differentiate = self.differentiate
-        if self.study.sampler != "gauss-newton" or differentiate is None:
+        if differentiate is None or not needs_derivatives(self.study):
             return solve
-
-        def with_derivatives(scene: Scene) -> tuple[Result, dict[str, Any]]:
-            found = differentiate(scene, self.space.sensitivities)
-            return found.result, linear_model(found, self.study.target, self.space, params)
-
-        return with_derivatives
+        return lambda scene: solve_with_derivatives(differentiate, scene, self.study, self.space, params)
 
     def put_back(self, asked: optuna.Trial) -> None:
         """Lets `ask` take up this trial again, with the same number and parameters, unless it has ended."""
@@ -223,10 +223,10 @@ class _Run:
     ) -> Trial:
         """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count."""
         result = outcome.result
-        improved = result is not None and (self.best is None or outcome.rms < self.best)
-        best = outcome.rms if improved else self.best
+        improved = result is not None and (self.best is None or outcome.value < self.best)
+        best = outcome.value if improved else self.best
         trial = Trial(
-            asked.number, outcome.rms, outcome.tip_error, best, improved, outcome.reason, self.study.target
+            asked.number, outcome.value, outcome.tip_error, best, improved, outcome.reason, self.study.target
         )
         solved = time.perf_counter()
         if result is not None and picture is not None:
@@ -242,7 +242,7 @@ class _Run:
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             seconds = {"solve": outcome.seconds, "render": drawn - solved, "total": time.perf_counter() - begun}
             asked.set_user_attr("seconds", seconds)
-            self.kept.tell(asked, outcome.rms)
+            self.kept.tell(asked, outcome.value)
         self.count, self.best = self.count + 1, best
         self.durations.append(time.perf_counter() - begun)
         del self.durations[:-REMEMBERED]
@@ -307,6 +307,7 @@ class _Run:
             first_trial_below_stop=None if first is None else first.number,
             seconds_per_trial=report.seconds_per_trial(trials),
             ended=ended,
-            rms_m=[t.value for t in trials if t.value is not None],
+            rms_m=[t.user_attrs.get("rms_m", t.value) or 0.0 for t in trials],
+            measure_m=[t.value for t in trials if t.value is not None] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
         )

@@ -17,10 +17,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.results.measures import centreline_at
 from magmpm.results.result import Result
 from magmpm.scene import Scene
+from studies.robust import Scatter, deviations, kinds
 from studies.search_space import SearchSpace, VariableLike
+from studies.shape_distance import gap_derivatives, gaps
+from studies.study import Study
 
 DIGITS = 9
 MOST_NUMBERS = 3600  # in a Jacobian: of at most 18 characters each
@@ -35,6 +37,9 @@ class Sensitive(Protocol):
     @property
     def variables(self) -> Sequence[VariableLike]: ...
 
+    @property
+    def centreline(self) -> Array: ...
+
     def at(self, arc_lengths: Array) -> Array: ...
 
 
@@ -44,13 +49,32 @@ class Differentiate(Protocol):
     def __call__(self, scene: Scene, of: Sequence[str]) -> Sensitive: ...
 
 
+def needs_derivatives(study: Study) -> bool:
+    """Whether the trials of a study are solved with derivatives."""
+    return study.sampler == "gauss-newton" or study.robust is not None
+
+
 def linear_model(found: Sensitive, target: Array, space: SearchSpace, params: Mapping[str, Any]) -> dict[str, Any]:
     """The user attributes `residuals` (m) and `jacobian` (m rows) of a solved trial with target rows [s, x, y, z], (k, 4) m."""
     share = 1.0 / np.sqrt(len(target))
-    gap = centreline_at(found.result, target[:, 0]) - target[:, 1:]
-    slopes = found.at(target[:, 0]).reshape(gap.size, -1)
+    gap = gaps(found.result, target)
+    slopes = gap_derivatives(found, target).reshape(gap.size, -1)
     chain = space.chain(found.variables, space.embedded(params), params.get("order"))
     return stored(share * gap.reshape(-1), share * slopes @ chain)
+
+
+def solve_with_derivatives(
+    differentiate: Differentiate, scene: Scene, study: Study, space: SearchSpace, params: Mapping[str, Any]
+) -> tuple[Result, dict[str, Any]]:
+    """The equilibrium of a trial, and what is stored of its derivatives: the linear model for gauss-newton, the scatter for `robust`."""
+    follows, errors = study.sampler == "gauss-newton", study.robust
+    of = [*(space.sensitivities if follows else ()), *(kinds(errors) if errors is not None else ())]
+    found = differentiate(scene, list(dict.fromkeys(of)))
+    model = linear_model(found, study.target, space, params) if follows else {}
+    if errors is not None:
+        spread = gap_derivatives(found, study.target) * deviations(scene, found.variables, errors)
+        model |= Scatter(gaps(found.result, study.target), spread).attributes()
+    return found.result, model
 
 
 def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import statistics
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 REPORT = "study.json"
 
 QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
+SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "interrupted"]
 
 
@@ -45,6 +46,8 @@ class StudyReport:
     ended: Ended
     rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
     failed_trials: list[int]  # places of those in rms_m
+    measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
+    warnings: list[str] = field(default_factory=list)  # what a user should know of the search
 
     @property
     def why(self) -> str:
@@ -89,8 +92,9 @@ def feasible(trial: FrozenTrial) -> bool:
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """What a report says of a trial."""
     kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "magnetization", "field_T")}
-    varied = {key: trial.user_attrs[key] for key in QUANTITIES if key in trial.user_attrs}
-    return {"number": trial.number, "rms_m": _rms(trial), "params": dict(trial.params), **kept, **varied}
+    varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER) if key in trial.user_attrs}
+    rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another
+    return {"number": trial.number, "rms_m": rms, "params": dict(trial.params), **kept, **varied}
 
 
 def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from studies.study_file import Robust
 
 SIGMAS = 2.0  # of the rms, above its mean, in the measure
-STEP, REACH = 0.2, 70.0  # of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
+STEP, REACH = 0.4, 70.0  # of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class Scatter:
             return 0.0, 0.0
         u = np.arange(-REACH, REACH + STEP / 2, STEP)
         t = np.exp(u)[:, None] / total
-        wide = 1.0 + 2.0 * t * s**2
-        log_phi = -t[:, 0] * rest - np.sum(0.5 * np.log(wide) + t * along**2 / wide, axis=1)
+        wider = 2.0 * t * s**2
+        log_phi = -t[:, 0] * rest - np.sum(0.5 * np.log1p(wider) + t * along**2 / (1.0 + wider), axis=1)
         mean = STEP * float(np.sum(-np.expm1(log_phi) * np.exp(-u / 2))) / (2.0 * np.sqrt(np.pi))  # of sqrt(m rms^2 / total)
         mean = min(mean, 1.0)
         return float(mean * np.sqrt(total / m)), float(np.sqrt((1.0 - mean**2) * total / m))

@@ -6,13 +6,14 @@ points at the target's last stations: there its tip is compared, so that a desig
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.results.measures import centreline_at
 from magmpm.results.result import Result
-from magmpm.results.sensitivities import Sensitivities
 
 
 def gaps(result: Result, target: Array) -> Array:
@@ -32,9 +33,21 @@ def root_mean_square(gaps: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
 
 
-def gap_derivatives(sensitivities: Sensitivities, target: Array) -> Array:
+class Derivatives(Protocol):
+    """What is read of magmpm's Sensitivities."""
+
+    @property
+    def result(self) -> Result: ...
+
+    @property
+    def centreline(self) -> Array: ...
+
+    def at(self, arc_lengths: Array) -> Array: ...
+
+
+def gap_derivatives(sensitivities: Derivatives, target: Array) -> Array:
     """Derivatives (m, 3, k) of `gaps` of the sensitivities' result, m per unit of each variable."""
     stations, beyond = _stations(sensitivities.result, target)
     found = sensitivities.at(stations)
     found[beyond] = sensitivities.centreline[-1]
-    return found
+    return np.asarray(found)

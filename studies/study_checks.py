@@ -17,6 +17,7 @@ from studies.scene_edits import MOST_ORDERS, numbers_of
 from studies.search_space import SearchSpace
 from studies.study_file import StudyFile
 
+FEWEST_POINTS = 2  # of a target, beyond the base
 STRETCH = 1.1  # a target may be this much longer than the part of the catheter it belongs to
 
 
@@ -57,6 +58,12 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     elif file.vary.field is None and not scene.field.acts:
         rule = "the field of the scene must not be zero while the study does not vary it"
         remedy = "give the scene a field, or add `field: {max: 10 mT}` to `vary`"
+    elif file.robust is not None and not scene.static:
+        rule = "robust differentiates equilibria, and this scene is a motion"
+        remedy = "leave `dynamic` out of the scene's solver, or remove `robust`"
+    elif file.robust is not None and file.robust.direction > 0 and not scene.body.shape.magnetized_by_region:
+        rule = "robust tilts the directions of segments, and this strip has a magnetization_profile in their place"
+        remedy = "give the strip `segments`, or remove `direction` from `robust`"
     else:
         return
     raise InputError(report(place(document, "scene"), received=f'"{file.scene}"', rule=rule, remedy=remedy))
@@ -75,6 +82,10 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         remedy = "check that the target belongs to this catheter"
         raise InputError(report(where, received=received, rule=rule, remedy=remedy))
     rows = target if target[0, 0] == 0 else np.vstack([np.zeros(4), target])
+    if len(rows) - 1 < FEWEST_POINTS:
+        received = f"{len(rows) - 1} point beyond the base"
+        rule = f"a shape needs {FEWEST_POINTS} points or more beyond the base: one says where it is, and not how it bends"
+        raise InputError(report(where, received=received, rule=rule, remedy="add points, one for each segment or more"))
     if np.linalg.norm(rows[0, 1:]) > 0.01 * length:
         received = f"{1e3 * rows[0, 1:]} mm at s = 0"
         rule = "the target must start at the catheter's base, the origin"
@@ -92,6 +103,36 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         received = f"points that span {1e3 * apart.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
         rule = "the target's points must follow the catheter"
         raise InputError(report(where, received=received, rule=rule, remedy="check units: columns are in mm"))
+    if file.insertion is not None:
+        _check_path(rows, scene, file, where)
+
+
+def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
+    """A path begins where the guide ends and as it points, bends no sharper than the catheter can, and is as long as the depths.
+
+    The catheter's inner side is shortened by thickness / (2 radius): half of it, at a radius of its thickness, is what a solid body may
+    be asked for. The radius at a point of the table is that of the circle that touches both of its chords there: the mean of their lengths
+    over 2 tan(turn / 2).
+    """
+    thickness = scene.thickness
+    chords = np.diff(rows[:, 1:], axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    along = np.vstack([[1.0, 0.0, 0.0], chords / np.maximum(lengths, 1e-12)[:, None]])  # the guide, then the path
+    turn = np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0))
+    spans = np.concatenate([[lengths[0]], (lengths[1:] + lengths[:-1]) / 2])
+    radius = spans / np.maximum(2 * np.tan(np.minimum(turn, np.pi - 1e-9) / 2), 1e-12)
+    worst = int(np.argmin(radius))
+    if radius[worst] < thickness:
+        bend, at = np.rad2deg(turn[worst]), 1e3 * rows[worst, 0]
+        received = f"a bend of {bend:.3g} deg at s_mm = {at:g}, a radius of {1e3 * radius[worst]:.3g} mm"
+        rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
+        remedy = "smooth the path, or check its units; at s_mm = 0 it must leave the guide along +x"
+        raise InputError(report(where, received=received, rule=rule, remedy=remedy))
+    depths = file.insertion.depths if file.insertion is not None else 1
+    if isinstance(depths, tuple) and depths[-1] > rows[-1, 0] * (1 + 1e-6):
+        received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
+        rule = f"the path must reach as far as the depths: the last one is {1e3 * depths[-1]:g} mm"
+        raise InputError(report(where, received=received, rule=rule, remedy="give shorter depths, or a longer path"))
 
 
 def _greatest_length(scene: Scene, file: StudyFile) -> float:

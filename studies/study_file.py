@@ -301,5 +301,8 @@ class StudyFile(Settings):
         if second == ("largest_field",) and self.vary.field is None:
             rule = "largest_field is the same in every trial while the field is not varied"
             return rule, "add `field: {max: 10 mT}` to `vary`", ("minimize",)
+        if second == ("magnetized_volume",) and self.vary.length is None and self.vary.diameter is None:
+            rule = "magnetized_volume is the same in every trial while neither lengths nor the diameter are varied"
+            return rule, "add `length: {min: 4 mm, max: 12 mm}` or `diameter: {...}` to `vary`", ("minimize",)
         return None
 

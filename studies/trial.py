@@ -27,8 +27,9 @@ Solve = Callable[[Scene], "Result"]
 class Trial:
     """A finished trial, as callbacks see it. SI.
 
-    rms_m is the penalty when the solve failed for `reason`; tip_error_m is None then; best_rms_m: least so far, this trial
-    included; finished of wanted trials are done; seconds: all of this trial; seconds_left: guessed, until the last trial.
+    rms_m is what the trial counts as (Outcome.value), the penalty when the solve failed for `reason`; tip_error_m is None then;
+    best_rms_m: least so far, this trial included; finished of wanted trials are done; seconds: all of this trial; seconds_left: guessed,
+    until the last trial.
     """
 
     number: int
@@ -54,6 +55,11 @@ class Outcome:
     reason: str | None
     seconds: float
     model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
+
+    @property
+    def value(self) -> float:
+        """What the trial counts as, m: the rms, or the measure of a design with errors (robust.py)."""
+        return float(self.model.get("measure_m", self.rms))
 
 
 def penalty(scene: Scene) -> float:

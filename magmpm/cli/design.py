@@ -50,6 +50,7 @@ def command(options: argparse.Namespace) -> int:
             out=out,
             picture=None if renderer is None else _trial_picture(renderer, smooth),
             on_trial=lambda trial: _tell(trial, progress),
+            on_advice=_advise,
             trials=options.trials,
             sampler=options.sampler,
             storage=options.storage,
@@ -62,6 +63,11 @@ def command(options: argparse.Namespace) -> int:
     summary = {**report.summary(), "files": [str(path) for path in files]}
     print(json.dumps(summary) if options.json else _text(report, files))
     return 1 if report.ended == "interrupted" else 0
+
+
+def _advise(advice: list[str]) -> None:
+    for line in advice:
+        print(f"magmpm: warning: {line}", file=sys.stderr)
 
 
 def _tell(trial: Trial, progress: Progress) -> None:
@@ -92,6 +98,9 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(
             f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm"
         )
+        if "measure_m" in report.best:
+            mean, sigma, scatter = (1e3 * report.best[key] for key in ("mean_rms_m", "sigma_rms_m", "scatter_m"))
+            lines.append(f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape scatters by {scatter:.3f} mm")
         for k, direction in enumerate(report.best["magnetization"] or [], 1):
             lines.append(f"    segment {k}      [{', '.join(f'{x:+.4f}' for x in direction)}]")
         if FIELD[0] in report.best["params"]:

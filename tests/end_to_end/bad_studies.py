@@ -49,7 +49,7 @@ class BadStudy:
     """One error in a study.
 
     edit: (old, new) in `file`, once; new None: the file is missing. says: phrases of the message; later: the error is
-    NotThereYet.
+    NotThereYet; study: the study file before the edit.
     """
 
     name: str
@@ -57,6 +57,7 @@ class BadStudy:
     says: tuple[str, ...]
     file: str = "study.yaml"
     later: bool = False
+    study: str = GOOD
 
 
 CASES = [
@@ -136,6 +137,14 @@ CASES = [
     BadStudy("target that stretches", ("40,37,0,13", "40,37,0,33"), ("33.87 mm apart at s_mm = 20 and 40", "further apart"), file="target.csv"),
     BadStudy("target along another axis", ("20,19.5,0,4\n40,37,0,13", "20,-0.5,0,60\n40,0,0,120"), ("apart", "leaves the base along +x"), file="target.csv"),
     BadStudy("target in metres", ("20,19.5,0,4\n40,37,0,13", "20,0.0195,0,0.004\n40,0.037,0,0.013"), ("along 40 mm of catheter", "in mm"), file="target.csv"),
+    BadStudy("target of one point", ("20,19.5,0,4\n40,37,0,13", "40,37,0,13"), ("target.csv", "received 1 point beyond the base", "2 points or more beyond the base"), file="target.csv"),
+    BadStudy("volume that nothing changes", ("trials: 35", "minimize: [rms, magnetized_volume]\ntrials: 35"), ("study.yaml:7: minimize", "magnetized_volume is the same in every trial", "diameter")),
+    BadStudy("robust in motion", ("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}}\nsolver: {dynamic: {duration: 1 s}}"), ("study.yaml:1: scene", "robust differentiates equilibria"), file="scene.yaml", study=GOOD + "robust: {direction: 5 deg}\n"),
+    BadStudy("path beyond the catheter", ("40,37,0,13", "50,46,0,16"), ("target.csv", "received s_mm up to 50", "length, 40 mm"), file="target.csv", study=GOOD.replace("centreline: target.csv", "path: target.csv") + "insertion: {depths: 4}\n"),
+    BadStudy("path off the guide", ("\n0,0,0,0", "\n0,0,3,0"), ("target.csv", "mm at s = 0", "the origin"), file="target.csv", study=GOOD.replace("centreline: target.csv", "path: target.csv") + "insertion: {depths: 4}\n"),
+    BadStudy("path with a kink", ("40,37,0,13", "20.5,19.5,0.5,4\n40,37,5,12"), ("target.csv", "a bend of", "at s_mm = 20", "sharper than the catheter's diameter allows", "4 mm"), file="target.csv", study=GOOD.replace("centreline: target.csv", "path: target.csv") + "insertion: {depths: 4}\n"),
+    BadStudy("path that leaves sideways", ("20,19.5,0,4\n40,37,0,13", "3,0,0,3\n40,0,0,40"), ("a bend of 90 deg at s_mm = 0", "leave the guide along +x"), file="target.csv", study=GOOD.replace("centreline: target.csv", "path: target.csv") + "insertion: {depths: 4}\n"),
+    BadStudy("depths beyond the path", ("40,37,0,13", "30,29,0,8"), ("received a path up to s_mm = 30", "the last one is 35 mm"), file="target.csv", study=GOOD.replace("centreline: target.csv", "path: target.csv") + "insertion: {depths: [10 mm, 35 mm]}\n"),
     BadStudy("path is a list", ("centreline: target.csv", "centreline: [target.csv]"), ("match.centreline", "must be text")),
     BadStudy("no YAML", ("vary:", "vary: {"), ("study.yaml:2", "YAML")),
     BadStudy("empty", (GOOD, ""), ("study.yaml: the file is empty",)),
@@ -145,7 +154,7 @@ CASES = [
 
 def write(case: BadStudy, folder: Path) -> Path:
     """Writes the files of a case in a folder. Returns the path of the study."""
-    for name, text in FILES.items():
+    for name, text in {**FILES, "study.yaml": case.study}.items():
         old, new = case.edit
         if name == case.file:
             if new is None:

@@ -1,0 +1,123 @@
+"""Scatter of a design: the linear model's moments are those of samples, the standard deviations those of the errors, studies use them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rod_solve import SCENE, STUDY, RodSensitivities, solve, write_study
+
+from magmpm.scene import Scene, load_scene
+from magmpm.scene.variables import variables
+from studies.definition import load_study
+from studies.engine import run_study
+from studies.robust import Scatter, deviations, kinds
+from studies.shape_distance import gap_derivatives, gaps, root_mean_square
+from studies.study_file import Robust
+
+ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.04)
+ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}\n"
+
+
+def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
+    """Central differences of the rod by every variable."""
+    found, step = variables(scene, of), {"rad": 1e-4, "T": 1e-6, "Pa": 10.0, "m": 1e-6}
+    pairs = [[solve(v.changed(scene, sign * step[v.unit])).centreline[:, 1:] for sign in (1, -1)] for v in found]
+    columns = [(a - b) / (2 * step[v.unit]) for (a, b), v in zip(pairs, found, strict=True)]
+    return RodSensitivities(solve(scene), found, np.stack(columns, axis=2))
+
+
+@pytest.mark.parametrize("away", [0.0, 0.1, 1.0, 10.0])
+def test_moments_are_those_of_samples(away: float) -> None:
+    """200 000 samples: their mean is known to 0.2 % of sigma, their sigma to 0.2 %; four of these."""
+    rng = np.random.default_rng(1)
+    scatter = Scatter(away * rng.normal(size=(9, 3)), rng.normal(size=(9, 3, 4)) * [3.0, 1.0, 0.2, 0.0])
+    z = rng.normal(size=(200_000, 4))
+    made = scatter.gaps.reshape(-1) + z @ scatter.spread.reshape(27, 4).T
+    rms = np.sqrt(np.sum(made**2, axis=1) / 9)
+    mean, sigma = scatter.moments()
+    assert mean == pytest.approx(rms.mean(), abs=0.01 * rms.std())
+    assert sigma == pytest.approx(rms.std(), rel=0.01)
+    assert scatter.measure == mean + 2 * sigma
+    assert scatter.scatter**2 == pytest.approx(np.mean(np.sum((made - scatter.gaps.reshape(-1)) ** 2, axis=1)) / 9, rel=0.02)
+    assert mean**2 + sigma**2 == pytest.approx(root_mean_square(scatter.gaps) ** 2 + scatter.scatter**2, rel=1e-12), "exactly E[rms^2]"
+
+
+def test_moments_in_closed_form() -> None:
+    """On target with one error the rms is |z| of a normal z; with three alike at one point it is Maxwell's; without errors, nothing scatters."""
+    one = Scatter(np.zeros((1, 3)), np.array([[[2.0], [0.0], [0.0]]]))
+    assert one.moments() == pytest.approx((2 * math.sqrt(2 / math.pi), 2 * math.sqrt(1 - 2 / math.pi)), rel=1e-12)
+    three = Scatter(np.zeros((1, 3)), 2.0 * np.eye(3)[None])
+    assert three.moments() == pytest.approx((4 * math.sqrt(2 / math.pi), 2 * math.sqrt(3 - 8 / math.pi)), rel=1e-12)
+    sure = Scatter(np.ones((2, 3)), np.zeros((2, 3, 1)))
+    assert sure.moments() == pytest.approx((math.sqrt(3), 0.0), abs=1e-7)  # the root of rounding
+    assert Scatter(np.zeros((2, 3)), np.zeros((2, 3, 1))).moments() == (0.0, 0.0)
+
+
+def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:
+    """The delta method: the limit of small errors, with an error of their square."""
+    rng = np.random.default_rng(2)
+    g, M = rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 5))
+    along = np.einsum("mi,mik->k", g, M) / (np.sqrt(7) * np.linalg.norm(g))
+    for size in (1e-2, 1e-3):
+        assert Scatter(g, size * M).moments()[1] == pytest.approx(size * np.linalg.norm(along), rel=20 * size)
+
+
+def test_each_error_has_its_size(tmp_path: Path) -> None:
+    scene = load_scene(write_study(tmp_path).parent / "scene.yaml")
+    found = variables(scene, kinds(ERRORS))
+    sizes = dict(zip((v.name for v in found), deviations(scene, found, ERRORS), strict=True))
+    assert len(sizes) == 2 * 5 + 2
+    assert sizes["segment_1_azimuth"] == sizes["segment_1_elevation"] == math.radians(5)
+    assert sizes["remanence_magnetic"] == pytest.approx(0.05 * 0.138)
+    assert sizes["shear_modulus_magnetic"] == pytest.approx(0.04 * 120e3)
+    assert kinds(Robust(remanence=0.1)) == ["remanence"]
+
+
+def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> None:
+    """400 rods: sigma is known to 1/sqrt(800), 3.5 %; first order errs by some percent at 5 degrees: 10 % in all."""
+    study = load_study(write_study(tmp_path))
+    scene, rng = study.scene, np.random.default_rng(3)
+    found = differentiate(scene, kinds(ERRORS))
+    sizes = deviations(scene, found.variables, ERRORS)
+    expected = Scatter(gaps(found.result, study.target), gap_derivatives(found, study.target) * sizes)
+    shapes = []
+    for _ in range(400):
+        made, errors = scene, sizes * rng.normal(size=len(sizes))
+        for variable, error in zip(found.variables, errors, strict=True):
+            made = variable.changed(made, error)  # tilts one after the other: the same to first order
+        shapes.append(gaps(solve(made), study.target))
+    rms = np.array([root_mean_square(shape) for shape in shapes])
+    moved = math.sqrt(np.mean([np.mean(np.sum((shape - expected.gaps) ** 2, axis=1)) for shape in shapes]))
+    mean, sigma = expected.moments()
+    assert expected.scatter == pytest.approx(moved, rel=0.1)
+    assert sigma == pytest.approx(rms.std(ddof=1), rel=0.1)
+    assert mean == pytest.approx(rms.mean(), rel=0.05)
+
+
+@pytest.mark.parametrize("sampler", ["random", "tpe"])
+def test_a_study_judges_designs_by_mean_and_sigma(sampler: str, tmp_path: Path) -> None:
+    """Its best design is that of the least measure, and the report has the rms too; it resumes to the same."""
+    path = write_study(tmp_path, ROBUST.replace("random", sampler))
+    study = load_study(path)
+    run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out", trials=3)
+    report = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
+    once = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "once")
+    assert report.measure_m == once.measure_m
+    assert report.best["measure_m"] == min(report.measure_m)
+    assert report.best["measure_m"] == report.best["mean_rms_m"] + 2 * report.best["sigma_rms_m"]
+    assert report.best["rms_m"] == report.rms_m[report.best["number"]] < report.best["measure_m"]
+    assert report.best["scatter_m"] > 0
+    with pytest.raises(ValueError, match=r"sensitivities"):
+        run_study(study, solve=solve, out=tmp_path / "other")
+
+
+def test_robust_needs_equilibria(tmp_path: Path) -> None:
+    from magmpm.errors import InputError
+
+    path = write_study(tmp_path, ROBUST, SCENE + "solver: {dynamic: {duration: 0.1 s}}\n")
+    with pytest.raises(InputError, match="robust differentiates equilibria"):
+        load_study(path)

@@ -1,0 +1,62 @@
+"""What a study says before its first trial: that nothing moves the shape, or that the target can't tell its variables apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rod_solve import SCENE, STUDY, solve, write_study
+
+from magmpm.errors import InputError
+from magmpm.inputs.csv_tables import write_centreline
+from studies.definition import load_study
+from studies.engine import run_study
+from studies.search_space import SearchSpace
+from studies.well_posed import check_search, judge
+
+STRAIGHT = SCENE.replace("[0 mT, 6 mT, 8 mT]", "[9 mT, 0 mT, 0 mT]")
+ALONG = "\n".join("      - magnetization: [1, 0, 0]" if "- magnetization" in line else line for line in STRAIGHT.split("\n"))
+
+
+def study_of(folder: Path, vary: str, scene: str = SCENE, points: int = 20):
+    path = write_study(folder, STUDY.replace("\n  magnetization: {}", f" {vary}"), scene)
+    s = np.linspace(0.0, 0.04, points + 1)
+    write_centreline(folder / "target.csv", np.column_stack([s, 0.99 * s, 0.1 * s, 0 * s]))
+    return load_study(path)
+
+
+def test_a_good_study_has_nothing_to_say(tmp_path: Path) -> None:
+    study = study_of(tmp_path, "{magnetization: {}}")
+    assert check_search(study, SearchSpace.of(study)) == []
+    found = judge(study, SearchSpace.of(study))
+    assert found.freedom == found.seen == 10
+    assert (found.moves > 1e-4).all(), "each turns the catheter by a radian's worth of some segment"
+
+
+def test_nothing_that_varies_moves_the_shape(tmp_path: Path) -> None:
+    """A field along the axis of a catheter that is magnetized along it bends nothing, whatever its remanence; it is stretched, by less than counts."""
+    study, out = study_of(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG), tmp_path / "out"
+    with pytest.raises(InputError) as caught:
+        run_study(study, solve=solve, out=out)
+    said = str(caught.value)
+    assert all(part in said for part in ("probe.yaml: vary: received 1 variables", "at most", "mm", "something must move the shape", "remedy"))
+    assert not out.exists()
+
+
+def test_more_variables_than_the_target_can_tell_apart(tmp_path: Path) -> None:
+    """Two points beyond the base are six numbers, and ten angles vary: said with both numbers, and the study runs."""
+    study, said = study_of(tmp_path, "{magnetization: {}}", points=2), []
+    report = run_study(study, solve=solve, out=tmp_path / "out", trials=1, on_advice=said.extend)
+    assert said == report.warnings
+    assert len(said) == 1
+    assert "10 numbers vary" in said[0]
+    assert "2 points beyond the base tell 6 combinations of them apart" in said[0]
+
+
+def test_a_field_and_directions_share_a_turn_only_if_all_turn(tmp_path: Path) -> None:
+    """Field and magnetization may turn together about the axis, and the shape with them: the target tells all 13 numbers apart."""
+    study = study_of(tmp_path, "{magnetization: {}, field: {max: 10 mT}}")
+    found = judge(study, SearchSpace.of(study))
+    assert found.freedom == 13
+    assert 11 <= found.seen <= 13
