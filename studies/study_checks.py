@@ -111,15 +111,15 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
     """A path begins where the guide ends and as it points, bends no sharper than the catheter can, and is as long as the depths.
 
     The catheter's inner side is shortened by thickness / (2 radius): half of it, at a radius of its thickness, is what a solid body may
-    be asked for. The radius at a point of the table is that of the circle that touches both of its chords there: the mean of their lengths
-    over 2 tan(turn / 2).
+    be asked for. The radius at a point of the table is that of the circle that touches both of its chords there, no farther away than the
+    middle of the shorter one: that one's length over 2 tan(turn / 2).
     """
     thickness = scene.thickness
     chords = np.diff(rows[:, 1:], axis=0)
     lengths = np.linalg.norm(chords, axis=1)
     along = np.vstack([[1.0, 0.0, 0.0], chords / np.maximum(lengths, 1e-12)[:, None]])  # the guide, then the path
     turn = np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0))
-    spans = np.concatenate([[lengths[0]], (lengths[1:] + lengths[:-1]) / 2])
+    spans = np.concatenate([[lengths[0]], np.minimum(lengths[1:], lengths[:-1])])
     radius = spans / np.maximum(2 * np.tan(np.minimum(turn, np.pi - 1e-9) / 2), 1e-12)
     worst = int(np.argmin(radius))
     if radius[worst] < thickness:

@@ -35,12 +35,12 @@ def test_a_good_study_has_nothing_to_say(tmp_path: Path) -> None:
 
 
 def test_nothing_that_varies_moves_the_shape(tmp_path: Path) -> None:
-    """A field along the axis of a catheter that is magnetized along it bends nothing, whatever its remanence; it is stretched, by less than counts."""
+    """A field along a catheter that is magnetized along its axis bends nothing, whatever its remanence; it stretches less than counts."""
     study, out = study_of(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG), tmp_path / "out"
     with pytest.raises(InputError) as caught:
         run_study(study, solve=solve, out=out)
     said = str(caught.value)
-    assert all(part in said for part in ("probe.yaml: vary: received 1 variables", "at most", "mm", "something must move the shape", "remedy"))
+    assert all(part in said for part in ("probe.yaml: vary: received 1 variables", "at most", "something must move the shape", "remedy"))
     assert not out.exists()
 
 
