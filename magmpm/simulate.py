@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from magmpm.dynamics.time_loop import SimulationState
 
 Progress = Callable[[int, float], None]
+BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium has a warning
 
 
 def run(
@@ -340,6 +341,16 @@ def _strained(strain: Strain) -> dict[str, Any]:
     return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
 
 
+def _on_the_brink(stability: float | None) -> list[str]:
+    """A warning where an equilibrium is close to a critical load."""
+    if stability is None or stability > BRINK:
+        return []
+    return [
+        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % of the unloaded body's stiffness: it is at "
+        "a critical load (buckling, turning round) or free to turn about an axis, so a small change of the load may move it far"
+    ]
+
+
 def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
     scene, point = model.scene, found.point
     position, strain = point.position, strain_of(model, point.position, point.F)
@@ -355,8 +366,9 @@ def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], f
         max_det_F=point.max_det_F,
         energy=point.energy,
         seconds=seconds,
-        warnings=_warnings(scene) + found.warnings + strain.warnings(model),
+        warnings=_warnings(scene) + found.warnings + strain.warnings(model) + _on_the_brink(found.stability),
         **_strained(strain),
         load_share=found.load_share,
+        stability=found.stability,
         failure=failure,
     )

@@ -121,6 +121,7 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
         f"{result.name}: {_done(result)}",
         f"  tip             {lengths(result.tip)}",
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
+        *_stability(result),
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
         f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
@@ -133,6 +134,13 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
 def _along_time(result: Result) -> str:
     total = sum(step["iterations"] for step in result.steps)
     return f"{len(result.steps)} equilibria until {quantity(result.time, 's')} in {total} Newton steps, {len(result.jumps)} jumps"
+
+
+def _stability(result: Result) -> list[str]:
+    """The line of an equilibrium's stability."""
+    if result.stability is None:
+        return []
+    return [f"  stability       {result.stability:.3f} (softest motion, over the unloaded body's: 1 at rest, 0 at a critical load)"]
 
 
 def _done(result: Result) -> str:

@@ -21,7 +21,7 @@ from magmpm.results.readable import lengths, quantity
 from magmpm.results.whole_file import whole_file, write_json
 
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
-    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [],
+    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [], "stability": None,
 }  # fmt: skip
 
 
@@ -108,6 +108,8 @@ class Result:
     steps: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # of equilibria along time, one each: see docs/motion.md
     jumps: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # where a branch of equilibria ended: see docs/motion.md
     tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
+    # No unit: smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load; None: not known (motion).
+    stability: float | None = None
 
     def __repr__(self) -> str:
         """One line: how the run ended, the tip, det F, and what it cost."""

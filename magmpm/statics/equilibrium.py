@@ -24,6 +24,7 @@ from magmpm.statics.interacting import InteractingEnergy, minimize_with_interact
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import Minimum, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
+from magmpm.statics.stability import stability
 
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
@@ -37,7 +38,8 @@ class Equilibrium:
 
     point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
     shape, in the rod's frames, a start for a neighboring design; warnings: what a user should know; load_share: share of the load
-    in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its panels with the last factors.
+    in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its panels with the last factors;
+    stability: smallest eigenvalue of the tangent over the unloaded body's (statics.stability), None where the solve failed.
     """
 
     point: Point
@@ -47,6 +49,7 @@ class Equilibrium:
     warnings: list[str] = field(default_factory=list)
     load_share: float = 1.0
     energy: Energy | InteractingEnergy | None = None
+    stability: float | None = None
 
 
 def solve_static(
@@ -68,7 +71,9 @@ def solve_static(
     model, of = arranged(model)
     with one_blas_thread():
         try:
-            return restored(model, _solve(model, correction, on_step), of)
+            found = _solve(model, correction, on_step)
+            assert found.energy is not None
+            return restored(model, replace(found, stability=stability(found.energy, found.point)), of)
         except SolveError as error:
             state = error.state
             raise SolveError(

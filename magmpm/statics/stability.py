@@ -1,0 +1,161 @@
+"""How stable an equilibrium is: the smallest eigenvalue of its tangent, over that of the unloaded body.
+
+K v = lambda M v, with M the mass matrix of unit density: lambda is the least stiffness, per mass, against any small motion. The ratio is 1
+at rest and 0 at a critical load (buckling, snapping, turning round), toward which it falls linearly for most loads.
+
+The solve leaves factors of a tangent a step or two old. Inverse iteration with them gives a few soft vectors; in their span the true
+tangent decides, by differences of residuals (Rayleigh-Ritz: the error of the eigenvalue is the square of the vector's), and one more
+preconditioned residual is added until it would change little. Source: Knyazev, SIAM J. Sci. Comput. 23 (2001) 517 (LOBPCG).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.effects import acting
+from magmpm.kernels.changes import scatter
+from magmpm.kernels.equilibrium import grid_to_particles
+from magmpm.statics.block_cholesky import factor, solve_columns
+from magmpm.statics.energy import Energy, Point
+from magmpm.statics.interacting import InteractingEnergy
+
+COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
+ROUNDS = 3  # of inverse iteration
+ENOUGH = 1e-3  # of the unloaded body's eigenvalue: error that is left
+MOST = 6  # vectors added
+NUDGE = 1e-5  # of the body's length: the largest displacement in a difference of residuals
+NO_LOAD = 1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
+_rest: OrderedDict[bytes, float] = OrderedDict()
+KEPT = 64  # bodies
+DEPENDENT = 1e-10  # of the squared size: columns nearer than this to the others' span add nothing but rounding
+
+Product = Callable[[Array], Array]
+
+
+def stability(energy: Energy | InteractingEnergy, point: Point) -> float:
+    """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
+
+    energy: of the solve, with its last factors in its panels, which stay; with interaction, those of the other parts of the energy.
+    """
+    alone = energy.alone if isinstance(energy, InteractingEnergy) else energy
+    rest = _of_rest(alone)
+    here = energy.at(point.grid)
+    base, reach = energy.residual(here), NUDGE * alone.model.scene.length
+
+    def stiffness(columns: Array) -> Array:
+        out = np.empty_like(columns)
+        for k in range(columns.shape[1]):
+            v = columns[:, k]
+            size = reach / np.abs(v).max()
+            out[:, k] = (energy.residual(energy.at(point.grid + size * v)) - base) / size
+        return out
+
+    found = _smallest(alone, stiffness, rest)
+    energy.at(point.grid)  # tables that follow the shape
+    return found / rest
+
+
+def _of_rest(energy: Energy) -> float:
+    """Smallest eigenvalue (1/s^2 per kg/m^3) of the unloaded body's tangent, kept for the next solve of the same body."""
+    model = energy.model
+    parts = [model.particles.position, model.particles.volume, model.shear, model.bulk, model.weights, model.modes, model.layout.fixed]
+    key = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).digest()
+    if key not in _rest:
+        unloaded = Energy(replace(model, effects=acting.collect(model.scene, NO_LOAD, model.times)))
+        at = unloaded.at(np.zeros(unloaded.shape))
+        _, panels = unloaded.tangent(at)
+        if factor(panels, model.layout.split) >= 0:
+            raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
+        base, reach = unloaded.residual(at), NUDGE * model.scene.length
+
+        def stiffness(columns: Array) -> Array:
+            out = np.empty_like(columns)
+            for k in range(columns.shape[1]):
+                size = reach / np.abs(columns[:, k]).max()
+                out[:, k] = (unloaded.residual(unloaded.at(size * columns[:, k])) - base) / size
+            return out
+
+        _rest[key] = _smallest(unloaded, stiffness, 0.0)
+        while len(_rest) > KEPT:
+            _rest.popitem(last=False)
+    _rest.move_to_end(key)
+    return _rest[key]
+
+
+def _smallest(energy: Energy, stiffness: Product, scale: float) -> float:
+    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself."""
+    split = energy.model.layout.split
+    X = _start(energy)
+    for _ in range(ROUNDS):
+        MX = mass(energy, X)
+        X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
+    MX = mass(energy, X)
+    turn = _orthonormal(_inner(X, MX))
+    X, MX = _mixed(X, turn), _mixed(MX, turn)
+    KX = stiffness(X)
+    value = np.inf
+    for _ in range(MOST):
+        turn = _orthonormal(_inner(X, MX))
+        values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
+        value, mix = float(values[0]), (turn @ vectors)[:, :1]
+        left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
+        w = solve_columns(energy.panels, split, left)
+        if float(np.sum(w * left)) < ENOUGH * max(scale, abs(value)):  # mix is of norm 1 in M: what w can still win, to first order
+            break
+        w /= np.abs(w).max()
+        X, KX, MX = (np.concatenate([old, new], axis=1) for old, new in ((X, w), (KX, stiffness(w)), (MX, mass(energy, w))))
+    return value
+
+
+def _inner(X: Array, Y: Array) -> Array:
+    """Symmetric products (k, k) of columns (planes, k, m)."""
+    products = np.einsum("pam,pbm->ab", X, Y, optimize=True)
+    return np.asarray((products + products.T) / 2)
+
+
+def _mixed(columns: Array, mix: Array) -> Array:
+    """Columns (planes, k, m) mixed to (planes, q, m) by mix (k, q)."""
+    return np.ascontiguousarray(np.einsum("pkm,kq->pqm", columns, mix, optimize=True))
+
+
+def _orthonormal(gram: Array) -> Array:
+    """Mix (k, q) that makes columns with these inner products (k, k) orthonormal; q < k where some are not independent to rounding."""
+    size = np.sqrt(np.diag(gram))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    kept = values > DEPENDENT
+    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])) / size[:, None])
+
+
+def _start(energy: Energy) -> Array:
+    """Columns (planes, COLUMNS, m) of smooth motion: to both sides, growing along the body, and twist about its axis."""
+    model, layout = energy.model, energy.model.layout
+    x = model.plane_coordinates()
+    x = (x - x[0]) / (x[-1] - x[0])
+    y, z = (model.grid.node_coordinates(i + 1)[layout.node_yz[:, i]] - model.grid.origin[i + 1] for i in range(2))
+    first, second, third = model.order
+    out = np.zeros((layout.planes, COLUMNS, layout.nodes_per_plane, 3))
+    out[:, 0, :, second] = (1.0 + x**2)[:, None]
+    out[:, 1, :, third] = (1.0 + x**2)[:, None]
+    middle = [(one - one.mean()) / max(np.ptp(one), 1e-300) for one in (y, z)]
+    out[:, 2, :, second], out[:, 2, :, third] = -(1.0 + x)[:, None] * middle[1], (1.0 + x)[:, None] * middle[0]
+    out[:, 2, :, first] = 0.1 * (1.0 + x)[:, None]
+    return energy.free_columns(out.reshape(layout.planes, COLUMNS, layout.m))
+
+
+def mass(energy: Energy, columns: Array) -> Array:
+    """The mass matrix of unit density times columns (planes, k, m)."""
+    model, count = energy.model, columns.shape[1]
+    n = len(model.shear)
+    u, F = np.empty((count, n, 3)), np.empty((n, 3, 3))
+    for k in range(count):
+        grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), energy.rest_gradient, u[k], F)
+    out = np.zeros_like(columns)
+    column = np.repeat(np.arange(count)[:, None], len(model.layout.cell_plane), axis=1)
+    scatter(energy.cells, energy.particles, column, np.zeros((count, n, 3, 3)), -u, out)
+    return energy.free_columns(out)
