@@ -127,6 +127,7 @@ def _mixed(columns: Array, mix: Array) -> Array:
 def _orthonormal(gram: Array) -> Array:
     """Mix (k, q) that makes columns with these inner products (k, k) orthonormal; q < k where some are not independent to rounding."""
     size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0.0, size, np.inf)  # what can't move: a column of zeros
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     kept = values > DEPENDENT
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])) / size[:, None])
