@@ -33,7 +33,6 @@ LATER_KEYS = {  # keys of the contract that nothing stands behind yet
     "insertion": "a catheter that is pushed along a path",
     "schedule": "a field over time through given shapes",
     "stability": "designs kept away from critical loads",
-    "limits": "directions that can be made",
     "start": "beginning with the rod's best designs",
 }
 

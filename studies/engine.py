@@ -21,6 +21,7 @@ from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
+from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
@@ -152,7 +153,8 @@ class _Run:
             return []
         with storage_faults(self.url, self.timeout):
             if STARTS not in self.kept.user_attrs:
-                self.kept.set_user_attr(STARTS, rod_starts(self.space, self.study.target, self.study.seed))
+                starts = rod_starts(self.space, self.study.target, self.study.seed)
+                self.kept.set_user_attr(STARTS, improved(self.space, self.study.target, starts))
             return list(self.kept.user_attrs[STARTS])
 
     def to_the_end(

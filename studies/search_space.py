@@ -39,12 +39,14 @@ from studies.blocks import (
     distributions,
     from_azimuth,
 )
+from studies.limits import Makeable
 from studies.scene_edits import Edits, arrangement, kept_total, numbers_of, orders
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
     from studies.study import Study
+    from studies.study_file import Limits
 
 __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
@@ -65,7 +67,7 @@ class SearchSpace:
 
     segments: the magnetized segments whose directions are (numbers from 0, base first); field_max: T, None for a fixed field; fields: how
     many fields there are, one at each depth or time; numbers: quantities within bounds; keeps_length: whether segments that vary their
-    lengths sum to the body's; order: whether the order of magnetized and plain segments varies.
+    lengths sum to the body's; order: whether the order of magnetized and plain segments varies; limits: of the directions that can be made.
     """
 
     scene: Scene
@@ -75,6 +77,7 @@ class SearchSpace:
     numbers_within: tuple[Number, ...] = ()
     keeps_length: bool = True
     order: bool = False
+    limits: Makeable | None = None
 
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
@@ -88,6 +91,7 @@ class SearchSpace:
             numbers_within=numbers_of(vary, scene),
             keeps_length=vary.length is None or vary.length.total == "keep",
             order=vary.order is not None,
+            limits=makeable(study.limits),
         )
 
     # the blocks, and where their embedded coordinates stand
@@ -116,7 +120,10 @@ class SearchSpace:
 
     @property
     def freedom(self) -> int:
-        """How many numbers can change independently: two a direction, three a field, one a number (one less for a kept length)."""
+        """How many numbers can change independently: two a direction, three a field, one a number (one less for a kept length).
+
+        Limits aside.
+        """
         lengths = sum(number.what == "length" for number in self.numbers_within)
         count = sum(2 if isinstance(block, Direction) else block.size for block in self.blocks)
         return count - int(lengths > 0 and self.keeps_length)
@@ -225,6 +232,13 @@ class SearchSpace:
 
     # designs -> scenes
 
+    def made(self, x: Array) -> Array:
+        """The embedded coordinates (size,) of what is made: directions within the limits."""
+        if self.limits is None or not self.segments:
+            return x
+        count = 3 * len(self.segments)  # directions come first
+        return np.concatenate([self.limits.made(np.asarray(x[:count], dtype=float).reshape(-1, 3)).reshape(-1), x[count:]])
+
     def scene_of(self, parameters: Parameters, field: int = -1) -> Scene:
         """The scene of a trial, in the field with this number (of one at each depth or time; the last unless given)."""
         return self.scene_at(self.embedded(parameters), parameters.get("order"), field)
@@ -237,7 +251,7 @@ class SearchSpace:
 
     def edit(self, edits: Edits, x: Array, order: str | None = None, field: int = -1) -> None:
         """Write a design, by its embedded coordinates (size,), into a scene's data."""
-        lengths = {}
+        lengths, x = {}, self.made(x)
         fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
         for block, at in zip(self.blocks, self.slices, strict=True):
             if isinstance(block, Direction):
@@ -263,9 +277,10 @@ class SearchSpace:
     def directions(self, parameters: Parameters) -> Array:
         """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
         found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
-        for block in self.blocks:
+        x = self.made(self.embedded(parameters))
+        for block, at in zip(self.blocks, self.slices, strict=True):
             if isinstance(block, Direction):
-                found[block.segment] = block.read(parameters)
+                found[block.segment] = x[at]
         order = parameters.get("order")
         return found if order is None else found[arrangement(self.scene, order)]
 
@@ -325,6 +340,9 @@ class SearchSpace:
                 found[row, column] = 1.0
         if lengths:
             self._chain_of_lengths(found, rows, x, lengths, places)
+        if self.limits is not None:
+            count = 3 * len(self.segments)
+            found[:, :count] = found[:, :count] @ self.limits.derivative(x[:count].reshape(-1, 3)).reshape(count, count)
         return found
 
     def _chain_of_lengths(
@@ -348,3 +366,10 @@ def _rows(variables: Sequence[VariableLike]) -> dict[tuple[str, int | str | None
         where = {"magnetization": "region", "length": "region", "remanence": "material", "shear_modulus": "material"}.get(variable.kind)
         found.setdefault((variable.kind, None if where is None else getattr(variable, where)), []).append(row)
     return found
+
+
+def makeable(limits: Limits | None) -> Makeable | None:
+    """The limits of a study."""
+    if limits is None:
+        return None
+    return Makeable(None if limits.directions is None else np.array(limits.directions), limits.at_most)

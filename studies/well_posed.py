@@ -6,7 +6,7 @@ embedded coordinates, in which each block's step of 1 is a whole one: a radian, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
 
 def judge(study: Study, space: SearchSpace) -> Judgement | None:
     """By the rod at random designs; None where it finds no equilibrium, or there are only choices."""
-    rng = np.random.default_rng(SEED)
+    rng, space = np.random.default_rng(SEED), replace(space, limits=None)  # directions of a set have no derivatives
     moves, seen = [], []
     stations = study.target[:, 0]
     for _ in range(4 * DESIGNS):
