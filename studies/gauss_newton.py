@@ -37,8 +37,9 @@ __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 PLAN = "gauss_newton:plan"
 RADIUS = 1.0  # of the first step of a descent
 LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
-LEAST_GAIN = 0.04  # share of the sum of squares that a step must promise, else the descent is stuck
+LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else the descent is stuck
 PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brought the value below this share
+SPARE = 0.05**2  # share of a decrease that the first step of a descent may leave
 LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
 
 
@@ -97,7 +98,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if found is not None:
             base, radius = found
             x, residuals, jacobian = self._space.read(base.params), *_model(base)
-            step = self._space.step(x, residuals, jacobian, radius)
+            step = self._space.step(x, residuals, jacobian, radius, _spare(base, known))
             there = self._space.write(self._space.moved(x, step.p))
             if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
                 kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
@@ -165,6 +166,18 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
     def _seen(self, params: Mapping[str, float], trials: Sequence[FrozenTrial]) -> bool:
         """Whether a finished trial had this design."""
         return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
+
+
+def _spare(base: FrozenTrial, known: Mapping[int, FrozenTrial]) -> float:
+    """Share of the possible decrease that a step may leave, so as to be short: less, the better the linear model has been.
+
+    The residual that is left is its root, times what there is. As in an inexact Newton method whose forcing terms are the squared ratio of
+    the last two residuals (Eisenstat and Walker, SIAM J. Sci. Comput. 17 (1996) 16), convergence stays quadratic.
+    """
+    plan = base.system_attrs.get(PLAN)
+    if plan is None or plan["from"] is None:
+        return SPARE
+    return min(SPARE, (_cost(base) / _cost(known[plan["from"]])) ** 2)
 
 
 def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:

@@ -6,7 +6,7 @@ The part of the Gauss-Newton sampler (gauss_newton.py) that knows geometry. Like
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -213,19 +213,28 @@ class Coordinates:
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
 
-    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float) -> Step:
-        """The step that the linear model likes best within the bounds and the radius."""
+    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float, spare: float = 0.0) -> Step:
+        """The step that the linear model likes best within the bounds and the radius; or a shorter one: see `_trusted`."""
         basis, low, high = self.tangent(x)
         J = jacobian @ basis
-        p = _trusted(J, residuals, low, high, radius)
+        p = _trusted(J, residuals, (low, high), radius, spare)
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         p = np.concatenate([block.within(x[place], part) for block, place, part in parts])
-        left = residuals + J @ p
-        return Step(p, float(np.linalg.norm(p)), float(residuals @ residuals - left @ left))
+        return Step(p, float(np.linalg.norm(p)), _promised(J, residuals, p))
 
 
-def _trusted(J: Array, r: Array, low: Array, high: Array, radius: float) -> Array:
-    """min |r + J p|^2 for low <= p <= high and |p| <= radius, by damping: (J^T J + damping) p = -J^T r on the free variables."""
+def _promised(J: Array, r: Array, p: Array) -> float:
+    """How much a step decreases the sum of squares in the linear model."""
+    left = r + J @ p
+    return float(r @ r - left @ left)
+
+
+def _trusted(J: Array, r: Array, bounds: tuple[Array, Array], radius: float, spare: float) -> Array:
+    """min |r + J p|^2 within bounds and for |p| <= radius, by damping: (J^T J + damping) p = -J^T r on the free variables.
+
+    spare: share of the decrease that may be left for the next step. With it the step is as short as it can be: the last hundredth of a
+    decrease often asks for a long way in directions that hardly matter, where the linear model is wrong by more than that.
+    """
     largest = float(np.linalg.norm(J, 2))
     if largest == 0.0:
         return np.zeros(J.shape[1])
@@ -233,22 +242,30 @@ def _trusted(J: Array, r: Array, low: Array, high: Array, radius: float) -> Arra
     def damped(root: float) -> Array:
         matrix = np.vstack([J, root * np.eye(J.shape[1])])
         right = np.concatenate([-r, np.zeros(J.shape[1])])
-        return np.asarray(lsq_linear(matrix, right, (low, high), method="bvls").x)
+        return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x)
+
+    def allowed(p: Array) -> bool:
+        return bool(np.linalg.norm(p) <= radius)
 
     less = 1e-6 * largest  # directions that hardly matter stay as they are
-    p = damped(less)
-    if np.linalg.norm(p) <= radius:
-        return p
     more = largest + float(np.linalg.norm(J.T @ r)) / (radius * largest)
-    while np.linalg.norm(p := damped(more)) > radius:
+    while not allowed(damped(more)):
         more *= 4.0
-    for _ in range(40):
-        if np.linalg.norm(p) >= 0.95 * radius:
-            break
-        root = math.sqrt(less * more)
-        tried = damped(root)
-        if np.linalg.norm(tried) <= radius:
-            p, more = tried, root
-        else:
-            less = root
+    root, p = less, damped(less)
+    if not allowed(p):
+        root, p = _between(damped, less, more, lambda p: not allowed(p))
+    enough = (1.0 - spare) * _promised(J, r, p)
+    if spare > 0.0 and _promised(J, r, damped(more)) < enough:
+        return _between(damped, root, more, lambda p: _promised(J, r, p) >= enough, last=True)[1]
     return p
+
+
+def _between(
+    damped: Callable[[float], Array], less: float, more: float, is_less: Callable[[Array], bool], *, last: bool = False
+) -> tuple[float, Array]:
+    """The root of the damping, and its step, where `is_less` changes between two: just after it, or (last) just before it."""
+    while more > 1.05 * less:
+        root = math.sqrt(less * more)
+        less, more = (root, more) if is_less(damped(root)) else (less, root)
+    found = less if last else more
+    return found, damped(found)
