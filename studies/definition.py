@@ -32,8 +32,6 @@ SHOWN_DIFFERENCES = 12
 LATER_KEYS = {  # keys of the contract that nothing stands behind yet
     "insertion": "a catheter that is pushed along a path",
     "schedule": "a field over time through given shapes",
-    "stability": "designs kept away from critical loads",
-    "start": "beginning with the rod's best designs",
 }
 
 

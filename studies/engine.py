@@ -10,6 +10,7 @@ import dataclasses
 import shutil
 import statistics
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,7 +26,7 @@ from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
-from studies.samplers import check_available, make_sampler, settings
+from studies.samplers import check_available, check_suits, make_sampler, settings
 from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
@@ -39,7 +40,7 @@ from studies.storage import (
     storage_faults,
     storage_url,
 )
-from studies.trial import Outcome, Solve, Trial, attributes, evaluate
+from studies.trial import Outcome, Solve, Trial, attributes, constraints, evaluate
 from studies.well_posed import check_search
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def run_study(
     """
     study = study.changed(trials=trials, sampler=sampler)
     check_available(study.sampler)
+    check_suits(study)
     if needs_derivatives(study) and differentiate is None:
         raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
     advice = check_search(study, SearchSpace.of(study))
@@ -149,13 +151,24 @@ class _Run:
 
     def rod_starts(self) -> list[dict[str, float]]:
         """The rod's best designs, if this study begins with them. They are found once and kept with the study."""
-        if self.study.sampler != "gauss-newton":
+        if self.study.sampler != "gauss-newton" and self.study.start is None:
             return []
         with storage_faults(self.url, self.timeout):
             if STARTS not in self.kept.user_attrs:
                 starts = rod_starts(self.space, self.study.target, self.study.seed)
                 self.kept.set_user_attr(STARTS, improved(self.space, self.study.target, starts))
             return list(self.kept.user_attrs[STARTS])
+
+    def queue_start(self) -> None:
+        """Makes the rod's next design the next trial, for samplers that do not begin from the rod's designs by themselves.
+
+        Only as it is due, so that a trial's number says which design it has: `ask` takes what waits before it asks the sampler.
+        """
+        from optuna.trial import TrialState
+
+        due = self.study.start == "rod" and self.study.sampler != "gauss-newton" and self.count < len(self.starts)
+        if due and not self.kept.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
+            self.kept.enqueue_trial(self.starts[self.count], user_attrs={"start": "rod"})
 
     def to_the_end(
         self,
@@ -182,10 +195,12 @@ class _Run:
         begun = time.perf_counter()
         with storage_faults(self.url, self.timeout):
             self.kept.sampler = self.sampler()
+            self.queue_start()
             asked = self.kept.ask(self.distributions)
         try:
             scene = self.space.scene_of(asked.params)
-            outcome = evaluate(self.solved(solve, asked.params), scene, self.study.target, self.out / FAILURES)
+            solved, margin = self.solved(solve, asked.params), self.study.margin
+            outcome = evaluate(solved, scene, self.study.target, self.out / FAILURES, margin)
             known = attributes(
                 outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
             )
@@ -225,7 +240,7 @@ class _Run:
     ) -> Trial:
         """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count."""
         result = outcome.result
-        improved = result is not None and (self.best is None or outcome.value < self.best)
+        improved = outcome.accepted and (self.best is None or outcome.value < self.best)
         best = outcome.value if improved else self.best
         trial = Trial(
             asked.number, outcome.value, outcome.tip_error, best, improved, outcome.reason, self.study.target
@@ -241,6 +256,10 @@ class _Run:
         with storage_faults(self.url, self.timeout):
             for key, value in known.items():
                 asked.set_user_attr(key, value)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
+                for key, value in constraints(outcome, self.study.margin).items():
+                    asked.set_constraint(key, value)
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             seconds = {"solve": outcome.seconds, "render": drawn - solved, "total": time.perf_counter() - begun}
             asked.set_user_attr("seconds", seconds)
@@ -304,7 +323,8 @@ class _Run:
             wanted=self.study.trials,
             stop_rms_m=self.study.stop_rms,
             trials=len(trials),
-            failed=sum(not report.feasible(t) for t in trials),
+            failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
+            refused=sum(report.refused(t) for t in trials),
             best=None if best is None else report.describe(best),
             first_trial_below_stop=None if first is None else first.number,
             seconds_per_trial=report.seconds_per_trial(trials),

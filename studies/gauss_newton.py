@@ -39,7 +39,6 @@ RADIUS = 1.0  # of the first step of a descent
 LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
 LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else the descent is stuck
 PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brought the value below this share
-SPARE = 0.05**2  # share of a decrease that the first step of a descent may leave
 LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
 
 
@@ -98,7 +97,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if found is not None:
             base, radius = found
             x, residuals, jacobian = self._space.read(base.params), *_model(base)
-            step = self._space.step(x, residuals, jacobian, radius, _spare(base, known))
+            step = self._space.step(x, residuals, jacobian, radius, self._curvature(trials[-1], known, x, jacobian))
             there = self._space.write(self._space.moved(x, step.p))
             if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
                 kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
@@ -126,6 +125,15 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             return None
         return best, RADIUS
 
+    def _curvature(self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array) -> float:
+        """By how much residuals leave the linear model, over a step's length squared: as the last step showed, or a guess."""
+        guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
+        if plan is None or plan["from"] is None or _model_of(last) is None:
+            return guess
+        left = math.sqrt(max(_cost(known[plan["from"]]) - plan["promised"], 0.0))
+        seen = abs(math.sqrt(_cost(last)) - left) / max(plan["length"], LEAST_RADIUS) ** 2
+        return min(max(seen, guess / 10), 10 * guess)
+
     def _stuck(
         self,
         base: FrozenTrial,
@@ -140,7 +148,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         cost = float(residuals @ residuals)
         if radius < LEAST_RADIUS or step.promised <= 0.0:
             return True
-        if step.length > 0.9 * radius and radius < RADIUS / 4:  # short because of the radius, not because it is near the end
+        if step.promised < LEAST_GAIN * cost:  # because it is short, or because the end is near
             step = self._space.step(x, residuals, jacobian, RADIUS / 4)
         if step.promised < LEAST_GAIN * cost:
             return True
@@ -166,18 +174,6 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
     def _seen(self, params: Mapping[str, float], trials: Sequence[FrozenTrial]) -> bool:
         """Whether a finished trial had this design."""
         return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
-
-
-def _spare(base: FrozenTrial, known: Mapping[int, FrozenTrial]) -> float:
-    """Share of the possible decrease that a step may leave, so as to be short: less, the better the linear model has been.
-
-    The residual that is left is its root, times what there is. As in an inexact Newton method whose forcing terms are the squared ratio of
-    the last two residuals (Eisenstat and Walker, SIAM J. Sci. Comput. 17 (1996) 16), convergence stays quadratic.
-    """
-    plan = base.system_attrs.get(PLAN)
-    if plan is None or plan["from"] is None:
-        return SPARE
-    return min(SPARE, (_cost(base) / _cost(known[plan["from"]])) ** 2)
 
 
 def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:

@@ -6,7 +6,7 @@ The part of the Gauss-Newton sampler (gauss_newton.py) that knows geometry. Like
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ from optuna.distributions import BaseDistribution, FloatDistribution
 from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
+
+DAMPINGS = 24  # tried along the path of steps
 
 
 @dataclass(frozen=True)
@@ -213,59 +215,49 @@ class Coordinates:
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
 
-    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float, spare: float = 0.0) -> Step:
-        """The step that the linear model likes best within the bounds and the radius; or a shorter one: see `_trusted`."""
+    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float, curvature: float = 0.0) -> Step:
+        """The step that promises most within the bounds and the radius. curvature: see `_trusted`."""
         basis, low, high = self.tangent(x)
         J = jacobian @ basis
-        p = _trusted(J, residuals, (low, high), radius, spare)
+        p = _trusted(J, residuals, (low, high), radius, curvature)
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         p = np.concatenate([block.within(x[place], part) for block, place, part in parts])
-        return Step(p, float(np.linalg.norm(p)), _promised(J, residuals, p))
+        left = residuals + J @ p
+        return Step(p, float(np.linalg.norm(p)), float(residuals @ residuals - left @ left))
+
+    def curvature(self, x: Array, jacobian: Array) -> float:
+        """A guess of half the second derivative of the residuals along a step: for angles it is of the order of the first."""
+        return float(np.mean(np.linalg.norm(jacobian @ self.tangent(x)[0], axis=0))) / 2
 
 
-def _promised(J: Array, r: Array, p: Array) -> float:
-    """How much a step decreases the sum of squares in the linear model."""
-    left = r + J @ p
-    return float(r @ r - left @ left)
+def _trusted(J: Array, r: Array, bounds: tuple[Array, Array], radius: float, curvature: float) -> Array:
+    """The best of the steps (J^T J + damping) p = -J^T r on the free variables, within bounds and |p| <= radius, over all dampings.
 
-
-def _trusted(J: Array, r: Array, bounds: tuple[Array, Array], radius: float, spare: float) -> Array:
-    """min |r + J p|^2 within bounds and for |p| <= radius, by damping: (J^T J + damping) p = -J^T r on the free variables.
-
-    spare: share of the decrease that may be left for the next step. With it the step is as short as it can be: the last hundredth of a
-    decrease often asks for a long way in directions that hardly matter, where the linear model is wrong by more than that.
+    The best has the least |r + J p|^2 + (curvature |p|^2)^2: what the linear model leaves, and what it does not know. Without the second
+    term the last hundredth of a decrease is often sought far away, in directions that hardly matter.
     """
     largest = float(np.linalg.norm(J, 2))
     if largest == 0.0:
         return np.zeros(J.shape[1])
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    along, (low, high) = U.T @ r, bounds
 
     def damped(root: float) -> Array:
+        p = np.asarray(-(Vt.T * (s / (s * s + root * root))) @ along)
+        if (p >= low).all() and (p <= high).all():
+            return p
         matrix = np.vstack([J, root * np.eye(J.shape[1])])
-        right = np.concatenate([-r, np.zeros(J.shape[1])])
-        return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x)
+        return np.asarray(lsq_linear(matrix, np.concatenate([-r, np.zeros(J.shape[1])]), bounds, method="bvls").x)
 
-    def allowed(p: Array) -> bool:
-        return bool(np.linalg.norm(p) <= radius)
+    def expected(p: Array) -> float:
+        size, left = float(p @ p), r + J @ p
+        return float(left @ left) + (curvature * size) ** 2 if size <= radius * radius else math.inf
 
     less = 1e-6 * largest  # directions that hardly matter stay as they are
     more = largest + float(np.linalg.norm(J.T @ r)) / (radius * largest)
-    while not allowed(damped(more)):
+    while np.linalg.norm(damped(more)) > radius:
         more *= 4.0
-    root, p = less, damped(less)
-    if not allowed(p):
-        root, p = _between(damped, less, more, lambda p: not allowed(p))
-    enough = (1.0 - spare) * _promised(J, r, p)
-    if spare > 0.0 and _promised(J, r, damped(more)) < enough:
-        return _between(damped, root, more, lambda p: _promised(J, r, p) >= enough, last=True)[1]
-    return p
-
-
-def _between(
-    damped: Callable[[float], Array], less: float, more: float, is_less: Callable[[Array], bool], *, last: bool = False
-) -> tuple[float, Array]:
-    """The root of the damping, and its step, where `is_less` changes between two: just after it, or (last) just before it."""
-    while more > 1.05 * less:
-        root = math.sqrt(less * more)
-        less, more = (root, more) if is_less(damped(root)) else (less, root)
-    found = less if last else more
-    return found, damped(found)
+    roots = np.geomspace(less, more, DAMPINGS)
+    best = int(np.argmin([expected(damped(root)) for root in roots]))
+    around = np.geomspace(roots[max(best - 1, 0)], roots[min(best + 1, DAMPINGS - 1)], DAMPINGS)
+    return min((damped(root) for root in around), key=expected)

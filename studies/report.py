@@ -25,7 +25,8 @@ Ended = Literal["stop", "trials", "interrupted"]
 class StudyReport:
     """A study's state. SI.
 
-    trials: finished ones, of which `failed` got the penalty; best: {number, rms_m, tip_error_m, params, magnetization (k, 3),
+    trials: finished ones, of which `failed` got the penalty, and `refused` were less stable than the study's margin;
+    best: {number, rms_m, tip_error_m, stability, params, magnetization (k, 3),
     field_T} of the feasible trial nearest to the target, or None; first_trial_below_stop: number (from 0, as the dashboard
     counts) of the first trial that reached `stop`, None without one; seconds_per_trial: median of solve, picture and
     storage; storage: the database's URL (without password); ended: why the study is not running any more.
@@ -40,6 +41,7 @@ class StudyReport:
     stop_rms_m: float | None
     trials: int
     failed: int
+    refused: int
     best: dict[str, Any] | None
     first_trial_below_stop: int | None
     seconds_per_trial: float | None
@@ -89,9 +91,14 @@ def feasible(trial: FrozenTrial) -> bool:
     return bool(trial.user_attrs.get("feasible"))
 
 
+def refused(trial: FrozenTrial) -> bool:
+    """Whether the trial was solved, but was less stable than its study's margin."""
+    return bool(trial.user_attrs.get("refused"))
+
+
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """What a report says of a trial."""
-    kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "magnetization", "field_T")}
+    kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}
     varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER) if key in trial.user_attrs}
     rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another
     return {"number": trial.number, "rms_m": rms, "params": dict(trial.params), **kept, **varied}

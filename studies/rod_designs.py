@@ -5,8 +5,8 @@ The rod's shape is within a per cent of the length of the body's (its clamp does
 method goes down in all of them at once; the worse ones are dropped on the way. What is left is solved again as `solve_rod` solves it, from
 zero load, because a descent may follow a branch that growing loads do not reach.
 
-A field that varies in space is taken at the places of the target, where the body is if the design is right. Where the scene has no
-rod, there are no designs.
+A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right; the pull
+follows the moments as they were a step before. Where the scene has no rod, there are no designs.
 """
 
 from __future__ import annotations
@@ -68,8 +68,12 @@ class _Problem:
         s = np.concatenate([[0.0], np.cumsum(rod.length)])
         if field_max is not None:
             rod = replace(rod, field=np.zeros_like(rod.field))
+        self.gradient: Array | None = None  # (n + 1, 3, 3) T/m
         if scene.field.varies and scene.effects.in_a_field:
-            rod = replace(rod, field=_field_at_target(scene, target, s, field_max is not None))
+            source, places = scene.outside_field(), _along_target(scene, target, s)
+            without = np.zeros(3) if field_max is None else np.array(scene.field.uniform)
+            rod = replace(rod, field=source.at(places) - without)
+            self.gradient = source.gradient(places) if scene.effects.magnetic_force is not None else None
         self.family = RodFamily.of(rod, scene.body.shape.segment_lengths(), regions)  # type: ignore[attr-defined]
         self.field_max, self.count = field_max, len(regions)
         self.target = target
@@ -78,7 +82,8 @@ class _Problem:
     def shapes(self, directions: Array, field: Array, quaternions: Array, share: float = 1.0) -> tuple[Array, Array, Array]:
         """Residuals (s, m) m and slopes (s, m, c) by directions and by shares of the greatest field; found (s,)."""
         fields = None if self.field_max is None else self.field_max * field
-        position, slopes, found = self.family.relaxed(quaternions, directions, fields, share=share)
+        pull = 0.0 if self.gradient is None else self.family.pull(quaternions, directions, self.gradient)
+        position, slopes, found = self.family.relaxed(quaternions, directions, fields, pull=pull, share=share)
         goal = self.target[:, 1:] / np.sqrt(len(self.target))
         rows = (self.weights @ position - goal).reshape(len(position), -1)
         columns = np.einsum("mn,snic->smic", self.weights, slopes, optimize=True).reshape(*rows.shape, -1)
@@ -196,16 +201,14 @@ def _apart(one: RodDesign, other: RodDesign) -> float:
     return float(np.sqrt(np.mean(np.arccos(np.clip(np.sum(a * b, axis=1), -1.0, 1.0)) ** 2)))
 
 
-def _field_at_target(scene: Scene, target: Array, s: Array, without_uniform: bool) -> Array:
-    """Field (n + 1, 3) T at the places of the target; beyond its ends it goes on straight."""
+def _along_target(scene: Scene, target: Array, s: Array) -> Array:
+    """Places (n + 1, 3) m of the rod's frames if it has the target's shape; beyond the target's end it goes on straight."""
     rows = target if target[0, 0] == 0.0 else np.vstack([np.zeros(4), target])
     places = np.stack([np.interp(s, rows[:, 0], rows[:, i]) for i in (1, 2, 3)], axis=1)
     end = _unit(rows[-1:, 1:] - rows[-2:-1, 1:])
-    places += np.maximum(s - rows[-1, 0], 0.0)[:, None] * end
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
-    field = scene.outside_field().at(np.array(line.base) + places)
-    return np.asarray(field - np.array(scene.field.uniform) if without_uniform else field)
+    return np.asarray(np.array(line.base) + places + np.maximum(s - rows[-1, 0], 0.0)[:, None] * end)
 
 
 def _hold_at_the_bound(A: Array, g: Array, field: Array) -> None:

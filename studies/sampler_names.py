@@ -26,6 +26,7 @@ SENSELESS = {  # Optuna's other samplers, and why a study can't use them
 NAMES = (*SAMPLERS, *(PREFIX + name for name in OPTUNA))
 
 ONE_OBJECTIVE = frozenset({"gp", "cmaes", "gauss-newton", "optuna:CmaEsSampler"})  # samplers that can't weigh two objectives
+HEED_NO_CONSTRAINTS = frozenset({"cmaes", "optuna:CmaEsSampler"})  # samplers that learn from refused designs as from others
 # samplers that also choose among things without an order or a distance
 TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSampler", "optuna:NSGAIISampler", "optuna:NSGAIIISampler")
 

@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, report
 from studies.blocks import Direction, FieldVector, Number
-from studies.sampler_names import check_sampler_name
+from studies.sampler_names import HEED_NO_CONSTRAINTS, TAKE_CHOICES, check_sampler_name
 from studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
+
+    from studies.study import Study
 
 STARTUP = 5  # random trials of GP before a model of the objective is asked; TPE has its own settings
 
@@ -39,6 +41,17 @@ def check_available(name: str) -> None:
             f"sampler: received {name}\n  rule: the sampler {name} needs the package {module}, which is not installed\n"
             f"  remedy: pip install -e '.[{extra}]' in the checkout of magmpm, or sampler: tpe"
         )
+
+
+def check_suits(study: Study) -> None:
+    """Raises InputError when a study, as the command line has changed it, asks for what its sampler can't do."""
+    name = study.sampler
+    if study.margin is not None and name in HEED_NO_CONSTRAINTS:
+        rule = f"{name} would learn from designs that `stability` refuses as from others"
+        raise InputError(report("sampler", received=name, rule=rule, remedy="sampler: tpe or gauss-newton, or remove `stability`"))
+    if study.vary.order is not None and name not in TAKE_CHOICES:
+        rule = f"{name} can't choose an order of segments"
+        raise InputError(report("sampler", received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
 
 
 def settings(name: str) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         if len(trials) < len(TETRAHEDRON):
             return self._with_choices(self._space.parameters(*self._alike(len(trials))), trials)
         designs = self._read(trials)
-        order = sorted(range(len(trials)), key=lambda i: (trials[i].value, i))
+        order = sorted(range(len(trials)), key=lambda i: (_violation(trials[i]), trials[i].value, i))
         count = math.ceil(self._settings.good * len(trials))
         chosen = self.choose(designs[order[:count]], designs[order[count:]])
         return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])
@@ -178,3 +178,8 @@ def _near(rng: np.random.Generator, means: Array, K: float) -> Array:
 
 def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _violation(trial: FrozenTrial) -> float:
+    """By how much a trial violates its constraints: those that do are worse than all others, by how far (as in Optuna's TPE)."""
+    return sum(max(value, 0.0) for value in trial.constraints.values())

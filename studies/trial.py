@@ -47,7 +47,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What solving a design gave: a result and its distances (m), or the penalty and the reason."""
+    """What solving a design gave: a result and its distances (m), or the penalty and the reason.
+
+    A design that is refused keeps its result and distances, with the reason.
+    """
 
     result: Result | None
     rms: float
@@ -55,6 +58,13 @@ class Outcome:
     reason: str | None
     seconds: float
     model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
+    stability: float | None = None  # of the result (Result.stability)
+    refused: bool = False  # solved, but less stable than the study's margin
+
+    @property
+    def accepted(self) -> bool:
+        """Whether this design may be the best."""
+        return self.result is not None and not self.refused
 
     @property
     def value(self) -> float:
@@ -71,11 +81,16 @@ def penalty(scene: Scene) -> float:
 
 
 def evaluate(
-    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]], scene: Scene, target: NDArray[np.float64], log: Path
+    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]],
+    scene: Scene,
+    target: NDArray[np.float64],
+    log: Path,
+    margin: float | None = None,
 ) -> Outcome:
     """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
 
-    solve: gives the Result, and what else is to be stored of the trial, if anything.
+    solve: gives the Result, and what else is to be stored of the trial, if anything. margin: least stability; one that is less
+    is refused.
 
     A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; unexpected errors are logged
     with their traceback. Interrupts pass through.
@@ -101,7 +116,20 @@ def evaluate(
         return failed("the result holds numbers that are not finite")
     if not result.converged:
         return failed("the solve did not converge")
-    return Outcome(result, rms, tip, None, seconds, model)
+    stability = getattr(result, "stability", None)
+    if margin is not None and stability is None:
+        return failed("the stability of the result is not known, and the study has a margin")
+    if margin is not None and stability is not None and stability < margin:
+        reason = f"stability {stability:.3g} is below the margin, {margin:g}"
+        return Outcome(result, rms, tip, reason, seconds, model, stability, refused=True)
+    return Outcome(result, rms, tip, None, seconds, model, stability)
+
+
+def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
+    """Optuna's constraints of a trial, satisfied at 0 and below; the same ones for every trial of a study, however it ended."""
+    if margin is None:
+        return {}
+    return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
 
 
 def attributes(
@@ -113,7 +141,7 @@ def attributes(
     """
     result = outcome.result
     kept: dict[str, Any] = {
-        "feasible": result is not None,
+        "feasible": outcome.accepted,
         "scene_hash": scene.hash(),
         "magnetization": np.round(directions, 9).tolist(),
         "field_T": np.round(uniform, 12).tolist(),
@@ -121,8 +149,11 @@ def attributes(
     }
     if result is None:
         return {**kept, "reason": outcome.reason}
+    if outcome.refused:
+        kept |= {"refused": True, "reason": outcome.reason}
     return {
         **kept,
+        "stability": outcome.stability,
         "rms_m": outcome.rms,
         "tip_error_m": outcome.tip_error,
         "min_det_F": float(result.min_det_F),

@@ -91,8 +91,9 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     from studies.records import BEST
     from studies.search_space import FIELD
 
+    refused = f", {report.refused} refused: less stable than the margin" if report.refused else ""
     lines = [
-        f"{report.name}: {report.trials} trials ({report.failed} failed), sampler {report.sampler}, seed {report.seed}"
+        f"{report.name}: {report.trials} trials ({report.failed} failed{refused}), sampler {report.sampler}, seed {report.seed}"
     ]
     if report.best is not None:
         lines.append(

@@ -46,12 +46,20 @@ class RodFamily:
         q[:, :, 0] = 1.0
         return q
 
+    def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
+        """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""
+        moments = self.moments(directions)
+        turned = (_rotated(quaternions[:, side], moments) for side in (slice(None, -1), slice(1, None)))
+        parts = [np.einsum("kji,skj->ski", at, m) for at, m in zip((gradient[:-1], gradient[1:]), turned, strict=True)]
+        return np.asarray((parts[0] + parts[1]) * self.rod.length[:, None] / 2)
+
     def relaxed(
-        self, quaternions: Array, directions: Array, field: Array | None = None, *, share: float = 1.0
+        self, quaternions: Array, directions: Array, field: Array | None = None, *, pull: Array | float = 0.0, share: float = 1.0
     ) -> tuple[Array, Array, Array]:
         """Equilibria from quaternions (rods, n + 1, 4), which are changed in place.
 
-        directions (rods, k, 3) unit vectors; field (rods, 3) T: uniform, added to the rod's own; share: of field and weight. Returns
+        directions (rods, k, 3) unit vectors; field (rods, 3) T: uniform, added to the rod's own; pull (rods, n, 3) N: on
+        the elements, of a field that varies; share: of all loads. Returns
         positions (rods, n + 1, 3) m; their slopes (rods, n + 1, 3, c), 3 k by the components of the directions, and 3 more by the field
         (per T) where one is given; found (rods,): whether it is a stable equilibrium. Slopes of others are not defined.
         """
@@ -62,7 +70,8 @@ class RodFamily:
         shares[:, 0] = share
         position, found = np.empty((rods, frames, 3)), np.empty(rods, dtype=bool)
         slopes = np.zeros((rods, 3 * (len(self.sizes) + groups), 2, frames, 3))
-        weight = np.ascontiguousarray(np.broadcast_to(share * self.rod.weight, (rods, frames, 3)))
+        weight = np.tile(share * self.rod.weight, (rods, 1, 1))
+        weight[:, :-1] += share * np.cumsum(np.broadcast_to(pull, (rods, frames - 1, 3))[:, ::-1], axis=1)[:, ::-1]
         rod = self.rod
         relax_all(
             quaternions,
@@ -79,3 +88,9 @@ class RodFamily:
             found,
         )
         return position, slopes[:, :, 1].transpose(0, 2, 3, 1), found
+
+
+def _rotated(quaternions: Array, vectors: Array) -> Array:
+    """Vectors (..., 3) turned by unit quaternions (..., 4), scalar first."""
+    w, u = quaternions[..., :1], quaternions[..., 1:]
+    return np.asarray(vectors + 2 * np.cross(u, np.cross(u, vectors) + w * vectors))

@@ -60,6 +60,7 @@ class RodResult:
     min_det_F: float = 0.9
     max_det_F: float = 1.1
     versions: dict[str, str] = field(default_factory=dict)
+    stability: float | None = 0.5
 
     def save(self, folder: Path | str) -> Path:
         Path(folder).mkdir(parents=True, exist_ok=True)
