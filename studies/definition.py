@@ -30,7 +30,6 @@ __all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_h
 
 SHOWN_DIFFERENCES = 12
 LATER_KEYS = {  # keys of the contract that nothing stands behind yet
-    "insertion": "a catheter that is pushed along a path",
     "schedule": "a field over time through given shapes",
 }
 

@@ -22,6 +22,7 @@ from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
+from studies.insertion import Insertion
 from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
 from studies.report import StudyReport
@@ -126,6 +127,7 @@ class _Run:
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.study, self.out, self.url, self.timeout, self.differentiate = study, out, url, timeout, differentiate
         self.space = SearchSpace.of(study)
+        self.insertion = Insertion.of(study, self.space)
         self.distributions = self.space.distributions()
         search = {"parameters": list(self.distributions), **settings(study.sampler)}
         held = records.designs(out)
@@ -155,8 +157,12 @@ class _Run:
             return []
         with storage_faults(self.url, self.timeout):
             if STARTS not in self.kept.user_attrs:
-                starts = rod_starts(self.space, self.study.target, self.study.seed)
-                self.kept.set_user_attr(STARTS, improved(self.space, self.study.target, starts))
+                if self.insertion is not None:
+                    starts = self.insertion.rod_starts()
+                else:
+                    starts = rod_starts(self.space, self.study.target, self.study.seed)
+                    starts = improved(self.space, self.study.target, starts)
+                self.kept.set_user_attr(STARTS, starts)
             return list(self.kept.user_attrs[STARTS])
 
     def queue_start(self) -> None:
@@ -198,9 +204,8 @@ class _Run:
             self.queue_start()
             asked = self.kept.ask(self.distributions)
         try:
-            scene = self.space.scene_of(asked.params)
-            solved, margin = self.solved(solve, asked.params), self.study.margin
-            outcome = evaluate(solved, scene, self.study.target, self.out / FAILURES, margin)
+            scene = self.scene_of(asked.params)
+            outcome = self.outcome(solve, asked.params, scene)
             known = attributes(
                 outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
             )
@@ -209,6 +214,17 @@ class _Run:
         except KeyboardInterrupt:
             self.put_back(asked)
             raise
+
+    def scene_of(self, params: Mapping[str, Any]) -> Scene:
+        """The scene of a trial; of an insertion that of its last depth."""
+        return self.space.scene_of(params) if self.insertion is None else self.insertion.scenes(params)[-1]
+
+    def outcome(self, solve: Solve, params: Mapping[str, Any], scene: Scene) -> Outcome:
+        """A trial's outcome, with what its sampler reads."""
+        if self.insertion is not None:
+            differentiate = self.differentiate if self.study.sampler == "gauss-newton" else None
+            return self.insertion.evaluate(solve, differentiate, params, self.out / FAILURES)
+        return evaluate(self.solved(solve, params), scene, self.study.target, self.out / FAILURES, self.study.margin)
 
     def sampler(self) -> BaseSampler:
         """What chooses the next trial."""
@@ -243,7 +259,14 @@ class _Run:
         improved = outcome.accepted and (self.best is None or outcome.value < self.best)
         best = outcome.value if improved else self.best
         trial = Trial(
-            asked.number, outcome.value, outcome.tip_error, best, improved, outcome.reason, self.study.target
+            asked.number,
+            outcome.value,
+            outcome.tip_error,
+            best,
+            improved,
+            outcome.reason,
+            self.study.target,
+            depths=outcome.depths,
         )
         solved = time.perf_counter()
         if result is not None and picture is not None:
@@ -295,7 +318,7 @@ class _Run:
             if trial is None or records.holds(folder, trial):
                 continue
             try:
-                records.save_design(folder, solve(self.space.scene_of(trial.params)), report.describe(trial))
+                records.save_design(folder, solve(self.scene_of(trial.params)), report.describe(trial))
             except SolveError:
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
@@ -304,7 +327,7 @@ class _Run:
         source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
         if not records.holds(source, best):
             try:
-                result = solve(self.space.scene_of(best.params))
+                result = solve(self.scene_of(best.params))
             except SolveError:
                 return  # it has been solved elsewhere; parameters and numbers stay in the report
             records.save_design(source, result, report.describe(best))

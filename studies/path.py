@@ -1,0 +1,97 @@
+"""The path of an insertion: a smooth curve through the rows of a table, with frames that do not turn about it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from magmpm.compiled.arrays import Array
+
+FINE = 280  # pieces for frames: a tenth of a radian each at most, for paths that catheters can take
+
+
+class Path:
+    """The curve by arc length from the guide's exit on, where it is at the origin and leaves along +x. rows [s, x, y, z], (m, 4) m.
+
+    Between the rows it is the cubic spline over `s`; it leaves the first row along +x.
+    """
+
+    def __init__(self, rows: Array) -> None:
+        rows = np.asarray(rows, dtype=float)
+        self.rows = rows if rows[0, 0] == 0 else np.vstack([np.zeros(4), rows])
+        straight = np.array([1.0, 0.0, 0.0])
+        self._spline = CubicSpline(self.rows[:, 0], self.rows[:, 1:], bc_type=((1, straight), (2, np.zeros(3))))
+
+    @property
+    def length(self) -> float:
+        """m."""
+        return float(self.rows[-1, 0])
+
+    @property
+    def end(self) -> Array:
+        """Its last point, (3,) m."""
+        return np.asarray(self.rows[-1, 1:])
+
+    def at(self, s: Array) -> Array:
+        """Points (n, 3) m at arc lengths s (n,)."""
+        return np.asarray(self._spline(s))
+
+    @cached_property
+    def _fine(self) -> tuple[Array, Array]:
+        """Arc lengths (FINE + 1,) and frames there, as quaternions, scalar first, (FINE + 1, 4)."""
+        s = np.linspace(0.0, self.length, FINE + 1)
+        tangent = self._spline(s, 1)
+        tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+        axes, cosines = np.cross(tangent[:-1], tangent[1:]), np.sum(tangent[:-1] * tangent[1:], axis=1)
+        quaternions = np.empty((FINE + 1, 4))
+        begin, axis = 1.0 + tangent[0, 0], np.cross([1.0, 0.0, 0.0], tangent[0])
+        quaternions[0] = _unit(np.array([begin, *axis]))
+        for k in range(FINE):
+            quaternions[k + 1] = _unit(_product(np.array([1.0 + cosines[k], *axes[k]]), quaternions[k]))
+        return s, quaternions
+
+    def quaternions_at(self, s: Array) -> Array:
+        """Frames at arc lengths s (n,) as unit quaternions, scalar first, (n, 4); neighbors have the same sign."""
+        fine, quaternions = self._fine
+        found = np.stack([np.interp(s, fine, column) for column in quaternions.T], axis=1)
+        return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
+
+    def frames_at(self, s: Array) -> Array:
+        """Frames (n, 3, 3) at arc lengths s (n,): columns are the tangent, and the axes that are y and z at the exit."""
+        return np.asarray(Rotation.from_quat(self.quaternions_at(s)[:, [1, 2, 3, 0]]).as_matrix())
+
+    def flattened(self, share: float) -> Path:
+        """The path with this share (0 to 1) of its curvature everywhere: 0 is straight, 1 this path."""
+        s = self._fine[0]
+        frame, points = np.eye(3), [np.zeros(3)]
+        for half in Rotation.from_rotvec(share * self._turns / 2).as_matrix():
+            middle = frame @ half
+            points.append(points[-1] + s[1] * middle[:, 0])
+            frame = middle @ half
+        kept = slice(0, None, 4)
+        return Path(np.column_stack([s[kept], np.array(points)[kept]]))
+
+    @cached_property
+    def _turns(self) -> Array:
+        """From each frame to the next, rotation vectors as the first sees them (FINE, 3)."""
+        frames = Rotation.from_quat(self._fine[1][:, [1, 2, 3, 0]])
+        return np.asarray((frames[:-1].inv() * frames[1:]).as_rotvec())
+
+    def smallest_radius(self) -> float:
+        """m; inf where it is straight."""
+        s = np.linspace(0.0, self.length, FINE + 1)
+        first, second = self._spline(s, 1), self._spline(s, 2)
+        curvature = np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
+        return float(1.0 / max(curvature.max(), 1e-300))
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Of quaternions, scalar first."""
+    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+
+
+def _unit(q: Array) -> Array:
+    return np.asarray(q / np.linalg.norm(q))
