@@ -6,6 +6,7 @@ paths are relative to its own file.
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from studies.definition import Study
 
 SCENE = "scene.yaml"
+STEPS = 10  # equilibria from one shape of a schedule to the next
 PATHS = frozenset({"mesh", "table", "centreline", "path"})  # keys whose text names a file
 
 
@@ -65,7 +67,27 @@ def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str,
     content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
     content["name"] = f"{study.name} best"[:100]
     space.edit(Edits(study.scene, content), space.embedded(found), found.get("order"))
+    if study.keyframes:
+        _add_schedule(content, study, space, found)
     return content
+
+
+def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]) -> None:
+    """The fields of all times as keyframes, from no field at 0 s, and equilibria along them."""
+    zero = ["0 mT"] * 3
+    frames: list[dict[str, Any]] = [{"time": "0 s", "uniform": zero}]
+    for k, frame in enumerate(study.keyframes):
+        uniform = [f"{1e3 * component:.15g} mT" for component in space.field(found, k).tolist()]
+        frames.append({"time": f"{frame.time:.15g} s", "uniform": uniform})
+    times = [0.0, *(frame.time for frame in study.keyframes)]
+    if study.hold > 0:
+        times.append(times[-1] + study.hold)
+        frames.append({"uniform": list(frames[-1]["uniform"]), "time": f"{times[-1]:.15g} s"})
+    field = {key: value for key, value in content.get("field", {}).items() if key != "uniform"}
+    content["field"] = {**field, "over_time": {"keyframes": frames}}
+    at = [a + (b - a) * i / STEPS for a, b in itertools.pairwise(times) for i in range(STEPS)]
+    solver = {key: value for key, value in content.get("solver", {}).items() if key != "static"}
+    content["solver"] = {**solver, "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]}}
 
 
 def _mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:

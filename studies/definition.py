@@ -29,9 +29,6 @@ from studies.study_file import Match, StudyFile
 __all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
 
 SHOWN_DIFFERENCES = 12
-LATER_KEYS = {  # keys of the contract that nothing stands behind yet
-    "schedule": "a field over time through given shapes",
-}
 
 
 def load_study(path: Path | str) -> Study:
@@ -75,10 +72,6 @@ def load_study(path: Path | str) -> Study:
 
 def _check_later_keys(file: StudyFile, document: Document) -> None:
     """Raises NotThereYet."""
-    for key, what in LATER_KEYS.items():
-        if getattr(file, key) is not None:
-            rule = f"`{key}` ({what}) is not there yet in this version"
-            raise NotThereYet(report(place(document, key), received=str(document[key]), rule=rule, remedy="remove it"))
     if len(file.minimize) > 1:
         rule = "two objectives are not there yet in this version"
         raise NotThereYet(report(place(document, "minimize"), received=str(list(file.minimize)), rule=rule, remedy="remove it"))

@@ -28,6 +28,7 @@ from studies.linear_model import Differentiate, needs_derivatives, solve_with_de
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
 from studies.samplers import check_available, check_suits, make_sampler, settings
+from studies.schedule import Schedule
 from studies.search_space import SearchSpace
 from studies.storage import (
     TIMEOUT,
@@ -127,7 +128,7 @@ class _Run:
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.study, self.out, self.url, self.timeout, self.differentiate = study, out, url, timeout, differentiate
         self.space = SearchSpace.of(study)
-        self.insertion = Insertion.of(study, self.space)
+        self.trajectory = Insertion.of(study, self.space) or Schedule.of(study, self.space)
         self.distributions = self.space.distributions()
         search = {"parameters": list(self.distributions), **settings(study.sampler)}
         held = records.designs(out)
@@ -157,8 +158,8 @@ class _Run:
             return []
         with storage_faults(self.url, self.timeout):
             if STARTS not in self.kept.user_attrs:
-                if self.insertion is not None:
-                    starts = self.insertion.rod_starts()
+                if self.trajectory is not None:
+                    starts = self.trajectory.rod_starts()
                 else:
                     starts = rod_starts(self.space, self.study.target, self.study.seed)
                     starts = improved(self.space, self.study.target, starts)
@@ -216,14 +217,14 @@ class _Run:
             raise
 
     def scene_of(self, params: Mapping[str, Any]) -> Scene:
-        """The scene of a trial; of an insertion that of its last depth."""
-        return self.space.scene_of(params) if self.insertion is None else self.insertion.scenes(params)[-1]
+        """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""
+        return self.space.scene_of(params) if self.trajectory is None else self.trajectory.scenes(params)[-1]
 
     def outcome(self, solve: Solve, params: Mapping[str, Any], scene: Scene) -> Outcome:
         """A trial's outcome, with what its sampler reads."""
-        if self.insertion is not None:
+        if self.trajectory is not None:
             differentiate = self.differentiate if self.study.sampler == "gauss-newton" else None
-            return self.insertion.evaluate(solve, differentiate, params, self.out / FAILURES)
+            return self.trajectory.evaluate(solve, differentiate, params, self.out / FAILURES)
         return evaluate(self.solved(solve, params), scene, self.study.target, self.out / FAILURES, self.study.margin)
 
     def sampler(self) -> BaseSampler:

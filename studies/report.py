@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 REPORT = "study.json"
 
 QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
+OF_SEVERAL = (  # of a trial of an insertion or a schedule
+    "exit_error_m", "worst_m", "worst_depth_m", "worst_time_s", "field_largest_change_T", "field_total_variation_T",
+    "insertion", "schedule",
+)  # fmt: skip
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "interrupted"]
 
@@ -99,7 +103,7 @@ def refused(trial: FrozenTrial) -> bool:
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """What a report says of a trial."""
     kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}
-    varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER) if key in trial.user_attrs}
+    varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER, *OF_SEVERAL) if key in trial.user_attrs}
     rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another
     return {"number": trial.number, "rms_m": rms, "params": dict(trial.params), **kept, **varied}
 

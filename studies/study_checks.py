@@ -58,6 +58,9 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     elif file.vary.field is None and not scene.field.acts:
         rule = "the field of the scene must not be zero while the study does not vary it"
         remedy = "give the scene a field, or add `field: {max: 10 mT}` to `vary`"
+    elif file.schedule is not None and (scene.field.over_time is not None or not scene.static):
+        rule = "a schedule makes the field over time itself, and each of its shapes is an equilibrium"
+        remedy = "leave `over_time` out of the scene's field, and `dynamic` and `quasi_static` out of its solver"
     elif file.robust is not None and not scene.static:
         rule = "robust differentiates equilibria, and this scene is a motion"
         remedy = "leave `dynamic` out of the scene's solver, or remove `robust`"

@@ -276,6 +276,10 @@ class StudyFile(Settings):
         if self.schedule is not None and at != "each time":
             rule = "a schedule varies the field at each time: that is what it is"
             return rule, "write `field: {max: 10 mT, at: each time}` in `vary`", ("vary",)
+        for key in ("insertion", "schedule"):
+            if self.robust is not None and getattr(self, key) is not None:
+                rule = f"robust judges one equilibrium of each design, and an {key} has several".replace("an s", "a s")
+                return rule, f"remove `robust`, or `{key}`", ("robust",)
         geometry = [key for key in ("length", "diameter", "order") if getattr(self.vary, key) is not None]
         if geometry and self.insertion is not None:
             rule = f"an insertion pushes one catheter to many depths, and so can't vary its {geometry[0]}"
