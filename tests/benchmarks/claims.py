@@ -208,6 +208,19 @@ def sampler() -> Figures:
     return found
 
 
+def robust() -> Figures:
+    """Scatter and mean plus two sigma (mm) of designs made with errors: to first order, and of 300 solves."""
+    robust = importlib.import_module("robust")
+    robust.main()
+    found: Figures = {}
+    for row in json.loads((ROOT / "runs/bench/robust.json").read_text()):
+        name, first, sampled = row["design"], row["first_order_m"], row["sampled_m"]
+        found |= {f"rms {name}": 1e3 * row["rms_m"], f"scatter {name}": 1e3 * first[0], f"measure {name}": 1e3 * first[3]}
+        found |= {f"sampled scatter {name}": 1e3 * sampled[0], f"sampled measure {name}": 1e3 * sampled[3]}
+        found |= {f"apart {name}": 100 * row["apart"][0], f"measure apart {name}": 100 * row["apart"][3]}
+    return found
+
+
 def stability() -> Figures:
     """Hard cases, including the long ones: each measure by the name of the case, also in percent."""
     return _cases(slow=True)
