@@ -64,7 +64,7 @@ def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
 
 def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The scene's file as data, with the design in it and paths relative to `folder`."""
-    content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
+    content: dict[str, Any] = mended(dict(read_yaml(source)), source.parent, folder)
     content["name"] = f"{study.name} best"[:100]
     space.edit(Edits(study.scene, content), space.embedded(found), found.get("order"))
     if study.keyframes:
@@ -90,12 +90,12 @@ def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, fou
     content["solver"] = {**solver, "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]}}
 
 
-def _mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:
+def mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:
     """The same data, with paths that were relative to the folder `old` relative to `new`."""
     if isinstance(value, Mapping):
-        return {name: _mended(item, old, new, name) for name, item in value.items()}
+        return {name: mended(item, old, new, name) for name, item in value.items()}
     if isinstance(value, list):
-        return [_mended(item, old, new) for item in value]
+        return [mended(item, old, new) for item in value]
     if key in PATHS and isinstance(value, str) and not value.startswith(PREFIX):
         return value if Path(value).is_absolute() else _from_folder(old / value, new)
     return value

@@ -22,7 +22,7 @@ from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
-from studies.insertion import Insertion
+from studies.insertion import Insertion, shapes_of
 from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
 from studies.report import StudyReport
@@ -229,7 +229,11 @@ class _Run:
 
     def sampler(self) -> BaseSampler:
         """What chooses the next trial."""
-        study = self.study
+        study, insertion = self.study, self.trajectory
+        if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
+            from studies.projected import FieldsByRod
+
+            return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, self.count), insertion)
         return make_sampler(study.sampler, self.space, study.seed, self.count, starts=self.starts, goal=study.stop_rms or 0.0)
 
     def solved(self, solve: Solve, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
@@ -267,7 +271,7 @@ class _Run:
             improved,
             outcome.reason,
             self.study.target,
-            depths=outcome.depths,
+            shapes=shapes_of(outcome.model),
         )
         solved = time.perf_counter()
         if result is not None and picture is not None:
@@ -309,6 +313,9 @@ class _Run:
         if not records.holds(self.out / records.BEST, best):
             self.replace_best(best, solve)
         if records.holds(self.out / records.BEST, best):
+            if isinstance(self.trajectory, Insertion):
+                self.trajectory.keep_best(self.out / records.BEST, solve, best.params)
+                return
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def mend_improvements(self, solve: Solve) -> None:
@@ -319,7 +326,7 @@ class _Run:
             if trial is None or records.holds(folder, trial):
                 continue
             try:
-                records.save_design(folder, solve(self.scene_of(trial.params)), report.describe(trial))
+                records.save_design(folder, solve(self.scene_of(trial.params)), report.whole_design(trial))
             except SolveError:
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
@@ -331,7 +338,7 @@ class _Run:
                 result = solve(self.scene_of(best.params))
             except SolveError:
                 return  # it has been solved elsewhere; parameters and numbers stay in the report
-            records.save_design(source, result, report.describe(best))
+            records.save_design(source, result, report.whole_design(best))
         records.replace_folder(source, self.out / records.BEST)
 
     def report(self, ended: report.Ended) -> StudyReport:

@@ -18,21 +18,28 @@ reason names the depth.
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path as File
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.errors import SolveError
 from magmpm.results.measures import centreline_at
+from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
 from studies.linear_model import Sensitive
 from studies.path import Path
+from studies.push import write_push
 from studies.rod_trajectory import RodDesign, RodTrajectory, search
 from studies.search_space import SearchSpace
 from studies.study import Study
 from studies.trajectory import Trajectory
+from studies.trial import Solve
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
@@ -42,6 +49,9 @@ EXIT_WEIGHT = 0.25
 STARTS, WANTED = 40, 3  # of the rod: most random starts, and how many designs are enough
 NEAR = 0.01  # of the length: a rod's design that is near enough
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
+SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
+MOMENTS = 48  # of the movie: depths, most of them between those that are judged
+MOVIE = "insertion.json"
 
 
 @dataclass(frozen=True)
@@ -102,7 +112,44 @@ class Insertion(Trajectory):
                 }
                 for depth, field, square, gap, result in zip(self.study.depths, fields, squares, gaps, results, strict=True)
             ],
+            SHAPES: [self._shape(result) for result in results],
         }
+
+    def _shape(self, result: Result) -> dict[str, Any]:
+        """What pictures need of one depth, m and T."""
+        rows = {
+            "axis_m": centreline_at(result, _stations(result)),
+            "centers_m": result.segment_center,
+            "remanence_T": result.segment_remanence,
+        }
+        return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
+
+    def keep_best(self, folder: File, solve: Solve, params: Mapping[str, Any]) -> None:
+        """Adds to the best design's folder its movie's frames, and the push through the guide as a scene that runs."""
+        if not (folder / MOVIE).exists():
+            self.write_moments(folder, solve, params)
+        write_push(folder, self.study, self.space, params)
+
+    def write_moments(self, folder: File, solve: Solve, params: Mapping[str, Any]) -> None:
+        """Writes the frames of the movie of a design into a folder: depths from the first to the last, each solved in a field between
+        those of its neighbors. A depth that finds no equilibrium is left out.
+        """
+        depths = np.array(self.study.depths)
+        fields = np.array([self.space.field(params, self.field_number(k)) for k in range(len(depths))])
+        lengths = np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], max(MOMENTS - len(depths), 2))]))
+        whole, frames = self.space.scene_of(params), []
+        for length in lengths.tolist():
+            field = np.array([np.interp(length, depths, column) for column in fields.T])
+            try:
+                result = solve(whole.with_field(field).inserted(length))
+            except SolveError:
+                continue
+            gap = self.gaps(result)
+            rms = float(np.sqrt(_weights() @ np.sum(gap**2, axis=1)))
+            frames.append({"depth_m": length, "field_T": field.tolist(), "rms_m": rms, **self._shape(result)})
+        content = {"scene": whole.to_si(), "path_m": self.path.rows.tolist(), "frames": frames}
+        with whole_file(folder / MOVIE) as part:
+            part.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
     # designs by the rod
 
@@ -111,6 +158,21 @@ class Insertion(Trajectory):
         field_max = self.space.field_max
         assert field_max is not None
         return RodTrajectory.of(self.space.scene, self.path, self.study.depths, max_field=field_max, exit_weight=EXIT_WEIGHT)
+
+    @property
+    def projects(self) -> bool:
+        """Whether samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
+        space, depths = self.space, len(self.study.depths)
+        return bool(space.segments) and space.field_max is not None and space.fields == depths > 1 and len(space.blocks) == space.count
+
+    def directions_alone(self) -> SearchSpace:
+        """The search space without the fields."""
+        return dataclasses.replace(self.space, field_max=None, fields=1)
+
+    def with_fields(self, chosen: Mapping[str, Any]) -> dict[str, Any]:
+        """Parameters of directions, with those of the field that the rod finds for each depth."""
+        directions = self.directions_alone().directions(chosen)
+        return {**self.parameters(self.rods().fitted(self.path, directions)), **chosen}
 
     def rod_starts(self) -> list[dict[str, float]]:
         """Parameters of the rod's best designs, best first; none where directions or fields at each depth are not varied."""
@@ -129,6 +191,11 @@ class Insertion(Trajectory):
         x[: 3 * len(directions)] = np.concatenate(directions)
         x[3 * len(directions) : 3 * (len(directions) + self.space.fields)] = design.fields.ravel()
         return self.space.parameters_at(x)
+
+
+def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
+    """What pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
+    return tuple({**depth, **shape} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
 
 
 def _stations(result: Result) -> Array:

@@ -23,7 +23,7 @@ class Path:
         rows = np.asarray(rows, dtype=float)
         self.rows = rows if rows[0, 0] == 0 else np.vstack([np.zeros(4), rows])
         straight = np.array([1.0, 0.0, 0.0])
-        self._spline = CubicSpline(self.rows[:, 0], self.rows[:, 1:], bc_type=((1, straight), (2, np.zeros(3))))
+        self._spline = CubicSpline(self.rows[:, 0], self.rows[:, 1:], bc_type=((1, straight), "not-a-knot"))
 
     @property
     def length(self) -> float:

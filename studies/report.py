@@ -100,6 +100,11 @@ def refused(trial: FrozenTrial) -> bool:
     return bool(trial.user_attrs.get("refused"))
 
 
+def whole_design(trial: FrozenTrial) -> dict[str, Any]:
+    """`describe`, and what pictures of an insertion need."""
+    return describe(trial) | {key: trial.user_attrs[key] for key in ("shapes",) if key in trial.user_attrs}
+
+
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """What a report says of a trial."""
     kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}

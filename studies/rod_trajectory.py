@@ -29,6 +29,7 @@ STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at 
 LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length, is on another branch
 HOPELESS = 0.1  # of the length: a value that no start recovers from
 SPREAD = 0.5  # of the random part of the first directions, which are along +x
+FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
 LARGEST = 0.6  # of the components of a step: radians, and parts of the greatest field
 ENDLESS = 8.0  # b = v/sqrt(1 + v^2) maps vectors to the unit ball; this v is its boundary, 0.992
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
@@ -203,6 +204,25 @@ class RodTrajectory:
             else:
                 step /= 2
         return design
+
+
+    def fitted(self, path: Path, directions: Array) -> RodDesign:
+        """The fields that bring rods with these directions nearest to their path, depth by depth: the best of several first fields.
+
+        The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on the way, the fields follow them there.
+        """
+        found = [RodDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
+        for first in FIELDS:
+            design = RodDesign(directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf)
+            for share in np.linspace(0.0, 1.0, COARSE + 1)[1:]:
+                bent = self.bent(path.flattened(share), share) if share < 1.0 else self
+                state = bent.settled(directions, design.fields, None if design.state is None else design.state.shapes)
+                if state is None:
+                    break
+                design = bent.least_squares(replace(design, state=state), STEPS, turning=False)
+            else:
+                found.append(design)
+        return min(found, key=lambda each: each.value)
 
 
 def across(directions: Array) -> Array:

@@ -125,7 +125,7 @@ class Trajectory(ABC):
         if margin is not None and stability is not None and stability < margin:
             place = self.places[int(np.argmin([float(value or 0.0) for value in known]))]
             reason = f"the stability {place}, {stability:.3g}, is below the margin, {margin:g}"
-        return Outcome(results[-1], rms, tip, reason, seconds, model, stability, reason is not None, tuple(results))
+        return Outcome(results[-1], rms, tip, reason, seconds, model, stability, reason is not None)
 
     def _solved(self, solve: Solve, differentiate: Differentiate | None, scene: Scene) -> tuple[Result, Sensitive | None]:
         """One equilibrium, with derivatives if they are wanted. Where it is not found, its loads grow from zero in small steps."""

@@ -43,7 +43,7 @@ class Trial:
     wanted: int = 0
     seconds: float = 0.0
     seconds_left: float = 0.0
-    depths: tuple[Result, ...] = ()  # of an insertion: the results at all depths
+    shapes: tuple[Mapping[str, Any], ...] = ()  # of an insertion: what pictures need of each depth
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,6 @@ class Outcome:
     model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
     stability: float | None = None  # of the result (Result.stability)
     refused: bool = False  # solved, but less stable than the study's margin
-    depths: tuple[Result, ...] = ()  # of an insertion
 
     @property
     def accepted(self) -> bool:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.cli.answers import SURFACE
+from magmpm.cli.insertion import design_snapshot, draw_movie
+from magmpm.cli.insertion import trial_snapshot as of_insertion
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError
 from magmpm.errors import report as worded
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from studies.engine import Picture as DrawTrial
     from studies.report import StudyReport
+    from studies.study import Study
     from studies.trial import Trial
     from viz.worker import Renderer
 
@@ -48,7 +51,7 @@ def command(options: argparse.Namespace) -> int:
             solve=run,
             differentiate=sensitivities,
             out=out,
-            picture=None if renderer is None else _trial_picture(renderer, smooth),
+            picture=None if renderer is None else _trial_picture(renderer, smooth, study),
             on_trial=lambda trial: _tell(trial, progress),
             on_advice=_advise,
             trials=options.trials,
@@ -75,10 +78,13 @@ def _tell(trial: Trial, progress: Progress) -> None:
     progress.at(trial.finished, trial.wanted, f"best {best}")
 
 
-def _trial_picture(renderer: Renderer, smooth: bool) -> DrawTrial:
+def _trial_picture(renderer: Renderer, smooth: bool, study: Study) -> DrawTrial:
     from viz.from_result import trial_snapshot
 
     def draw(result: Result, path: Path, trial: Trial) -> Path:
+        if trial.shapes:
+            scene = study.scene.to_si()
+            return renderer.render(of_insertion(study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m), path)
         snapshot = trial_snapshot(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=smooth)
         return renderer.render(snapshot, path)
 
@@ -210,11 +216,15 @@ def _draw_study(
         if "number" not in known or "rms_m" not in known:
             rule, remedy = "must be as `magmpm design` wrote it", "run `magmpm design` again: it makes the design anew"
             raise InputError(worded(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy))
-        return trial_snapshot(Result.load(of), target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
+        result = Result.load(of)
+        shown = None if result.scene is None else design_snapshot(report["name"], result.scene, target, known)
+        return shown or trial_snapshot(result, target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
 
     files = []
     if (folder / BEST).exists():
-        files.append(renderer.render(snapshot(folder / BEST), out / "best.png", size=FINAL_SIZE))
+        best = snapshot(folder / BEST)
+        files.append(renderer.render(best, out / "best.png", size=FINAL_SIZE if best.insets else None))
+        files += draw_movie(folder / BEST, out, report["name"], renderer)
     if report["rms_m"]:
         penalised = report["failed_trials"]
         files.append(

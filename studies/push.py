@@ -1,0 +1,167 @@
+"""The push of a design through its guide, as a motion: the dynamic scene of an insertion, and how far it is from the equilibria.
+
+    python -m studies.push runs/insertion_s          runs the scene of the best design, and compares
+
+The scene is OUT/best/scene.yaml. Its catheter is longer than the study's by a plain piece that stays in the guide; `feed` pushes it at one
+speed, and the field passes from each depth's to the next's evenly. It begins one diameter out, without a field.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from magmpm.compiled.arrays import Array
+from magmpm.inputs.settings import read_yaml
+from studies.best_scene import SCENE, mended
+
+if TYPE_CHECKING:
+    from studies.search_space import SearchSpace
+    from studies.study import Study
+
+SPEED = 10e-3  # m/s: the slowest free swing of a 56 mm catheter takes half a second, in which it advances by two diameters
+DAMPING = 30.0  # 1/s
+CELLS = 2  # across: a motion of seconds costs minutes
+HELD = 2.0  # diameters of plain catheter that are in the guide at the end
+FRAME = 20e-3  # s
+
+
+def times(depths: Array, diameter: float) -> Array:
+    """When each depth is reached, s."""
+    return (np.asarray(depths) - min(diameter, depths[0])) / SPEED
+
+
+def write_push(folder: Path, study: Study, space: SearchSpace, params: Mapping[str, Any]) -> Path | None:
+    """Writes the motion of a design; returns the file, None for a study made in Python."""
+    if study.scene_file is None:
+        return None
+    path = folder / SCENE
+    content = _content(study, space, params, folder)
+    head = (
+        f"# The best design of the study {study.name}, pushed through its guide while the field passes from depth to depth.\n"
+        f"# `magmpm design` writes it anew when a trial is better: copy it before you change it.\n#\n#   magmpm run {path} --render\n"
+        f"#   python -m studies.push {folder.parent}        runs it and compares it with the equilibria of the study\n\n"
+    )
+    text = head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    part = path.with_suffix(".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _content(study: Study, space: SearchSpace, params: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    assert study.scene_file is not None
+    content: dict[str, Any] = mended(dict(read_yaml(study.scene_file)), study.scene_file.parent, folder)
+    whole = space.scene_of(params)
+    shape = whole.body.catheter
+    assert shape is not None
+    catheter = content["body"]["catheter"]
+    segments = [dict(segment) for segment in catheter["segments"]]
+    for segment, length, direction in zip(segments, shape.segment_lengths(), space.directions(params), strict=True):
+        segment.update(length=f"{1e3 * length:.12g} mm", magnetization=direction.tolist())
+    held, depths = HELD * shape.diameter, np.array(study.depths)
+    total = study.scene.length + held
+    out = min(shape.diameter, float(depths[0]))
+    catheter.update(length=f"{1e3 * total:.12g} mm", segments=[{"length": f"{1e3 * held:.12g} mm"}, *segments])
+    catheter.pop("clamp", None)
+    count = len(depths)
+    fields = np.array([space.field(params, k if space.fields > 1 else -1) for k in range(count)])
+    reached = times(depths, shape.diameter)
+    keyframes = [{"time": "0 s", "uniform": ["0 mT", "0 mT", "0 mT"]}] if reached[0] > 0 else []
+    keyframes += [
+        {"time": f"{time:.9g} s", "uniform": [f"{1e3 * x:.12g} mT" for x in field]} for time, field in zip(reached, fields, strict=True)
+    ]
+    effects = {key: value for key, value in content.get("effects", {}).items() if key != "feed"}
+    effects |= {"feed": {"speed": f"{1e3 * SPEED:g} mm/s", "exit": f"{1e3 * (total - out):.12g} mm"}}
+    effects.setdefault("damping", {"rate": f"{DAMPING:g} 1/s"})
+    content.update(
+        name=f"{study.name} push"[:100],
+        field={**content.get("field", {}), "uniform": ["0 mT", "0 mT", "0 mT"], "over_time": {"keyframes": keyframes}},
+        effects=effects,
+        solver={"dynamic": {"duration": f"{reached[-1]:.9g} s", "output_every": f"{1e3 * FRAME:g} ms"}},
+        resolution={"cells_across": CELLS},
+    )
+    content.pop("reference", None)
+    return content
+
+
+def compare(folder: Path) -> list[dict[str, float]]:
+    """Distances, m, of the pushed body from the equilibria of a study's best design, at each depth.
+
+    In folder/push: the motion of best/scene.yaml. Each row: depth_m, largest_m and rms_m along the inserted length, tip_m, contact_N.
+    """
+    from magmpm.results.trajectory import Motion
+
+    design = json.loads((folder / "best" / "design.json").read_text(encoding="utf-8"))
+    motion = Motion.load(folder / "push")
+    scene = motion.scene
+    assert scene is not None  # the file says what was run
+    exit_at = scene["effects"]["feed"]["exit"]
+    length, diameter = scene["body"]["catheter"]["length"], scene["body"]["catheter"]["diameter"]
+    depths = np.array([each["depth_m"] for each in design["insertion"]])
+    reference = np.asarray(motion.reference, dtype=float)
+    rows = []
+    for depth, when, shape in zip(depths, times(depths, diameter), design["shapes"], strict=True):
+        number = int(np.argmin(np.abs(np.asarray(motion.times) - when)))
+        s, axis = _axis(reference, np.asarray(motion.position(number), dtype=float), length - depth)
+        known = np.array(shape["axis_m"])
+        at = np.linspace(0.0, depth, len(known))
+        there = np.stack([np.interp(s, at, column) for column in known.T], axis=1) + np.array([exit_at, 0.0, 0.0])
+        apart = np.linalg.norm(axis - there, axis=1)
+        force = _contact(motion, when)
+        rows.append(
+            {
+                "depth_m": float(depth),
+                "largest_m": float(apart.max()),
+                "rms_m": float(np.sqrt(np.mean(apart**2))),
+                "tip_m": float(apart[-1]),
+                "contact_N": force,
+            }
+        )
+    return rows
+
+
+def _axis(reference: Array, position: Array, inside: float) -> tuple[Array, Array]:
+    """Arc lengths (k,) m from the exit on, and the mean places (k, 3) m of the particles of each layer outside the guide."""
+    layer, of = np.unique(np.round(reference[:, 0], 9), return_inverse=True)
+    count = np.bincount(of)
+    mean = np.stack([np.bincount(of, column) / count for column in position.T], axis=1)
+    outside = layer > inside
+    return layer[outside] - inside, mean[outside]
+
+
+def _contact(motion: Any, when: float) -> float:
+    """The size of the force of walls on the body at a time, N; 0 where no walls are named."""
+    contact = motion.contacts.get("walls")
+    if contact is None or not len(contact["t"]):
+        return 0.0
+    k = int(np.argmin(np.abs(np.asarray(contact["t"]) - when)))
+    return float(np.linalg.norm([contact[name][k] for name in ("Fx", "Fy", "Fz")]))
+
+
+def main() -> None:
+    """Run the push of a study's best design, unless it has run, and print how far it is from the equilibria."""
+    from magmpm.simulate import run
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="of the study, such as runs/insertion_s")
+    parser.add_argument("--again", action="store_true", help="run the motion though it is there")
+    options = parser.parse_args()
+    if options.again or not (options.folder / "push" / "result.json").exists():
+        run(options.folder / "best" / SCENE, folder=options.folder / "push", resume=not options.again)
+    rows = compare(options.folder)
+    (options.folder / "push.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    print("depth mm   largest mm   rms mm   tip mm   contact mN")
+    for row in rows:
+        a, b, c, d, e = (1e3 * row[key] for key in ("depth_m", "largest_m", "rms_m", "tip_m", "contact_N"))
+        print(f"{a:8.2f} {b:12.3f} {c:8.3f} {d:8.3f} {e:12.3g}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""Pictures of an insertion: the body at one depth or at several, its path, the lumen around it, the guide, field and magnetization.
+
+An insertion is drawn from the axes of its depths, which trials store, not from particles: each is a tube around its axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from viz import style
+from viz.from_motion import gravity_of, scene_of
+from viz.from_result import segment_arrows
+from viz.meshes import Surface, swept
+from viz.snapshot import Obstacle, Snapshot
+
+LUMEN = 1.6  # of the catheter's diameter: that of the tube drawn around the path, where no walls are named
+SHOWN = 4  # depths in a trial's picture
+APART = 0.33  # of the path's length, along y: bodies of different depths in one picture
+FINE = 80  # points of an axis as it is drawn
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """What all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
+
+    name: str
+    scene: Mapping[str, Any]
+    path: np.ndarray
+
+    @property
+    def catheter(self) -> Mapping[str, Any]:
+        catheter: Mapping[str, Any] = self.scene["body"]["catheter"]
+        return catheter
+
+    def body(self, frame: Mapping[str, Any], shift: np.ndarray) -> Surface:
+        """The part outside the guide; its parts are the catheter's segments."""
+        axis = np.array(frame["axis_m"]) + shift
+        s = np.linspace(0.0, 1.0, len(axis))
+        fine = np.linspace(0.0, 1.0, FINE)
+        line = np.stack([np.interp(fine, s, column) for column in axis.T], axis=1)
+        radius = self.catheter["diameter"] / 2
+        surface, tip = swept(line, radius), swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius)
+        around = len(tip.points) // 2
+        last = surface.points[-around:]
+        cap = np.stack([np.full(around, around), np.arange(around), (np.arange(around) + 1) % around], axis=1).astype(np.int32)
+        place = frame["depth_m"] * (np.arange(FINE - 1) + 0.5) / (FINE - 1)
+        part = self._segments(frame["depth_m"])(place)
+        rings = surface.triangles.min(axis=1) // around
+        whole = Surface(surface.points, surface.triangles, part[np.minimum(rings, FINE - 2)])
+        return Surface.joined([whole, Surface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))])
+
+    def _segments(self, depth: float) -> Any:
+        """From arc length outside (m) to the number of the segment."""
+        lengths = [segment["length"] for segment in self.catheter["segments"]]
+        given = sum(length for length in lengths if length is not None)
+        free = sum(length is None for length in lengths)
+        total = self.catheter["length"]
+        ends = np.cumsum([(total - given) / free if length is None else length for length in lengths])
+        return lambda s: np.minimum(np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1)
+
+    def snapshot(self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any) -> Snapshot:
+        """The bodies of these depths side by side along y, each over its path; the field of the last."""
+        last, diameter = frames[-1], float(self.catheter["diameter"])
+        length = float(self.path[-1, 0])
+        shifts = [np.array([0.0, APART * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]
+        axes = [np.array(frame["axis_m"]) + shift for frame, shift in zip(frames, shifts)]
+        arrows = np.vstack(
+            [
+                segment_arrows(axis, np.array(f["centers_m"]) + shift, np.array(f["remanence_T"]), self.catheter["length"], diameter)
+                for axis, f, shift in zip(axes, frames, shifts)
+            ]
+        )
+        scene = scene_of(self.scene)
+        magnetized = np.array([any(segment["magnetization"]) for segment in self.catheter["segments"]])
+        obstacles = [self._guide(shift) for shift in shifts] + ([self._lumen()] if lumen else [])
+        points = np.vstack([self.path[:, 1:] + shift for shift in shifts])
+        return Snapshot(
+            body=Surface.joined([self.body(frame, shift) for frame, shift in zip(frames, shifts)]),
+            magnetized=magnetized,
+            length=length,
+            thickness=diameter,
+            axis=axes[-1],
+            target=points,
+            target_name="path",
+            arrows=arrows.reshape(-1, 2, 3),
+            arrow_width=style.ARROW_WIDTH * diameter,
+            obstacles=tuple(obstacles),
+            field=np.array(last["field_T"], dtype=float),
+            gravity=gravity_of(scene),
+            **caption,
+        )
+
+    def _guide(self, shift: np.ndarray) -> Obstacle:
+        diameter = self.catheter["diameter"]
+        guide = swept(np.array([[-3.0 * diameter, 0.0, 0.0], [0.0, 0.0, 0.0]]) + shift, 0.75 * diameter, 48)
+        return Obstacle("guide", guide.points, guide.triangles, style.CLAMP)
+
+    def _lumen(self) -> Obstacle:
+        tube = swept(self.path[:, 1:], LUMEN * self.catheter["diameter"] / 2, 48)
+        return Obstacle("lumen", tube.points, tube.triangles, style.WALL, hollow=True)
+
+    def trial(self, frames: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:
+        """A trial: bodies at several depths."""
+        some = np.unique(np.linspace(0, len(frames) - 1, SHOWN + 1).round().astype(int)[1:])
+        return self.snapshot([frames[k] for k in some], lumen=False, title=self.name, trial=trial, rms=rms)
+
+    def moment(self, frame: Mapping[str, Any]) -> Snapshot:
+        """One depth in its lumen, with depth and deviation in words."""
+        words = f"{1e3 * frame['depth_m']:.1f} mm inserted   deviation {1e3 * frame['rms_m']:.2f} mm"
+        return self.snapshot([frame], lumen=True, title=words)
