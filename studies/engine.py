@@ -25,6 +25,7 @@ from studies.definition import Study
 from studies.insertion import Insertion, shapes_of
 from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
+from studies.reach import findings
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
 from studies.samplers import check_available, check_suits, make_sampler, settings
@@ -363,4 +364,5 @@ class _Run:
             rms_m=[t.user_attrs.get("rms_m", t.value) or 0.0 for t in trials],
             measure_m=[t.value for t in trials if t.value is not None] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
+            limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
         )

@@ -54,6 +54,7 @@ class StudyReport:
     failed_trials: list[int]  # places of those in rms_m
     measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
     warnings: list[str] = field(default_factory=list)  # what a user should know of the search
+    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
 
     @property
     def why(self) -> str:

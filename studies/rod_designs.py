@@ -30,16 +30,20 @@ ROUNDS = ((10, 24), (10, 12), (12, 12))  # steps, and how many of the descents g
 KEPT = 6
 NEAR = 3e-4  # of the length: rms of the rod that is near enough, since the body is farther from the rod
 APART = 0.3  # rad: root mean square angle between designs that count as different
+STEADY, UNSTEADY = 0.15, 0.05  # a design less stable than this counts as worse, at a critical load by this share of the length
 LOADS = (0.25, 0.5, 0.75)  # shares of the load on the way to a start's first shape
 
 
 @dataclass(frozen=True)
 class RodDesign:
-    """A design: directions (k, 3) of the varied regions, uniform field (3,) T (the scene's, where it is not varied), rms (m) of the rod."""
+    """A design: directions (k, 3) of the varied regions, uniform field (3,) T (the scene's, where it is not varied), rms (m) of the rod,
+    and its stability (1 at rest, 0 at a critical load).
+    """
 
     directions: Array
     field: Array
     rms: float
+    stability: float
 
 
 @dataclass
@@ -77,7 +81,9 @@ class _Problem:
         self.family = RodFamily.of(rod, scene.body.shape.segment_lengths(), regions)  # type: ignore[attr-defined]
         self.field_max, self.count = field_max, len(regions)
         self.target = target
-        self.weights = np.array([np.interp(target[:, 0], s, row) for row in np.eye(len(s))]).T / np.sqrt(len(target))
+        self.before = np.clip(np.searchsorted(s, target[:, 0], side="right") - 1, 0, len(s) - 2)  # the frames beside each station
+        share = (target[:, 0] - s[self.before]) / np.diff(s)[self.before]
+        self.shares = np.stack([1 - share, share]) / np.sqrt(len(target))
 
     def shapes(self, directions: Array, field: Array, quaternions: Array, share: float = 1.0) -> tuple[Array, Array, Array]:
         """Residuals (s, m) m and slopes (s, m, c) by directions and by shares of the greatest field; found (s,)."""
@@ -85,11 +91,16 @@ class _Problem:
         pull = 0.0 if self.gradient is None else self.family.pull(quaternions, directions, self.gradient)
         position, slopes, found = self.family.relaxed(quaternions, directions, fields, pull=pull, share=share)
         goal = self.target[:, 1:] / np.sqrt(len(self.target))
-        rows = (self.weights @ position - goal).reshape(len(position), -1)
-        columns = np.einsum("mn,snic->smic", self.weights, slopes, optimize=True).reshape(*rows.shape, -1)
+        rows = (self._at_stations(position) - goal).reshape(len(position), -1)
+        columns = self._at_stations(slopes).reshape(*rows.shape, -1)
         if self.field_max is not None:
             columns[:, :, -3:] *= self.field_max
         return rows, columns, found
+
+    def _at_stations(self, values: Array) -> Array:
+        """Values (s, n + 1, ...) at the frames as values (s, m, ...) at the target's m stations, over the root of m."""
+        shares = self.shares.reshape(2, -1, *(1,) * (values.ndim - 2))
+        return np.asarray(shares[0] * values[:, self.before] + shares[1] * values[:, self.before + 1])
 
     def state(self, directions: Array, field: Array, quaternions: Array, damping: Array) -> _Descents:
         """The descents at these designs; one without a stable shape has an infinite cost."""
@@ -149,7 +160,7 @@ def rod_designs(
                 break
             at = problem.step(at)
         at = at.best(left)
-    return _verified(scene, target, regions, field_max, at)[:keep]
+    return _verified(scene, problem, regions, at)[:keep]
 
 
 def rod_starts(space: SearchSpace, target: Array, seed: int) -> list[dict[str, float]]:
@@ -170,8 +181,12 @@ def rod_starts(space: SearchSpace, target: Array, seed: int) -> list[dict[str, f
     return starts
 
 
-def _verified(scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, at: _Descents) -> list[RodDesign]:
-    """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first."""
+def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Descents) -> list[RodDesign]:
+    """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first.
+
+    Near a critical load the body is hard to solve and its derivatives are large: a design there counts as worse than it is.
+    """
+    target, field_max = problem.target, problem.field_max
     fixed = np.array(scene.field.uniform, dtype=float)
     found: list[RodDesign] = []
     for s in range(len(at.cost)):
@@ -186,8 +201,9 @@ def _verified(scene: Scene, target: Array, regions: Sequence[int], field_max: fl
         except SolveError:
             continue
         gap = shape.at(target[:, 0]) - target[:, 1:]
-        found.append(RodDesign(at.directions[s], field, float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))))
-    found.sort(key=lambda design: design.rms)
+        stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
+        found.append(RodDesign(at.directions[s], field, float(np.sqrt(np.mean(np.sum(gap**2, axis=1)))), stability))
+    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / STEADY, 0.0) * UNSTEADY * scene.length)
     kept: list[RodDesign] = []
     for design in found:
         if all(_apart(design, other) > APART for other in kept):

@@ -22,6 +22,7 @@ from studies.search_space import SearchSpace
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
+    from studies.gauss_newton_steps import Coordinates
     from studies.study import Study
 
 STARTUP = 5  # random trials of GP before a model of the objective is asked; TPE has its own settings
@@ -141,7 +142,15 @@ def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
 
 
 def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, float]], goal: float) -> BaseSampler:
-    from studies import gauss_newton as gn
+    from studies.gauss_newton import GaussNewtonSampler
+
+    blocks = gauss_newton_blocks(space).blocks
+    return GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
+
+
+def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
+    """The blocks of a study as those of the Gauss-Newton sampler, which knows nothing of studies; with the same coordinates."""
+    from studies import gauss_newton_steps as gn
 
     blocks: list[gn.Block] = []
     for block in space.blocks:
@@ -152,7 +161,7 @@ def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, f
             blocks.append(gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3))  # T for each mT
         elif isinstance(block, Number):
             blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
-    return gn.GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
+    return gn.Coordinates(blocks)
 
 
 _MAKERS: dict[str, Callable[[SearchSpace, int, int], BaseSampler]] = {

@@ -119,6 +119,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(
             f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
         )
+    lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
         lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")
     lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {shlex.quote(str(report.out))}")

@@ -13,7 +13,17 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.rod.kernels import _derivatives, _factor, _matrix, _solve, _to_frame, frames_of, relax
+from magmpm.rod.kernels import (
+    _derivatives,
+    _dot,
+    _factor,
+    _matrix,
+    _scaled,
+    _solve,
+    _to_frame,
+    frames_of,
+    relax,
+)
 
 
 @compiled
@@ -200,6 +210,65 @@ def _slopes(q, length, D, C, moment, field, weight, sizes, shares, frames, slope
         _solve(Ld, Lo, slopes[column, 0])
         _add_column((A, P, Q), moment, sizes, shares, column, slopes[column])
     return True
+
+
+@compiled
+def _inertia(frames, length, x, moved, out):
+    """out = M x, all (n + 1, 3): forces of inertia, 1 kg per m, of the displacements that rotations x (own axes) make, to rotations.
+
+    moved: work space. A rotation d of a frame R moves what is beyond it by R (d x e_1) times half the lengths of its elements.
+    """
+    n = len(length)
+    _clear(moved)
+    for k in range(n):
+        for i in range(3):
+            step = 0.0
+            for side in range(2):
+                R = frames[k + side]
+                step += 0.5 * length[k] * (R[i, 1] * x[k + side, 2] - R[i, 2] * x[k + side, 1])
+            moved[k + 1, i] = moved[k, i] + step
+    _clear(out)
+    force = np.zeros(3)
+    for k in range(n - 1, -1, -1):
+        share = 0.5 * (length[k] + (length[k + 1] if k + 1 < n else 0.0))
+        for i in range(3):
+            force[i] += share * moved[k + 1, i]
+        for side in range(2):
+            R = frames[k + side]
+            for i in range(3):
+                out[k + side, 2] += 0.5 * length[k] * R[i, 1] * force[i]
+                out[k + side, 1] -= 0.5 * length[k] * R[i, 2] * force[i]
+    for i in range(3):
+        out[0, i] = 0.0
+
+
+@compiled
+def softest(q, length, D, C, moment, field, weight):
+    """Smallest eigenvalue, N/m^2 per kg/m, of a rod's Hessian H with the mass M of its displacements, 1 kg per m; 0: no minimum.
+
+    By iterating x = H^-1 M x: turning about its own tangent has no mass, so H x = (eigenvalue) M x is taken the other way around.
+    """
+    n = len(length)
+    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    Ld, Lo, frames = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3)), np.empty((n + 1, 3, 3))
+    x, Mx, moved = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3))
+    for k in range(n + 1):
+        _matrix(q[k], frames[k])
+        x[k, 0], x[k, 1], x[k, 2] = 0.1, 1.0, 0.6
+    _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+    if not _factor(Hd, Ho, 0.0, Ld, Lo):
+        return 0.0
+    value = 0.0
+    for _ in range(60):
+        _inertia(frames, length, x, moved, Mx)
+        mass = _dot(x, Mx)
+        _scaled(Mx, 1.0, x)
+        _solve(Ld, Lo, x)
+        before, value = value, mass / _dot(x, Mx)  # Rayleigh's quotient of the iteration before, from below its error squared
+        if abs(value - before) < 1e-4 * value:
+            break
+        _scaled(x, 1.0 / np.sqrt(_dot(x, x)), x)
+    return value
 
 
 @kernel

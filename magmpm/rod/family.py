@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodModel
-from magmpm.rod.derivative_kernels import relax_all
+from magmpm.rod.derivative_kernels import relax_all, softest
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,13 @@ class RodFamily:
         q = np.zeros((rods, len(self.rod.length) + 1, 4))
         q[:, :, 0] = 1.0
         return q
+
+    def stability(self, quaternions: Array, directions: Array, field: Array) -> float:
+        """Smallest eigenvalue of one rod (n + 1, 4) over the unloaded rod's: 1 at rest, 0 at a critical load. field (3,) T: added."""
+        rod, none = self.rod, np.zeros_like(self.rod.field)
+        at_rest = softest(self.straight(1)[0], rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none)
+        moment = self.moments(directions[None])[0]
+        return float(softest(quaternions, rod.length, rod.twist_bend, rod.compliance, moment, rod.field + field, rod.weight) / at_rest)
 
     def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
         """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""

@@ -9,7 +9,7 @@ import pytest
 
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodModel, rod_model, solve_rod
-from magmpm.rod.derivative_kernels import relax_all
+from magmpm.rod.derivative_kernels import relax_all, softest
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 
@@ -142,3 +142,24 @@ def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
     )  # fmt: skip
     assert found[0], "it leaves the straight shape and finds the bent one"
     assert np.abs(position[0, :, 2]).max() > 0.1 * against.length
+
+
+def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> None:
+    """Unloaded: 1, and the eigenvalue is (1.8751 / L)^4 E I for 1 kg/m (the clamped beam). It falls to 0 at the critical load.
+
+    A rod magnetized toward its tip in a field B against it: torque per length -m B theta, so that E I theta'' + m B theta = 0 with
+    theta(0) = 0, theta'(L) = 0, and m B = E I (pi / 2L)^2 at the critical load.
+    """
+    bare = scene.with_effects(gravity=None).with_magnetizations(np.tile([1.0, 0, 0], (5, 1))).with_field([0.0, 0, 0])
+    rod = replace(rod_model(bare, 120), compliance=np.zeros((120, 3)))
+    family = RodFamily.of(rod, bare.body.shape.segment_lengths(), range(5))
+    toward, q = np.tile([1.0, 0, 0], (5, 1)), family.straight(1)[0]
+    assert family.stability(q, toward, np.zeros(3)) == pytest.approx(1, rel=1e-12)
+    bending, length = rod.twist_bend[0, 1], rod.length.sum()
+    value = softest(q, rod.length, rod.twist_bend, rod.compliance, rod.moment, rod.field, rod.weight)
+    assert value == pytest.approx(bending * (1.87510407 / length) ** 4, rel=5e-4)  # of second order in 120 elements, and 1e-4 of iteration
+    critical = bending * (np.pi / 2 / length) ** 2 / np.linalg.norm(rod.moment[0])
+    near = [family.stability(q, toward, np.array([-share * critical, 0, 0])) for share in (0.5, 0.9, 0.99)]
+    assert near[2] == pytest.approx(0.01, rel=0.15)  # in proportion to what is left of the load, near the end
+    assert near[0] > near[1] > near[2] > 0
+    assert family.stability(q, toward, np.array([-1.01 * critical, 0, 0])) == 0
