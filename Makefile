@@ -6,13 +6,15 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long test-gp lint bench claims bench-sampler bench-robust validate stability schema gallery clean
+.PHONY: help setup design test test-long test-gp lint bench claims bench-sampler bench-design bench-robust validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
-	@echo "make test-gp    the tests of studies by GP, in an environment of their own with torch (some 200 MB)"
+	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
+	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
+	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
@@ -49,7 +51,7 @@ test: lint
 test-long: lint
 	$(BIN)/python -m pytest $(WORKERS)
 
-# Studies by GP need torch, which no other test does: a second environment, with PyTorch's own wheels for CPUs (those of PyPI bring CUDA,
+# Studies by Optuna's GPSampler need torch, which no other test does: a second environment, with PyTorch's own wheels for CPUs (those of PyPI bring CUDA,
 # several GB), or PyPI's where that index can't be reached.
 GP_VENV ?= .venv-gp
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
@@ -61,13 +63,19 @@ $(GP_VENV)/.ready: setup.cfg pyproject.toml constraints.txt
 
 test-gp: $(GP_VENV)/.ready
 	$(GP_VENV)/bin/python -c "import torch; print('torch', torch.__version__)"
-	$(GP_VENV)/bin/python -m pytest tests/studies -k gp -rs
+	$(GP_VENV)/bin/python -m pytest tests/studies -k "gp or GP" -rs
 
 bench-sampler: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/sampler.py
+	$(BIN)/python tests/benchmarks/sampler.py $(or $(SAMPLER),tpe)
+	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py tpe+rod)
+	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py gp)
+	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py gp+rod)
 
 bench-robust: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/robust.py
+
+bench-design: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/design.py $(if $(QUICK),--quick) $(SAMPLERS)
 
 bench: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/bench.py

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, NotThereYet, report
+from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import Document, read_yaml
@@ -47,7 +47,6 @@ def load_study(path: Path | str) -> Study:
     check_scene(scene, file, document)
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
-    _check_later_keys(file, document)
     return Study(
         path=document.path,
         name=document.path.stem,
@@ -68,13 +67,6 @@ def load_study(path: Path | str) -> Study:
         limits=file.limits,
         start=file.start,
     )
-
-
-def _check_later_keys(file: StudyFile, document: Document) -> None:
-    """Raises NotThereYet."""
-    if len(file.minimize) > 1:
-        rule = "two objectives are not there yet in this version"
-        raise NotThereYet(report(place(document, "minimize"), received=str(list(file.minimize)), rule=rule, remedy="remove it"))
 
 
 def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, tuple[Keyframe, ...]]:

@@ -25,6 +25,7 @@ from studies.definition import Study
 from studies.insertion import Insertion, shapes_of
 from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
+from studies.objectives import pareto_report, trial_values
 from studies.reach import findings
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
@@ -143,7 +144,7 @@ class _Run:
         self.gallery = records.Gallery(out, self.storage)
         finished = self.finished()
         best = report.best_trial(finished)
-        self.count, self.best = len(finished), None if best is None else best.value
+        self.count, self.best = len(finished), None if best is None else best.values[0]
         self.durations = [t.user_attrs["seconds"]["total"] for t in finished if "seconds" in t.user_attrs]
 
     def finished(self) -> list[FrozenTrial]:
@@ -292,7 +293,7 @@ class _Run:
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             seconds = {"solve": outcome.seconds, "render": drawn - solved, "total": time.perf_counter() - begun}
             asked.set_user_attr("seconds", seconds)
-            self.kept.tell(asked, outcome.value)
+            self.kept.tell(asked, trial_values(self.study.minimize, self.space, asked.params, outcome.value, not outcome.accepted))
         self.count, self.best = self.count + 1, best
         self.durations.append(time.perf_counter() - begun)
         del self.durations[:-REMEMBERED]
@@ -361,8 +362,9 @@ class _Run:
             first_trial_below_stop=None if first is None else first.number,
             seconds_per_trial=report.seconds_per_trial(trials),
             ended=ended,
-            rms_m=[t.user_attrs.get("rms_m", t.value) or 0.0 for t in trials],
-            measure_m=[t.value for t in trials if t.value is not None] if self.study.robust is not None else None,
+            rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
+            measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
             limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
+            front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
         )

@@ -53,6 +53,7 @@ class StudyReport:
     rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
     failed_trials: list[int]  # places of those in rms_m
     measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
+    front: dict[str, Any] | None = None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
     warnings: list[str] = field(default_factory=list)  # what a user should know of the search
     limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
 
@@ -71,7 +72,9 @@ class StudyReport:
 
     def summary(self) -> dict[str, Any]:
         """What `magmpm design --json` prints."""
-        return {**asdict(self), "out": str(self.out), "why": self.why}
+        found = asdict(self)
+        two = found.pop("front") or {}
+        return {**found, **two, "out": str(self.out), "why": self.why}
 
     def save(self) -> Path:
         """Writes the summary to OUT/study.json, whole or not at all. Returns the path."""
@@ -122,5 +125,4 @@ def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
 
 
 def _rms(trial: FrozenTrial) -> float:
-    assert trial.value is not None  # Optuna's type covers trials that have not ended
-    return trial.value
+    return float(trial.values[0])  # of two objectives the first

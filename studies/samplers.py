@@ -16,7 +16,7 @@ import numpy as np
 
 from magmpm.errors import InputError, report
 from studies.blocks import Direction, FieldVector, Number
-from studies.sampler_names import HEED_NO_CONSTRAINTS, TAKE_CHOICES, check_sampler_name
+from studies.sampler_names import HEED_NO_CONSTRAINTS, ONE_OBJECTIVE, TAKE_CHOICES, check_sampler_name
 from studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -25,13 +25,11 @@ if TYPE_CHECKING:
     from studies.gauss_newton_steps import Coordinates
     from studies.study import Study
 
-STARTUP = 5  # random trials of GP before a model of the objective is asked; TPE has its own settings
-
 POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
 _TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
-_EXTRAS = {"gp": _TORCH, "cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
+_EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
 
 
 def check_available(name: str) -> None:
@@ -50,6 +48,12 @@ def check_suits(study: Study) -> None:
     if study.margin is not None and name in HEED_NO_CONSTRAINTS:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
         raise InputError(report("sampler", received=name, rule=rule, remedy="sampler: tpe or gauss-newton, or remove `stability`"))
+    if len(study.minimize) > 1 and name in ONE_OBJECTIVE:
+        rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
+        raise InputError(report("sampler", received=name, rule=rule, remedy="sampler: nsga2, or remove `minimize`"))
+    if len(study.minimize) > 1 and study.robust is not None:
+        rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
+        raise InputError(report("minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy))
     if study.vary.order is not None and name not in TAKE_CHOICES:
         rule = f"{name} can't choose an order of segments"
         raise InputError(report("sampler", received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
@@ -63,7 +67,11 @@ def settings(name: str) -> dict[str, Any]:
         return dataclasses.asdict(Settings())
     if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
         return {"population": POPULATION}
-    return {"startup": STARTUP} if name == "gp" else {}
+    if name == "gp":
+        from studies.gp import SETTINGS
+
+        return dict(SETTINGS)
+    return {}
 
 
 def make_sampler(
@@ -93,10 +101,10 @@ def _number(seed: int, finished: int) -> int:
     return int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])
 
 
-def _gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import GPSampler
+def _gp(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from studies.gp import ShapeSampler
 
-    return GPSampler(seed=_number(seed, finished), n_startup_trials=STARTUP, deterministic_objective=True)
+    return ShapeSampler(space, seed, finished)
 
 
 def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:

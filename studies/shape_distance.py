@@ -33,6 +33,11 @@ def root_mean_square(gaps: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
 
 
+def residuals(gaps: Array) -> list[float]:
+    """Gaps (m, 3) m as trials store them: component by component over the root of m, so that their sum of squares is rms^2; 9 digits."""
+    return [float(f"{value:.9g}") for value in (gaps / np.sqrt(len(gaps))).reshape(-1).tolist()]
+
+
 class Derivatives(Protocol):
     """What is read of magmpm's Sensitivities."""
 

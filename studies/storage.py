@@ -21,6 +21,7 @@ from magmpm.errors import InputError, MagmpmError, report
 from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import naming
 from studies.definition import Study, definition_hash, differences
+from studies.objectives import NAMES
 from studies.report import REPORT
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def open_study(
 
     with storage_faults(url, timeout):
         kept = optuna.create_study(
-            storage=storage, study_name=study.name, direction="minimize", load_if_exists=True
+            storage=storage, study_name=study.name, directions=["minimize"] * len(study.minimize), load_if_exists=True
         )
         known = kept.user_attrs.get("definition")
         if known is None and kept.get_trials(deepcopy=False):
@@ -218,7 +219,7 @@ def open_study(
             kept.set_user_attr("definition_hash", definition_hash(definition))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # "experimental": the name of the axis in the dashboard
-                kept.set_metric_names(["rms_m"])
+                kept.set_metric_names([NAMES[name] for name in study.minimize])
         elif kept.user_attrs.get("definition_hash") != definition_hash(definition):
             changes = "\n".join(f"    {line}" for line in differences(known, definition))
             raise InputError(

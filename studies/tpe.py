@@ -25,6 +25,7 @@ from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
+from studies.objectives import ranked
 from studies.search_space import SearchSpace
 
 
@@ -84,7 +85,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         if len(trials) < len(TETRAHEDRON):
             return self._with_choices(self._space.parameters(*self._alike(len(trials))), trials)
         designs = self._read(trials)
-        order = sorted(range(len(trials)), key=lambda i: (_violation(trials[i]), trials[i].value, i))
+        order = sorted(ranked(trials), key=lambda i: _violation(trials[i]))
         count = math.ceil(self._settings.good * len(trials))
         chosen = self.choose(designs[order[:count]], designs[order[count:]])
         return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])

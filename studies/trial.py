@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from magmpm.errors import SolveError
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from studies.shape_distance import gaps, root_mean_square
+from studies.shape_distance import gaps, residuals, root_mean_square
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
@@ -117,6 +117,7 @@ def evaluate(
         return failed("the result holds numbers that are not finite")
     if not result.converged:
         return failed("the solve did not converge")
+    model = {"residuals": residuals(apart), **model}
     stability = getattr(result, "stability", None)
     if margin is not None and stability is None:
         return failed("the stability of the result is not known, and the study has a margin")

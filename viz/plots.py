@@ -95,6 +95,43 @@ def convergence(
         return saved(figure, path)
 
 
+QUANTITIES = {  # of a second objective: what its axis says, and how many of its units make an SI one
+    "largest_field_T": ("largest field (mT)", 1e3),
+    "magnetized_volume_m3": ("magnetized volume (mm\u00b3)", 1e9),
+}
+
+
+def pareto(report: Mapping[str, Any], path: str | Path) -> Path:
+    """The two objectives of every trial of a study, with the front of those that no other is better than.
+
+    report: of the study, with `objectives`, `values` (SI, None for a failed trial), `pareto` and `compromise`. The trial nearest to the
+    ideal point, with both objectives scaled to the front's extent, is named.
+    """
+    label, unit = QUANTITIES[report["objectives"][1]]
+    scale = np.array([1e3, unit])
+    front = np.array([entry["values"] for entry in report["pareto"]]).reshape(-1, 2) * scale
+    on_it = {entry["number"] for entry in report["pareto"]}
+    others = np.array([v for k, v in enumerate(report["values"]) if v is not None and k not in on_it]).reshape(-1, 2) * scale
+    with rc_context(LOOK):
+        figure = Figure(figsize=(5.4, 3.6), layout="constrained")
+        axes = figure.add_subplot()
+        axes.scatter(others[:, 0], others[:, 1], s=16, color="#999999", linewidths=0, label="dominated trial", zorder=2)
+        axes.step(front[:, 0], front[:, 1], where="post", color=style.TARGET, linewidth=1.2, zorder=3)
+        count = f"Pareto front ({len(front)} of {len(report['values'])})"
+        axes.scatter(front[:, 0], front[:, 1], s=26, color=style.TARGET, linewidths=0, label=count, zorder=4)
+        for entry, point in zip(report["pareto"], front, strict=True):
+            if entry["number"] == report["compromise"]:
+                at = f"{point[0]:.3g} mm, {point[1]:.3g} {label.split('(')[1].rstrip(')')}"
+                text = f"best compromise: trial {entry['number']} ({at})"
+                axes.scatter(point[0], point[1], s=80, facecolors="none", edgecolors="#007766", linewidths=1.4, label=text, zorder=5)
+        axes.set_xlabel("rms distance to the target (mm)")
+        axes.set_ylabel(label)
+        axes.margins(x=0.08, y=0.12)
+        figure.legend(loc="outside upper left", ncols=2, columnspacing=1.2, handletextpad=0.4)
+        axes.set_title(report["name"], fontsize=10, weight="bold", loc="right")
+        return saved(figure, path)
+
+
 def _stop_and_failures(axes: Axes, stop: float | None, failed: np.ndarray) -> None:
     """A line at the rms (mm) at which the study stops, and crosses for the failed trials' numbers."""
     if stop is not None:

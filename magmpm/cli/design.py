@@ -114,6 +114,9 @@ def _text(report: StudyReport, files: list[Path]) -> str:
             field = 1e3 * np.array(report.best["field_T"])
             found = ", ".join(f"{x:+.4f}" for x in field)
             lines.append(f"    field          [{found}] mT, {np.linalg.norm(field):.4g} mT in all")
+    if report.front is not None:
+        found = report.front["pareto"]
+        lines.append(f"  Pareto front     {len(found)} trials; best compromise: trial {report.front['compromise']}")
     if report.stop_rms_m is not None:
         first = report.first_trial_below_stop
         lines.append(
@@ -238,6 +241,8 @@ def _draw_study(
                 penalised,
             )
         )
+    if report.get("pareto"):
+        files.append(renderer.run(plots.pareto, report, out / "pareto.png"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
         files.append(

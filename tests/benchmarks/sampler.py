@@ -2,6 +2,7 @@
 
     python tests/benchmarks/sampler.py [SAMPLER] [SEEDS]
 
+SAMPLER+rod begins with the rod's designs (`start: rod`).
 Every trial is a full solve at the resolution of the study, without pictures; each study starts in a new folder.
 """
 
@@ -13,7 +14,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from magmpm.simulate import run
+from magmpm.simulate import run, sensitivities
 from studies.definition import load_study
 from studies.engine import run_study
 
@@ -29,7 +30,9 @@ def main(sampler: str = "tpe", seeds: str = "5") -> int:
         study = load_study(ROOT / f"data/studies/{name}.yaml")
         for seed in range(1, int(seeds) + 1):
             with tempfile.TemporaryDirectory() as folder:
-                report = run_study(replace(study, seed=seed), solve=run, out=folder, sampler=sampler)
+                chosen, _, start = sampler.partition("+")
+                asked = replace(study, seed=seed, start=start or None)
+                report = run_study(asked, solve=run, differentiate=sensitivities, out=folder, sampler=chosen)
             first = report.first_trial_below_stop
             best = None if report.best is None else 1e3 * report.best["rms_m"]
             rows.append({"study": name, "seed": seed, "reached_in": None if first is None else first + 1, "best_mm": best})

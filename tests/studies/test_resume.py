@@ -28,7 +28,7 @@ HERE = Path(__file__).parent
 
 def of(names: Iterable[str]) -> pytest.MarkDecorator:
     """A test for each sampler, skipped where the package that it needs is missing."""
-    needs = {"gp": "torch", "optuna:GPSampler": "torch", "cmaes": "cmaes", "optuna:CmaEsSampler": "cmaes"}
+    needs = {"optuna:GPSampler": "torch", "cmaes": "cmaes", "optuna:CmaEsSampler": "cmaes"}
 
     def mark(name: str) -> pytest.MarkDecorator:
         missing = name in needs and importlib.util.find_spec(needs[name]) is None
@@ -193,7 +193,6 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sampler", "module", "extra"),
     [
-        ("gp", "torch", "gp"),
         ("cmaes", "cmaes", "cmaes"),
         ("optuna:GPSampler", "torch", "gp"),
         ("optuna:CmaEsSampler", "cmaes", "cmaes"),

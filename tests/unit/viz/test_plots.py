@@ -143,3 +143,24 @@ def test_labels_of_the_plots_stand_whole(tmp_path: Path) -> None:
         pixels = np.asarray(image.convert("L"))
     for edge in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
         assert edge.min() > 250
+
+
+def test_the_front_is_drawn_with_its_units_and_its_compromise(figures: list[Figure], tmp_path: Path) -> None:
+    """Points in mm and mT; failed trials are not there; one point is a front too."""
+    report = {
+        "name": "probe",
+        "objectives": ["rms_m", "largest_field_T"],
+        "values": [[1e-3, 9e-3], [2e-3, 3e-3], None, [4e-3, 8e-3], [5e-3, 1e-3]],
+        "pareto": [{"number": k, "values": v} for k, v in ((0, [1e-3, 9e-3]), (1, [2e-3, 3e-3]), (4, [5e-3, 1e-3]))],
+        "compromise": 1,
+    }
+    plots.pareto(report, tmp_path / "pareto.png")
+    axes = figures[-1].axes[0]
+    others, front, best = (np.asarray(drawn.get_offsets()) for drawn in axes.collections)
+    np.testing.assert_allclose(others, [[4, 8]])
+    np.testing.assert_allclose(front, [[1, 9], [2, 3], [5, 1]])
+    np.testing.assert_allclose(best, [[2, 3]])
+    assert axes.get_ylabel() == "largest field (mT)"
+    assert [drawn.get_label() for drawn in axes.collections][2] == "best compromise: trial 1 (2 mm, 3 mT)"
+    one = {"values": [[1e-3, 9e-3]], "pareto": report["pareto"][:1], "objectives": ["rms_m", "magnetized_volume_m3"]}
+    plots.pareto({**report, **one}, tmp_path / "b.png")
