@@ -71,6 +71,9 @@ bench-sampler: $(VENV)/.ready-test
 	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py gp)
 	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py gp+rod)
 
+bench-insertion: $(VENV)/.ready-test
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/insertion_paths.py runs/bench-insertion $(if $(QUICK),--rods)
+
 bench-robust: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/robust.py
 

@@ -58,7 +58,7 @@ def load_study(path: Path | str) -> Study:
         seed=file.seed,
         stop_rms=None if file.stop is None else file.stop.rms,
         scene_file=folder / file.scene,
-        depths=_depths(file, target),
+        depths=_depths(file, target, scene.thickness),
         keyframes=keyframes,
         hold=0.0 if file.schedule is None else file.schedule.hold,
         minimize=file.minimize,
@@ -92,13 +92,14 @@ def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, documen
     return target
 
 
-def _depths(file: StudyFile, path: Array) -> tuple[float, ...]:
+def _depths(file: StudyFile, path: Array, thickness: float) -> tuple[float, ...]:
     """Inserted lengths, m, of an insertion along a path, (m, 4) m."""
     if file.insertion is None:
         return ()
     if isinstance(file.insertion.depths, tuple):
         return file.insertion.depths
-    return tuple((path[-1, 0] * np.arange(1, file.insertion.depths + 1) / file.insertion.depths).tolist())
+    first = max(path[-1, 0] / file.insertion.depths, thickness)  # a piece shorter than its diameter is no rod
+    return tuple(np.linspace(first, path[-1, 0], file.insertion.depths).tolist()) if file.insertion.depths > 1 else (float(path[-1, 0]),)
 
 
 def definition_hash(definition: Mapping[str, Any]) -> str:

@@ -67,9 +67,22 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     elif file.robust is not None and file.robust.direction > 0 and not scene.body.shape.magnetized_by_region:
         rule = "robust tilts the directions of segments, and this strip has a magnetization_profile in their place"
         remedy = "give the strip `segments`, or remove `direction` from `robust`"
+    elif file.insertion is not None and scene.body.catheter is None:
+        rule = f"an insertion pushes a catheter out of its guide, and this body is a {scene.body.kind}"
+        remedy = "name a scene of a catheter"
     else:
+        _check_depths(scene, file, document)
         return
     raise InputError(report(place(document, "scene"), received=f'"{file.scene}"', rule=rule, remedy=remedy))
+
+
+def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
+    """What is outside the guide is at least as long as it is thick: Scene.inserted."""
+    depths = file.insertion.depths if file.insertion is not None else ()
+    if isinstance(depths, tuple) and depths and depths[0] < scene.thickness * (1 - 1e-9):
+        rule = f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm: a shorter piece is no rod"
+        remedy = f"begin with `{1e3 * scene.thickness:g} mm`, or leave it out"
+        raise InputError(report(place(document, "insertion", "depths"), received=f"{1e3 * depths[0]:g} mm", rule=rule, remedy=remedy))
 
 
 def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named: str) -> None:

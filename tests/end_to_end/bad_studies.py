@@ -104,6 +104,7 @@ CASES = [
     BadStudy("insertion without a path", ("trials: 35", "insertion: {depths: 12}\ntrials: 35"), ("study.yaml:7: insertion", "an insertion follows a path")),
     BadStudy("depths that fall", ("trials: 35", "insertion: {depths: [20 mm, 10 mm]}\ntrials: 35"), ("insertion.depths[1]", "depths must increase: 10 mm comes after 20 mm")),
     BadStudy("no depths", ("trials: 35", "insertion: {depths: 0}\ntrials: 35"), ("insertion.depths: received 0", "1 to 200 depths")),
+    BadStudy("depth below a diameter", ("trials: 35", "insertion: {depths: [2 mm, 10 mm]}\ntrials: 35"), ("insertion.depths", "received 2 mm", "at least one diameter of the catheter, 4 mm"), study=GOOD.replace("centreline: target.csv", "path: target.csv")),
     BadStudy("depths by name", ("trials: 35", "insertion: {depths: many}\ntrials: 35"), ("insertion.depths: received \"many\"", "or a list of lengths")),
     BadStudy("path without an insertion", ("  centreline: target.csv", "  path: target.csv"), ("study.yaml:6: match.path", "a path is followed by an insertion")),
     BadStudy("path and centreline", ("  centreline: target.csv", "  centreline: target.csv\n  path: target.csv"), ("study.yaml:5: match", "one of the keys centreline", "and path")),
