@@ -114,3 +114,21 @@ def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp
     assert rate["commit"] == host["commit"]
     assert "Gflop/s" in capsys.readouterr().out
     assert sys.modules["bench"] is bench
+
+
+def test_the_design_benchmark_counts_what_it_says() -> None:
+    """Solves from 1, seconds at that solve; quantiles over studies, none where too few came that near; every target is there."""
+    design = module("design")
+    one = {"rms_mm": [5.0, 1.9, 0.05], "seconds": [0.2, 0.4, 0.6], "best_mm": 0.05, "finer_mm": 0.06}
+    other = {"rms_mm": [1.0, 3.0], "seconds": [0.1, 0.3], "best_mm": 1.0, "finer_mm": 1.1}
+    assert design.reached(one, 2.0) == (2.0, 0.4)
+    assert design.reached(other, 0.5) == (float("inf"), float("inf"))
+    rows = design.summary([one, other, other])
+    assert rows["2 mm"] == {"share": 1.0, "solves": [1.0, 2.0], "seconds": [0.1, 0.4]}
+    assert rows["0.5 mm"] == {"share": pytest.approx(1 / 3), "solves": [None, None], "seconds": [None, None]}
+    assert (rows["best_mm"], rows["finer_mm"]) == (1.0, 1.1)
+    assert "| tpe | free | 1, 2 | 100 % | 0.1 | -, - | 33 % | - |" in design.table({"tpe": {"free": rows}})
+    for kind in ("reachable", "free"):
+        assert len(list(design.TARGETS.glob(f"{kind}_*.csv"))) == 12
+    study = design.study_of(design.TARGETS / "free_01.csv", "gp+rod", 7)
+    assert (study.sampler, study.start, study.trials, study.stop_rms) == ("gp", "rod", 7, pytest.approx(1e-4))
