@@ -126,11 +126,12 @@ def bar_width(view: View, panel: Panel, aspect: float, unit: float) -> float:
 def written(image: np.ndarray, snapshot: Snapshot, views: Views, layout: Layout) -> np.ndarray:
     """The image (h, w, 3) uint8 with all text and lines of the page; a new array."""
     page = Page(image)
-    most = LONGEST_MARKED if snapshot.mark else LONGEST_TITLE
+    alarming = bool(snapshot.mark or snapshot.event)
+    most = LONGEST_MARKED if alarming else LONGEST_TITLE
     most = round(most * page.aspect / (4 / 3))
     title = snapshot.title if len(snapshot.title) <= most else snapshot.title[: most - 1] + "…"
     page.text(title, 0.02, layout.title_y, style.TEXT_LARGE)
-    color = style.ALARM if snapshot.mark else style.INK
+    color = style.ALARM if alarming else style.INK
     page.text(snapshot.caption(), 0.985, layout.title_y, style.TEXT_LARGE, anchor="rm", bold=True, color=color)
     for inset in layout.insets:
         panel = inset.panel
@@ -221,6 +222,8 @@ class Page:
         y = big[1] * (0.5 - 0.45 * values / float(np.abs(values).max()))
         now = float(np.interp(times[0] if snapshot.time is None else snapshot.time, times, x))
         draw.line((0.0, 0.5 * big[1], big[0], 0.5 * big[1]), fill=style.GRID, width=line)
+        for jump in np.interp(snapshot.history.jumps, times, x):
+            draw.line((float(jump), 0.0, float(jump), big[1]), fill=style.ALARM, width=2 * line)
         draw.line((now, 0.0, now, big[1]), fill=style.FAINT_INK, width=line)
         for i, color in enumerate(style.COMPONENTS):
             draw.line(np.stack([x, y[:, i]], axis=1).ravel().tolist(), fill=color, width=round(1.6 * line), joint="curve")

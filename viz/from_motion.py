@@ -18,6 +18,8 @@ from viz.process import RenderError
 from viz.snapshot import History, Obstacle, Snapshot
 
 LOOKS = 60  # frames looked at to place the camera
+STANDS = 0.06  # of the duration: how long it is said that a body has jumped
+DONE = {"limit point": "snapped", "bifurcation": "buckled"}  # what a body did where a branch of equilibria ended
 FAR = 3.5  # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
 
 
@@ -52,7 +54,9 @@ class MotionRenderer:
         self.title = motion.name or "motion"
         self.gravity = gravity_of(self._scene)
         known = np.isfinite(motion.fields).all(axis=1)
-        self.history = History(motion.times[known], motion.fields[known]) if known.any() else None
+        self._jumps = list(getattr(motion, "jumps", []))
+        jumps = tuple(jump["time"] for jump in self._jumps)
+        self.history = History(motion.times[known], motion.fields[known], jumps) if known.any() else None
         self._surfaces = surfaces(self._scene)
         self._usual_force = _usual([_forces(contact) for contact in motion.contacts.values()])
         self._trace = self._traced()
@@ -84,9 +88,18 @@ class MotionRenderer:
             gravity=self.gravity,
             time=frame.time,
             duration=float(np.ptp(self.motion.times)) or 1.0,
-            pace=pace,
+            pace=None if getattr(self.motion, "steps", None) else pace,  # equilibria have no speed of their own
             title=self.title,
+            event=self._event(number),
         )
+
+    def _event(self, number: int) -> str:
+        """What the body has just done in a frame of equilibria along time: it left a branch that ended, a moment ago."""
+        times = self.motion.times
+        now = float(times[number])
+        shown = max(STANDS * float(np.ptp(times)), float(now - times[number - 1]) if number else 0.0)
+        past = [jump for jump in self._jumps if now - shown <= jump["time"] <= now]
+        return "" if not past else f"{DONE[past[-1]['kind']]} at {1e3 * past[-1]['field']:.3g} mT"
 
     def framing_of(self, numbers: Sequence[int]) -> Framing:
         """What must be in view in some frames: with the sources that come near where they are then, unless that is very far."""

@@ -242,10 +242,12 @@ def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> 
     axes.annotate(f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near)
 
 
-def motion(energies: Table, contacts: Mapping[str, Table], path: str | Path, title: str = "") -> Path:
+def motion(
+    energies: Table, contacts: Mapping[str, Table], path: str | Path, title: str = "", jumps: Sequence[float] = ()
+) -> Path:
     """A motion's energies, and below them contact forces where there are any, against time.
 
-    energies: columns of energies.csv, s and J; contacts: effect -> columns of contacts.csv, s and N.
+    energies: columns of energies.csv, s and J; contacts: effect -> columns of contacts.csv, s and N; jumps: times, s, to be marked.
     """
     touching = {name: c for name, c in contacts.items() if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")}
     rows = 2 if touching else 1
@@ -253,6 +255,8 @@ def motion(energies: Table, contacts: Mapping[str, Table], path: str | Path, tit
         figure = Figure(figsize=(6.4, 2.7 * rows), layout="constrained")
         axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
         _energies(axes[0], energies)
+        for time in jumps:
+            axes[0].axvline(time, color=style.ALARM, linewidth=1.0, linestyle=":", zorder=0)
         if touching:
             _forces(axes[1], touching)
         axes[-1].set_xlabel("time (s)")

@@ -66,10 +66,11 @@ class Particles:
 
 @dataclass(frozen=True)
 class History:
-    """The field at the body over a whole motion: times (k,) s, values (k, 3) T."""
+    """The field at the body over a whole motion: times (k,) s, values (k, 3) T. jumps: times, s, at which a branch of equilibria ended."""
 
     times: np.ndarray
     values: np.ndarray
+    jumps: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ class Snapshot:
     time              s, or None for a body at rest; duration: s, of the motion; pace: how many times slower than life, or None
     title, trial, rms caption; rms in m
     mark              replaces the caption, in red, where this is no answer or none to trust; or ""
+    event             what has just happened, after the time in the caption, in red: "snapped through"; or ""
     insets            whether it is seen from above and from the side too
     """
 
@@ -120,6 +122,7 @@ class Snapshot:
     trial: int | None = None
     rms: float | None = None
     mark: str = ""
+    event: str = ""
     insets: bool = False
 
     def __post_init__(self) -> None:
@@ -168,7 +171,7 @@ class Snapshot:
             words.append(f"rms {self.rms * 1e3:.2f} mm" if self.rms >= 1e-4 else f"rms {readable.length(self.rms)}")
         if self.time is not None:
             words.append(f"t = {seconds(self.time, self.duration)}")
-            words += [slower(self.pace)] if self.pace else []
+            words += [self.event] if self.event else [slower(self.pace)] if self.pace else []
         return "   ".join(words)
 
 

@@ -144,7 +144,8 @@ def _render_motion(
     files.append(renderer.render(shown.snapshot(last), out / PICTURE, framing=shown.framing))
     files.append(figure(shown, out / MOMENTS, renderer))
     if motion.energies:
-        files.append(renderer.run(plots.motion, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name))
+        jumps = [jump["time"] for jump in motion.jumps]
+        files.append(renderer.run(plots.motion, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name, jumps))
     made = movies.movie(shown, out / MOVIE, renderer, fps=fps)
     return [made.path, *files], made.note
 

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from magmpm.compiled.arrays import Array
 from magmpm.results.readable import length, quantity
 
 MEANING = {"limit point": "the branch turns back there (limit point)", "bifurcation": "the branch is unstable from there on (bifurcation)"}
@@ -29,6 +32,21 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         return []
     text = path.read_text(encoding="utf-8")
     return list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
+
+
+def read_steps(path: Path) -> dict[str, Array]:
+    """Column of steps.csv -> (rows,), SI; NaN where a value is not known. Raises ValueError where it holds something else."""
+    rows = read_rows(path)
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {})}
+
+
+def read_jumps(path: Path) -> list[dict[str, Any]]:
+    """The rows of jumps.csv: `time` and the others as in the `jumps` of a Result. Raises ValueError where it holds something else."""
+    found = []
+    for row in read_rows(path):
+        numbers = {name: float(value) for name, value in row.items() if name not in ("t", "kind")}
+        found.append({"time": float(row["t"]), "kind": row["kind"], **numbers})
+    return found
 
 
 def jump_in_words(jump: Mapping[str, Any]) -> str:

@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, overload
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.errors import BudgetError, InputError, report
 from magmpm.results import vtkhdf
-from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, MOTION
+from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.results.motion_tables import (
     GrowingTable,
@@ -31,6 +31,7 @@ from magmpm.results.motion_tables import (
     read_contacts,
     read_energies,
 )
+from magmpm.results.path_tables import read_jumps, read_steps
 from magmpm.results.readable import quantity
 from magmpm.results.whole_file import write_json
 
@@ -255,7 +256,8 @@ class Motion:
 
     times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
     (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
-    depth} -> (rows,). scene: Scene.to_si() or None.
+    depth} -> (rows,). scene: Scene.to_si() or None. Of equilibria along time also steps: table of steps.csv, column -> (frames,), and
+    jumps: where a branch ended, as in a Result.
     """
 
     folder: Path
@@ -269,6 +271,8 @@ class Motion:
     reference: Numbers
     energies: dict[str, Array]  # (frames,) J; t in s
     contacts: dict[str, dict[str, Array]]  # (rows,) s, N, m; count has no unit
+    steps: dict[str, Array] = field(default_factory=dict)
+    jumps: list[dict[str, Any]] = field(default_factory=list)
 
     @classmethod
     def load(cls, folder: Path | str) -> Motion:
@@ -287,14 +291,18 @@ class Motion:
                 static = vtkhdf.read_static(file)
             name, scene = _read_about(folder / ABOUT)
             energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
+            steps, jumps = read_steps(folder / STEPS), read_jumps(folder / JUMPS)
             must_have(folder / ENERGIES, energies, times, lacking=1)
+            if steps:
+                must_have(folder / STEPS, steps, times, lacking=1)
             for found in contacts.values() if scene is not None else ():
                 must_have(folder / CONTACTS, found, times, lacking=1)
         except (OSError, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{folder}: the motion can't be read ({error}); run the scene again") from None
-        return cls(folder=folder, name=name, scene=scene, times=times, fields=fields, energies=energies, contacts=contacts, **static)
+        tables: dict[str, Any] = {"energies": energies, "contacts": contacts, "steps": steps, "jumps": jumps}
+        return cls(folder=folder, name=name, scene=scene, times=times, fields=fields, **tables, **static)
 
     def __repr__(self) -> str:
         """One line: how many frames of how many particles, the times, and where they are."""

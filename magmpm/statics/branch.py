@@ -171,7 +171,7 @@ class Branch:
         if point is None:
             return None
         if (lost := outside_domain(model, point)) is not None:
-            raise SolveError(f"t = {target:.6g} s: {lost}")
+            raise SolveError(lost)
         return Reached(target, point, lowest, self._near.spent, self.now.step)
 
     def _eigenvalue(self, energy: Energy, point: Point) -> float | None:
@@ -195,7 +195,7 @@ class Branch:
         begin = energy.at(carry(last.point.grid, last.time, landing))
         found = self._fall(energy, begin, carry(mode, last.time, landing))
         if (lost := outside_domain(energy.model, found)) is not None:
-            raise SolveError(f"t = {landing:.6g} s: after the branch ended, {lost}")
+            raise SolveError(f"after a branch ended: {lost}")
         moved = float(np.linalg.norm(found.position - begin.position, axis=1).max())
         self.now = Reached(landing, found, self._eigenvalue(energy, found), self._near.spent, landing - critical)
         self.before = None
@@ -229,7 +229,12 @@ class Branch:
         if acting.feels_itself(energy.model.scene):
             whole = InteractingEnergy(energy.model)
             return minimize_with_interaction(whole, one.grid, tolerance=self._tolerance, max_steps=self._max_steps).point
-        return self._near.settled(energy, one, LONGEST_FALL * length)
+
+        def stays_in_the_field(point: Point) -> None:
+            if (lost := outside_domain(energy.model, point)) is not None:
+                raise SolveError(f"as the body fell from a branch that ended: {lost}")
+
+        return self._near.settled(energy, one, LONGEST_FALL * length, stays_in_the_field)
 
 def outside_domain(model: StaticModel, point: Point) -> str | None:
     """Why a body is where its field is not known, or None."""

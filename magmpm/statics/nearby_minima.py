@@ -25,6 +25,7 @@ ALIKE = 1e-5  # of the length: steps shorter than this may shrink more slowly, d
 MOST_NEWTON = 12  # steps of one attempt
 MOST_FALLING = 400  # steps of a fall
 MOST_TURNS = 6  # Newton steps in each
+STIFFEST = 1e15  # times NEUTRAL: with more, it is not the tangent that matters
 STIFFER = 10.0  # times as much of the mass matrix, where a tangent has no factors yet
 NEUTRAL = 1e-4  # of the lowest eigenvalue of the undeformed body: what counts as zero. A buckled round rod turns about its axis freely
 SOFT = 100.0  # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode such an energy
@@ -51,6 +52,8 @@ class NearbyMinima:
             if not point.min_det_F > 0:
                 return None
             residual, definite = self._made_definite(energy, point)
+            if residual is None:
+                return None
             direction = -solve(energy.panels, energy.model.layout.split, residual)
             self.spent += 1
             decrement = -float(np.sum(residual * direction)) / 2
@@ -84,15 +87,15 @@ class NearbyMinima:
         diagonal += self._shift * self.mass(energy)
         return residual, factor(panels, layout.split) < 0
 
-    def _made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array, bool]:
+    def _made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array | None, bool]:
         """As `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed for a
-        step or two, for it moves along tangents of its arcs: it is not unstable."""
+        step or two, for it moves along tangents of its arcs: it is not unstable. No residual where values are not finite."""
         residual, definite = self._factored(energy, point, more)
         done = definite
         while not done:
             residual, done = self._factored(energy, point, STIFFER * self._shift)
-            if self._shift > 1e12 * self._neutral(energy):
-                raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
+            if not self._shift < STIFFEST * self._neutral(energy):
+                return None, False
         return residual, definite
 
     def mass(self, energy: Energy) -> Array:
@@ -131,9 +134,10 @@ class NearbyMinima:
         self.spent += found.steps
         return found.point
 
-    def settled(self, energy: Energy, point: Point, longest: float) -> Point:
+    def settled(self, energy: Energy, point: Point, longest: float, check: Callable[[Point], None]) -> Point:
         """Where overdamped motion from a state ends, by implicit Euler steps of at most `longest` (m). Raises SolveError.
 
+        check: called with each state on the way; may raise SolveError.
         A step of the time 1 / mu is the minimum of E + mu/2 |c - c0|^2, found by Newton's method. mu grows where that fails, the step is
         too long or the energy does not fall, and shrinks otherwise, to next to nothing: the last steps are Newton's.
         """
@@ -147,6 +151,7 @@ class NearbyMinima:
             scale = max(abs(trial.energy - rest), energy.least_scale())
             if mu <= neutral and self._decrement < max(self._tolerance * scale, SOFT * energy.least_scale()):
                 return trial
+            check(trial)
             point, mu = trial, max(mu / 4.0, neutral)
         raise SolveError(f"the body fell for {MOST_FALLING} steps and came to no rest", point)
 
@@ -155,7 +160,7 @@ class NearbyMinima:
         mass, split, point = self.mass(energy), energy.model.layout.split, before
         for turn in range(MOST_TURNS):
             residual, definite = self._made_definite(energy, point, mu)
-            if not definite and turn == 0:
+            if residual is None or (not definite and turn == 0):
                 return None
             self.spent += 1
             residual = residual + mu * mass * (point.grid - before.grid)

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import critical_loads
 import frames
 import machine
 import motion_rates
@@ -159,6 +160,8 @@ FIGURES = {
     "static_cold_s": Figure(static_cold, "s", 0.35, 0.12),
     "static_warm_s": Figure(static_warm, "s", 0.15, 0.06),
     "static_8_cells_s": Figure(static_8_cells, "s", 3.0, 1.0),
+    "critical_load_error_percent": Figure(critical_loads.critical_loads, "%", 3.0, 1.0),
+    "quasi_static_step_s": Figure(critical_loads.step_seconds, "s", 0.15, 0.05),
     "trial_s": Figure(trial, "s", 1.0, 0.5),
     "first_compile_s": Figure(first_compile, "s", 30.0),
     "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
