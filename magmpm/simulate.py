@@ -252,11 +252,12 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
         max_det_F=shape.max_det_F,
         energy=state.energy,
         seconds=seconds,
-        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model),
+        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model) + _on_the_brink(last["stability"]),
         time=state.time,
         formulation="quasi_static",
         steps=state.rows,
         jumps=state.jumps,
+        stability=last["stability"],
         **_strained(state.strain),
         failure=failure,
     )
@@ -346,8 +347,8 @@ def _on_the_brink(stability: float | None) -> list[str]:
     if stability is None or stability > BRINK:
         return []
     return [
-        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % of the unloaded body's stiffness: it is at "
-        "a critical load (buckling, turning round) or free to turn about an axis, so a small change of the load may move it far"
+        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % of the unloaded body's stiffness: it is "
+        "at a critical load (buckling, turning round) or free to turn about an axis, so a small change of the load may move it far"
     ]
 
 

@@ -158,13 +158,20 @@ def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
             "field": [float(b) for b in field_at(shape.model, shape.position)],
             **({} if inserted is None else {"inserted": inserted}),
             "energy": state.energy,
-            "stability": None if branch is None else branch.stability,
+            "stability": _stability(branch),
             "min_det_F": shape.min_det_F,
             "max_det_F": shape.max_det_F,
             "iterations": 0 if branch is None else branch.now.iterations,
         }
     )
     return told
+
+
+def _stability(branch: Branch | None) -> float | None:
+    if branch is None:
+        return None
+    with one_blas_thread():
+        return branch.stability()
 
 
 def field_at(model: Model, position: Array) -> Array:

@@ -29,11 +29,13 @@ from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.nearby_minima import NearbyMinima, Tell
+from magmpm.statics.nearby_minima import NearbyMinima, Tell, lowest_mode
+from magmpm.statics.stability import stability
 
 FINEST = 2.0**-10  # of the step asked for: attempts are halved down to this, and critical loads known within it
 LANDING = 15  # of the finest steps: how far past the end of a branch the body is sought again; nearer, a new branch is too steep
 GROWTH = 2.0  # of the step after one that was accepted
+TOGETHER = 2e-3  # of the unloaded body's lowest eigenvalue: below minus this a body whose segments act on each other is unstable
 PUSH = 1e-3  # of the length: how far along its mode an unstable body is pushed off
 LONGEST_FALL = 0.03  # of the length: a step of a fall
 Kind = Literal["limit point", "bifurcation"]
@@ -141,10 +143,19 @@ class Branch:
         """Whether the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
         return self.before is not None and _zero_of("limit point", self.before, self.now, time) < time
 
-    @property
-    def stability(self) -> float | None:
-        """The lowest eigenvalue of the last equilibrium over that of the undeformed body; None where it is not known."""
-        return None if self.now.lowest is None else self.now.lowest / self._near.free(self.energy_at(self.now.time))
+    def stability(self) -> float:
+        """Of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""
+        energy = self.energy_at(self.now.time)
+        self._near.made_definite(energy, self.now.point)
+        if acting.feels_itself(energy.model.scene):
+            return self._together_stable(energy.model, self.now.point)
+        return stability(energy, self.now.point)
+
+    def _together_stable(self, model: StaticModel, point: Point) -> float:
+        """`stability` of a body whose segments act on each other."""
+        whole = InteractingEnergy(model)
+        self._near.made_definite(whole.alone, whole.at(point.grid))
+        return stability(whole, point)
 
     def energy_at(self, time: float) -> Energy:
         """The energy under the load of a time, s. Its work arrays are used again as long as the grid stays."""
@@ -162,6 +173,10 @@ class Branch:
         self._near.unstable = False
         if acting.feels_itself(model.scene):
             point, lowest = self._near.together(model, begin), None
+            if point is not None:
+                lowest = self._together_stable(model, point)
+                self._near.unstable = lowest < -TOGETHER
+                point = None if self._near.unstable else point
         else:
             point, mode = self._near.contracted(energy, begin), None
             if point is not None:
@@ -176,16 +191,19 @@ class Branch:
 
     def _eigenvalue(self, energy: Energy, point: Point) -> float | None:
         """Lowest eigenvalue (Pa/m^2) at a minimum; None where it is not known."""
-        mode = None if acting.feels_itself(energy.model.scene) else self._near.lowest(energy, point)
+        if acting.feels_itself(energy.model.scene):
+            return self._together_stable(energy.model, point)
+        mode = self._near.lowest(energy, point)
         return None if mode is None else mode[0]
 
     def _jump(self, past: float, landing: float) -> Jump:
         """The end of the branch, between now and a time (s) just past it; the body falls to where it is at `landing`, s."""
         last = self.now
         energy = self.energy_at(last.time)
-        found_mode = self._near.lowest(energy, last.point)
-        assert found_mode is not None  # `last` is a minimum
-        mode = found_mode[1]
+        alone = InteractingEnergy(energy.model).alone if acting.feels_itself(energy.model.scene) else energy
+        self._near.made_definite(alone, last.point)  # `last` is a minimum, or of the whole energy one
+        mode = lowest_mode(alone, self._near.mass(alone))[1]
+        energy = alone
         kind = self._kind(energy, last, past, mode)
         critical = 0.5 * (last.time + past)
         if self.before is not None:

@@ -51,7 +51,7 @@ class NearbyMinima:
         for step in range(MOST_NEWTON):
             if not point.min_det_F > 0:
                 return None
-            residual, definite = self._made_definite(energy, point)
+            residual, definite = self.made_definite(energy, point)
             if residual is None:
                 return None
             direction = -solve(energy.panels, energy.model.layout.split, residual)
@@ -87,7 +87,7 @@ class NearbyMinima:
         diagonal += self._shift * self.mass(energy)
         return residual, factor(panels, layout.split) < 0
 
-    def _made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array | None, bool]:
+    def made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array | None, bool]:
         """As `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed for a
         step or two, for it moves along tangents of its arcs: it is not unstable. No residual where values are not finite."""
         residual, definite = self._factored(energy, point, more)
@@ -159,7 +159,7 @@ class NearbyMinima:
         """The minimum of E + mu/2 |c - c0|^2 near a state c0; None where there is none within `longest` (m)."""
         mass, split, point = self.mass(energy), energy.model.layout.split, before
         for turn in range(MOST_TURNS):
-            residual, definite = self._made_definite(energy, point, mu)
+            residual, definite = self.made_definite(energy, point, mu)
             if residual is None or (not definite and turn == 0):
                 return None
             self.spent += 1
