@@ -72,7 +72,7 @@ def test_feed_may_be_named(tmp_path: Path) -> None:
         ([("ramp: {duration: 1 s}", "rotation: {frequency: 2 Hz}")], ["rotation has no end", "add `duration`", "`at`"]),
         ([(OVER, ""), ("  magnetic_torque: {}\n", FEED)], ["feed has no end", "add `duration`"]),
         ([("  magnetic_torque: {}\n", FEED), ("steps: 4", "steps: 4, duration: 2 s")], ["stay in the guide", "-5 mm are left after 2 s"]),
-        ([("  magnetic_torque: {}", "  magnetic_torque: {}\n  damping: {rate: 5 1/s}")], ["damping acts in motion only", "equilibria along"]),
+        ([("  magnetic_torque: {}", "  magnetic_torque: {}\n  damping: {rate: 5 1/s}")], ["damping acts in motion", "equilibria along"]),
         ([("quasi_static: {steps: 4}", "static: {}"), ("  magnetic_torque: {}\n", FEED)], ["feed acts in motion only", "quasi_static"]),
     ],
 )
