@@ -50,7 +50,8 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
     length, points = space.scene.length, int(np.sum(study.target[:, 0] > 0))
     if found.moves.max() < NOTHING * length:
         most, least = 1e3 * found.moves.max(), 1e3 * NOTHING * length
-        received = f"{len(found.moves)} variables that move the shape by at most {most:.2g} mm at the target's points"
+        count = f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
+        received = f"{count} the shape by at most {most:.2g} mm at the target's points"
         rule = f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the greatest field, a range)"
         remedy = "vary the magnetization or the field, give the target points toward the tip, or the scene a stronger field"
         raise InputError(report(f"{study.path}: vary", received=received, rule=rule, remedy=remedy))

@@ -40,7 +40,8 @@ def test_nothing_that_varies_moves_the_shape(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         run_study(study, solve=solve, out=out)
     said = str(caught.value)
-    assert all(part in said for part in ("probe.yaml: vary: received 1 variables", "at most", "something must move the shape", "remedy"))
+    parts = ("probe.yaml: vary: received 1 variable that moves", "at most", "something must move the shape", "remedy")
+    assert all(part in said for part in parts)
     assert not out.exists()
 
 
@@ -60,3 +61,15 @@ def test_a_field_and_directions_share_a_turn_only_if_all_turn(tmp_path: Path) ->
     found = judge(study, SearchSpace.of(study))
     assert found.freedom == 13
     assert 11 <= found.seen <= 13
+
+
+def test_the_command_refuses_it_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from magmpm.cli import main
+
+    study = study_of(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG)
+    out = tmp_path / "out"
+    assert main(["design", str(study.path), "--out", str(out), "--no-pictures"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "something must move the shape" in printed.err
+    assert not out.exists()
