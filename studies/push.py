@@ -18,10 +18,12 @@ import numpy as np
 import yaml
 
 from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
 from magmpm.inputs.settings import read_yaml
 from studies.best_scene import SCENE, mended
 
 if TYPE_CHECKING:
+    from magmpm.scene import Scene
     from studies.search_space import SearchSpace
     from studies.study import Study
 
@@ -78,6 +80,7 @@ def _content(study: Study, space: SearchSpace, params: Mapping[str, Any], folder
         {"time": f"{time:.9g} s", "uniform": [f"{1e3 * x:.12g} mT" for x in field]} for time, field in zip(reached, fields, strict=True)
     ]
     effects = {key: value for key, value in content.get("effects", {}).items() if key != "feed"}
+    effects |= _moved_walls(whole, total - out)
     effects |= {"feed": {"speed": f"{1e3 * SPEED:g} mm/s", "exit": f"{1e3 * (total - out):.12g} mm"}}
     effects.setdefault("damping", {"rate": f"{DAMPING:g} 1/s"})
     content.update(
@@ -89,6 +92,22 @@ def _content(study: Study, space: SearchSpace, params: Mapping[str, Any], folder
     )
     content.pop("reference", None)
     return content
+
+
+def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
+    """A tube of `walls` where the push has its guide's exit; the scene has it around its own, or around the origin.
+
+    Raises InputError for walls of a surface, which can't be moved.
+    """
+    walls = scene.effects.walls
+    if walls is None:
+        return {}
+    if walls.tube is None:
+        rule = "the push of an insertion moves its walls to the guide's exit, and a surface stays where its file has it"
+        raise InputError(report("effects.walls.surface", rule=rule, remedy="give the walls as a `tube`, or do not name them"))
+    shift = np.array([exit_at - (0.0 if scene.effects.feed is None else scene.effects.feed.exit), 0.0, 0.0])
+    path = [[f"{1e3 * x:.9g} mm" for x in np.asarray(point) + shift] for point in walls.tube.path]
+    return {"walls": {"tube": {"radius": f"{1e3 * walls.tube.radius:.9g} mm", "path": path}, "friction": walls.friction}}
 
 
 def compare(folder: Path) -> list[dict[str, float]]:

@@ -81,7 +81,9 @@ def by_rods(study: Study, starts: int) -> dict[str, object]:
     if not found or found[0].state is None:
         return {"mean_m": None, "exit_m": None, "bound": 0, "designs": 0}
     rods, best = insertion.rods(), found[0]
-    gaps = [np.linalg.norm(x - depth.path, axis=1) for depth, x in zip(rods.depths, best.state.positions, strict=True)]
+    state = rods.ramped(best.directions, best.fields)  # the branch that the body's solver begins on
+    assert state is not None  # search has looked
+    gaps = [np.linalg.norm(x - depth.path, axis=1) for depth, x in zip(rods.depths, state.positions, strict=True)]
     mean = float(np.mean([np.trapezoid(gap, depth.place) / depth.place[-1] for gap, depth in zip(gaps, rods.depths, strict=True)]))
     bound = int(np.sum(np.linalg.norm(best.fields, axis=1) > BOUND * MAX_FIELD))
     return {"mean_m": mean, "exit_m": float(gaps[-1][-1]), "rms_m": best.value, "bound": bound, "designs": len(found)}
