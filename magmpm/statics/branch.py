@@ -91,7 +91,7 @@ class Branch:
     def settle_in(self, grid: Array) -> None:
         """Take an equilibrium that was found otherwise as the first: its energy, and its lowest eigenvalue."""
         energy = self.energy_at(self.now.time)
-        point = energy.at(grid)
+        point = point_of(energy.model, grid)
         self.now = replace(self.now, point=point, lowest=self._eigenvalue(energy, point))
 
     def state(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -107,7 +107,7 @@ class Branch:
         """The branch of a `state`."""
         found = {}
         for name, (time, lowest, iterations, step) in numbers.items():
-            found[name] = Reached(time, Energy(loads.at(time)).at(arrays[name]), lowest, iterations, step)
+            found[name] = Reached(time, point_of(loads.at(time), arrays[name]), lowest, iterations, step)
         branch = cls(loads, found["now"], **options)
         branch.before = found.get("before")
         return branch
@@ -217,7 +217,8 @@ class Branch:
         moved = float(np.linalg.norm(found.position - begin.position, axis=1).max())
         self.now = Reached(landing, found, self._eigenvalue(energy, found), self._near.spent, landing - critical)
         self.before = None
-        return Jump(critical, kind, past - last.time, moved, begin.energy - found.energy, landing)
+        released = point_of(energy.model, begin.grid).energy - found.energy
+        return Jump(critical, kind, past - last.time, moved, released, landing)
 
     def _kind(self, energy: Energy, last: Reached, past: float, mode: Array) -> Kind:
         """Whether the branch turns back there (its direction is the mode) or goes on unstable (its direction has nothing of the mode).
@@ -253,6 +254,11 @@ class Branch:
                 raise SolveError(f"as the body fell from a branch that ended: {lost}")
 
         return self._near.settled(energy, one, LONGEST_FALL * length, stays_in_the_field)
+
+def point_of(model: StaticModel, grid: Array) -> Point:
+    """The state at coefficients (planes, m) m, with its whole energy."""
+    return (InteractingEnergy(model) if acting.feels_itself(model.scene) else Energy(model)).at(grid)
+
 
 def outside_domain(model: StaticModel, point: Point) -> str | None:
     """Why a body is where its field is not known, or None."""
