@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import PHASES, Effect, MarkedParticles, Records, SceneLike
+from magmpm.effects.base import PHASES, BodyChange, Effect, MarkedParticles, Records, SceneLike
 from magmpm.effects.damping import Damping
 from magmpm.effects.feed import Feed
 from magmpm.effects.gravity import Gravity
@@ -125,6 +125,17 @@ def refresh(named: Records, body: Any, x: Array, F: Array) -> None:
     """Bring tables that depend on the body's shape up to date, in place. body: a Model; x (n, 3) m, F (n, 3, 3) of its particles."""
     for kind, data in _refreshed(named):
         kind.refresh(data, _particles(body), x, F)
+
+
+def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange) -> Records:
+    """Records of the effects whose tables depend on the body's shape, with the change of their tables in place of these."""
+    out: list[Any] = []
+    for kind, data in _refreshed(named):
+        record = next(record for record, _ in pairs(named) if record.dtype == kind.REFRESHED)
+        change = np.zeros_like(data)
+        kind.refresh_change(change, _particles(body), x, F, by)
+        out += [record, change]
+    return tuple(out)
 
 
 def shared_energy(named: Records, body: Any, x: Array, F: Array) -> float:

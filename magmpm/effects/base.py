@@ -121,6 +121,14 @@ class MarkedParticles(NamedTuple):
     remanence: Array
 
 
+class BodyChange(NamedTuple):
+    """A small change of a body: of the remanence (n, 3) T, position (n, 3) m and deformation gradient (n, 3, 3) of its particles."""
+
+    remanence: Array
+    x: Array
+    F: Array
+
+
 class Effect(Settings):
     """Settings of an effect, and what the program asks of it. `model` is a magmpm.model.Model."""
 
@@ -173,6 +181,14 @@ class Effect(Settings):
     def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
         """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only asked of an effect that names REFRESHED."""
         raise NotImplementedError("an effect that names REFRESHED needs `refresh`")
+
+    @staticmethod
+    def refresh_change(change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange) -> None:
+        """Write to `change` how the table changes with the body, to first order, in place; other arguments as of `refresh`.
+
+        Stress and force of such an effect are linear in its table: with the change in its place, its hooks give their change.
+        """
+        raise NotImplementedError("an effect that names REFRESHED needs `refresh_change`")
 
     @staticmethod
     def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:

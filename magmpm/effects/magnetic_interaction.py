@@ -23,7 +23,16 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects.base import Advice, Effect, MarkedParticles, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.base import (
+    Advice,
+    BodyChange,
+    Effect,
+    MarkedParticles,
+    Records,
+    RestEstimate,
+    SceneLike,
+    one_record,
+)
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, K
@@ -99,6 +108,17 @@ class MagneticInteraction(Effect):
         """Fields and forces of the deformed body into data, in place."""
         field, force, _, sizes = _act_on(particles, x, F)
         rows = data[: SIZE * len(sizes)].reshape(-1, SIZE)
+        rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
+
+    @staticmethod
+    def refresh_change(change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange) -> None:
+        """Change of fields and forces with remanence, place and deformation, into change."""
+        places, moments, sizes, of = dipoles(particles, x, F)
+        moved, bent, _, _ = dipoles(particles, by.x, by.F)
+        turned = dipoles(particles._replace(remanence=by.remanence), x, F)[1]
+        field, force = np.zeros_like(places), np.zeros_like(places)
+        _act_change(places, moments, np.cbrt(sizes), of, moved, bent + turned, field, force)
+        rows = change[: SIZE * len(sizes)].reshape(-1, SIZE)
         rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
 
     @staticmethod
@@ -182,6 +202,50 @@ def _act(places, moments, edges, of, field, force):
             f2 += g * 3.0 * s * (md * n2 + nd * m2 + c * z) + along * z
         field[a, 0], field[a, 1], field[a, 2] = b0, b1, b2
         force[a, 0], force[a, 1], force[a, 2] = f0, f1, f2
+
+
+@kernel
+def _act_change(places, moments, edges, of, dplaces, dmoments, dfield, dforce):
+    """Directional derivative of `_act`, by the chain rule line by line: dfield (k, 3) T and dforce (k, 3) N of a change of the dipoles'
+    places dplaces (k, 3) m and moments dmoments (k, 3) A m^2.
+    """
+    for a in prange(len(places)):
+        for b in range(len(places)):
+            if of[b] == of[a]:
+                continue
+            r2, dr2, nd, dnd, md, dmd, mn, dmn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for i in range(3):
+                x, dx = places[a, i] - places[b, i], dplaces[a, i] - dplaces[b, i]
+                m, dm, n, dn = moments[a, i], dmoments[a, i], moments[b, i], dmoments[b, i]
+                r2, dr2 = r2 + x * x, dr2 + 2.0 * x * dx
+                nd, dnd = nd + n * x, dnd + dn * x + n * dx
+                md, dmd = md + m * x, dmd + dm * x + m * dx
+                mn, dmn = mn + m * n, dmn + dm * n + m * dn
+            r = np.sqrt(r2)
+            dr, s = dr2 / (2.0 * r), K / (r2 * r2 * r)
+            ds = -2.5 * s * dr2 / r2
+            d = 0.5 * (edges[a] + edges[b])
+            t = (NEAR - r / d) / (NEAR - 1.0)
+            g, slope, dslope = 1.0, 0.0, 0.0
+            if t > 0.0:
+                steep = 6.0 * TOUCHING / ((NEAR - 1.0) * d)
+                if t < 1.0:
+                    dslope = -steep * (1.0 - 2.0 * t) / ((NEAR - 1.0) * d) * dr
+                t = min(t, 1.0)
+                g, slope = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t), steep * t * (1.0 - t)
+            gs, dgs = g * s, slope * dr * s + g * ds
+            pair = s * (3.0 * md * nd - mn * r2)
+            dpair = ds * (3.0 * md * nd - mn * r2) + s * (3.0 * (dmd * nd + md * dnd) - dmn * r2 - mn * dr2)
+            c = mn - 5.0 * md * nd / r2
+            dc = dmn - 5.0 * (dmd * nd + md * dnd - md * nd * dr2 / r2) / r2
+            along = slope * pair / r
+            dalong = (dslope * pair + slope * dpair - along * dr) / r
+            for i in range(3):
+                x, dx = places[a, i] - places[b, i], dplaces[a, i] - dplaces[b, i]
+                m, dm, n, dn = moments[a, i], dmoments[a, i], moments[b, i], dmoments[b, i]
+                dfield[a, i] += dgs * (3.0 * nd * x - n * r2) + gs * (3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2)
+                change = dgs * (md * n + nd * m + c * x) + gs * (dmd * n + md * dn + dnd * m + nd * dm + dc * x + c * dx)
+                dforce[a, i] += 3.0 * change + dalong * x + along * dx
 
 
 @compiled

@@ -63,7 +63,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         slopes=np.ascontiguousarray(model.slopes[of][:, axes]),
         shear=model.shear[of],
         bulk=model.bulk[of],
-        remanence=np.ascontiguousarray(model.remanence[of][:, axes]),
+        remanence=np.ascontiguousarray(model.remanence[of][:, [*axes, *range(3, model.remanence.shape[1])]]),  # a mark stays last
         density=model.density[of],
         modes=volume_modes(particles, ratio) if model.modes.shape[1] else model.modes,
         held=model.held[of],

@@ -19,6 +19,7 @@ from magmpm.model import Model, reshaped
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.energy import Energy
+from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel, static_model
 
 STEP = 1e-3  # of a cell's width
@@ -47,6 +48,12 @@ def geometry_changes(model: StaticModel, grid: Array, variables: Sequence[Variab
 def residual_alone(model: StaticModel, grid: Array) -> Array:
     """Residual (planes, m) N of a model without magnetic interaction."""
     energy = Energy(model)
+    return energy.residual(energy.at(grid))
+
+
+def residual_with_interaction(model: StaticModel, grid: Array) -> Array:
+    """Residual (planes, m) N of a model whose segments act on each other."""
+    energy = InteractingEnergy(model)
     return energy.residual(energy.at(grid))
 
 

@@ -14,8 +14,11 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
+from magmpm.effects.base import BodyChange
 from magmpm.errors import SolveError
-from magmpm.statics.block_cholesky import solve
+from magmpm.kernels.changes import loads, scatter
+from magmpm.kernels.equilibrium import grid_to_particles
+from magmpm.statics.block_cholesky import solve, solve_columns
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import (
@@ -30,6 +33,8 @@ from magmpm.statics.newton import (
 REMEMBERED = 12  # steps
 FRESH = 6  # steps with one factorization
 SHORT = 0.25  # of a full step: a shorter one asks for a new factorization
+MOST_PRODUCTS = 200
+CLOSE = 1e-11  # of the first residual, in the energy's norm: where conjugate gradients end
 MOST_STEPS = 10  # times max_steps: these steps are cheap
 
 
@@ -54,6 +59,68 @@ class InteractingEnergy:
     def residual(self, point: Point) -> Array:
         """Gradient (planes, m) N of the whole energy, at the point from the last call of `at`."""
         return self.whole.residual(point)
+
+
+    def refresh_product(self, point: Point, columns: Array) -> Array:
+        """The second derivative of the shared energy times columns (planes, k, m), N, at the point from the last call of `at`."""
+        model, alone = self.model, self.alone
+        n, count = len(model.shear), columns.shape[1]
+        P, f = np.zeros((count, n, 3, 3)), np.zeros((count, n, 3))
+        dx, dF, still = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 3))
+        for k in range(count):
+            grid_to_particles(alone.cells, alone.particles, np.ascontiguousarray(columns[:, k]), np.zeros((3, 3)), dx, dF)
+            change = acting.refresh_change(self.named, model, point.position, point.F, BodyChange(still, dx, dF))
+            loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
+        return self._scattered(P, f)
+
+    def refresh_by_remanence(self, point: Point, changes: Array) -> Array:
+        """Change (planes, k, m) N of the residual as tables follow changes (k, n, 3) T of the remanence, at the point of the last `at`."""
+        n, count = len(self.model.shear), len(changes)
+        P, f = np.zeros((count, n, 3, 3)), np.zeros((count, n, 3))
+        for k in range(count):
+            by = BodyChange(changes[k], np.zeros((n, 3)), np.zeros((n, 3, 3)))
+            change = acting.refresh_change(self.named, self.model, point.position, point.F, by)
+            loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
+        return self._scattered(P, f)
+
+    def _scattered(self, P: Array, f: Array) -> Array:
+        column = np.repeat(np.arange(len(P))[:, None], len(self.model.layout.cell_plane), axis=1)
+        out = np.zeros((self.model.layout.planes, len(P), self.model.layout.m))
+        scatter(self.alone.cells, self.alone.particles, column, P, f, out)
+        return self.alone.free_columns(out)
+
+    def solve_columns(self, point: Point, right: Array) -> Array:
+        """K^-1 times right-hand sides (planes, k, m), K the tangent of the whole energy; the factors of `alone` in its panels.
+
+        Conjugate gradients, preconditioned by these factors: a product with their matrix is a sum of earlier ones. Raises SolveError
+        where K is not positive definite. Source: Nocedal and Wright, algorithm 5.3.
+        """
+        split = self.model.layout.split
+        x, left = np.zeros_like(right), right.copy()
+        z = solve_columns(self.alone.panels, split, left)
+        p, Ap = z.copy(), left.copy()  # Ap: the matrix of the factors times p
+        size = start = _dots(left, z)
+        for _ in range(MOST_PRODUCTS):
+            on = size > CLOSE**2 * start
+            if not on.any():
+                return x
+            product = Ap + self.refresh_product(point, p)
+            curvature = _dots(p, product)
+            if np.any(curvature[on] <= 0.0):
+                raise SolveError("the tangent of the whole energy is not positive definite: the equilibrium is at a critical load")
+            step = np.where(on, size / np.where(on, curvature, 1.0), 0.0)[None, :, None]
+            x += step * p
+            left -= step * product
+            z = solve_columns(self.alone.panels, split, left)
+            before, size = size, _dots(left, z)
+            again = (size / np.where(before > 0.0, before, 1.0))[None, :, None]
+            p, Ap = z + again * p, left + again * Ap
+        raise SolveError(f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too near to a critical load")
+
+
+def _dots(a: Array, b: Array) -> Array:
+    """Inner products (k,) of columns (planes, k, m)."""
+    return np.einsum("pkm,pkm->k", a, b)
 
 
 def minimize_with_interaction(

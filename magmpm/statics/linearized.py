@@ -19,10 +19,15 @@ from magmpm.kernels.changes import scatter
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.block_cholesky import factor, solve_columns
-from magmpm.statics.changes import right_sides
-from magmpm.statics.energy import Energy
+from magmpm.statics.changes import magnet_changes, right_sides
+from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
-from magmpm.statics.geometry import geometry_changes, residual_alone
+from magmpm.statics.geometry import (
+    GeometryChange,
+    geometry_changes,
+    residual_alone,
+    residual_with_interaction,
+)
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.newton import refined
 
@@ -33,22 +38,52 @@ class Linearized:
     def __init__(self, found: Equilibrium, variables: Sequence[Variable]) -> None:
         """Raises SolveError where the tangent is not positive definite: at a critical load, say."""
         assert found.energy is not None
-        assert not isinstance(found.energy, InteractingEnergy)
-        self.energy: Energy = found.energy
-        self.model, self.variables = self.energy.model, variables
+        whole = found.energy
+        self._whole = whole if isinstance(whole, InteractingEnergy) else None
+        self.energy: Energy = whole.alone if isinstance(whole, InteractingEnergy) else whole
+        self.model, self.variables = whole.model, variables
         with one_blas_thread():
-            self._point = refined(self.energy, self.energy.at(found.point.grid))
-            self._right = right_sides(self.energy, self._point, variables)
-            self._geometry = geometry_changes(self.model, self._point.grid, variables, residual_alone)
-            for k, change in self._geometry.items():
-                self._right[:, k] = change.residual
-            _, panels = self.energy.tangent(self._point)
-            if factor(panels, self.model.layout.split) >= 0:
-                raise SolveError("the equilibrium is at a critical load: its tangent is singular, so it has no sensitivities")
+            self._point = self._refined(found.point.grid)
+            self._factor()
+            self._geometry = self._shapes()
+            self._right = self._right_sides()
+
+    def _factor(self) -> None:
+        _, panels = self.energy.tangent(self._point)
+        if factor(panels, self.model.layout.split) >= 0:
+            raise SolveError("the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities")
+
+    def _refined(self, grid: Array) -> Point:
+        if self._whole is None:
+            return refined(self.energy, self.energy.at(grid))
+        for _ in range(3):  # Newton steps: each doubles the digits of what the solve found
+            self._point = self._whole.at(grid)
+            residual = self._whole.residual(self._point)
+            self._factor()
+            grid = grid - self._whole.solve_columns(self._point, residual[:, None])[:, 0]
+        return self._whole.at(grid)
+
+    def _shapes(self) -> dict[int, GeometryChange]:
+        residual = residual_alone if self._whole is None else residual_with_interaction
+        return geometry_changes(self.model, self._point.grid, self.variables, residual)
+
+    def _right_sides(self) -> Array:
+        if self._whole is None:
+            right = right_sides(self.energy, self._point, self.variables)
+        else:
+            right = right_sides(self._whole.whole, self._point, self.variables)
+            changes = magnet_changes(self.model, self.variables)
+            if changes:
+                right[:, list(changes)] += self._whole.refresh_by_remanence(self._point, np.array(list(changes.values())))
+        for k, change in self._geometry.items():
+            right[:, k] = change.residual
+        return right
 
     def solve(self, right: Array) -> Array:
-        """K^-1 times right-hand sides (planes, k, m), by block substitution."""
+        """K^-1 times right-hand sides (planes, k, m), by block substitution; with interaction, conjugate gradients of these."""
         with one_blas_thread():
+            if self._whole is not None:
+                return self._whole.solve_columns(self._point, right)
             return solve_columns(self.energy.panels, self.model.layout.split, right)
 
     @cached_property

@@ -1,0 +1,49 @@
+"""Central differences of converged equilibria: what sensitivities are compared with.
+
+The solver's last step leaves an error of some 1e-7 of the displacement, and a difference divides it by the step. So each solution is
+refined to rounding first, by Newton's steps of `Linearized`, and differences are those of three steps, whose leading errors cancel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magmpm import simulate
+from magmpm.scene import Scene
+from magmpm.scene.variables import Variable
+from magmpm.statics import axis
+from magmpm.statics.linearized import Linearized
+
+STEPS = {"rad": 1e-2, "T": 1e-3, "Pa": 500.0, "m": 2e-6, "kg/m^3": 10.0}
+
+
+def tight(scene: Scene) -> Scene:
+    """The scene with the tightest tolerance there is."""
+    data = scene.to_si()
+    data["solver"]["static"] |= {"tolerance": 1e-14, "max_steps": 500}
+    return Scene.from_si(data)
+
+
+def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Axis (rows, 3) m and tip (3,) m of the equilibrium, refined."""
+    _, found = simulate._at_rest(tight(scene), None, None)
+    for _ in range(2):
+        near = Linearized(found, ())
+        found.point = near._point
+    model, grid = near.model, found.point.grid
+    if model.line is not None:
+        return axis.centreline(model, grid)[:, 1:], axis.tip(model, grid)
+    last = model.particles.segment == len(model.scene.regions()) - 1
+    volume = model.particles.volume[last]
+    return np.zeros((0, 3)), volume @ found.point.position[last] / volume.sum()
+
+
+def differences(scene: Scene, variable: Variable) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h): errors of h and h^2 cancel, also at a kink (lengths)."""
+    h = STEPS[variable.unit]
+    sides = [[solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)]
+    slopes = [
+        [(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)] for i in range(2)
+    ]
+    rows, tip = (3 * one - 3 * two + three for one, two, three in slopes)
+    return rows, tip

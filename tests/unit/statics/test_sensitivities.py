@@ -1,0 +1,157 @@
+"""magmpm.sensitivities against central differences of equilibria, for every kind of variable, effect of statics and body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from reference.differences import differences, tight
+from reference.solids import box
+
+import magmpm
+from magmpm.bodies.surface_mesh import write_stl
+from magmpm.inputs.settings import validate
+from magmpm.results.measures import centreline_at
+from magmpm.scene import Scene
+from magmpm.scene.variables import tangents
+
+MATERIALS = """
+name: sensitive
+materials:
+  soft: {shear_modulus: 100 kPa, bulk_to_shear: 20, density: 1800 kg/m^3, remanence: 100 mT}
+  hard: {shear_modulus: 150 kPa, bulk_to_shear: 15, density: 2100 kg/m^3, remanence: 60 mT}
+resolution: {cells_across: 2}
+solver: {static: {tolerance: 1.0e-14, max_steps: 200}}
+"""
+CATHETER = """
+body:
+  catheter:
+    length: 24 mm
+    diameter: 4 mm
+    material: soft
+    segments: [{magnetization: [1, 0.2, 0]}, {magnetization: [0, 0, 1], material: hard}, {magnetization: [-0.3, 0.5, 0.6], length: 7 mm}]
+"""
+STRIP = """
+body:
+  strip:
+    length: 20 mm
+    width: 4 mm
+    thickness: 1.5 mm
+    material: soft
+    segments: [{magnetization: [1, 0, 0.3], length: 8.2 mm}, {magnetization: [0.5, 0, -0.6], material: hard}]
+"""
+UNIFORM = "field: {uniform: [1 mT, 4 mT, 7 mT]}\neffects: {magnetic_torque: {}, gravity: {}}\n"
+DIPOLE = """
+field:
+  uniform: [1 mT, 0 mT, 2 mT]
+  dipole: {position: [40 mm, 10 mm, 20 mm], moment: [2 A*m^2, 1 A*m^2, -3 A*m^2]}
+effects: {magnetic_torque: {}, magnetic_force: {}, gravity: {}}
+"""
+CASES = {
+    "catheter": CATHETER + UNIFORM,
+    "tube": CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm") + UNIFORM,
+    "strip": STRIP + UNIFORM,
+    "both ends": STRIP.replace("thickness", "clamp: both\n    thickness") + UNIFORM,
+    "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness") + UNIFORM.replace("4 mT", "0 mT"),
+    "pulled": CATHETER + DIPOLE,
+    "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
+    "parts": UNIFORM + """
+body:
+  parts:
+    unit: mm
+    meshes:
+    - {mesh: base.stl, material: soft, clamp: true}
+    - {mesh: beam.stl, material: soft, magnetization: [1, 0, 0.2]}
+    - {mesh: end.stl, material: hard, magnetization: [0.2, 0.3, 1]}
+""",
+}  # fmt: skip
+MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("tube", "both ends", "plane strain", "pulled", "interacting", "parts")]
+# Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
+CLOSE = 1e-7
+
+
+def scene_of(name: str, folder: Path) -> Scene:
+    data = yaml.safe_load(MATERIALS) | yaml.safe_load(CASES[name])
+    for file, mesh in MESHES.items():
+        write_stl(mesh, folder / file)
+    return validate(Scene, data, folder / "scene.yaml")
+
+
+def assert_like(found: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["catheter", *SLOW])
+def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
+    """Every variable that the scene has; and the adjoint gives what the columns do."""
+    scene = scene_of(name, tmp_path)
+    found = magmpm.sensitivities(scene)
+    assert len(found.names) == len(set(found.names)) == len(found.units) == found.tip.shape[-1]
+    for k, variable in enumerate(found.variables):
+        rows, tip = differences(scene, variable)
+        assert np.abs(tip).max() > 0
+        assert_like(found.tip[:, k], tip)
+        assert found.centreline[..., k].shape == rows.shape
+        if len(rows):
+            assert_like(found.centreline[..., k], rows)
+    gradient = np.random.default_rng(1).standard_normal(found.centreline.shape[:2])
+    by_columns = np.einsum("rik,ri->k", found.centreline, gradient)
+    np.testing.assert_allclose(found.adjoint(gradient), by_columns, rtol=0, atol=1e-8 * np.abs(by_columns).max(initial=1e-300))
+
+
+def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) -> None:
+    """At fixed arc lengths, also where the body gets longer."""
+    scene = tight(scene_of("catheter", tmp_path))
+    found, s = magmpm.sensitivities(scene, ["field", "length"]), np.array([0.0, 3.3e-3, 11e-3, 20e-3])
+    k = found.names.index("segment_2_length")
+    h = 2e-5
+    there = [centreline_at(magmpm.run(found.variables[k].changed(scene, sign * h)), s) for sign in (1, -1)]
+    # one difference of solves to the solver's tolerance: its error of h, at the kink, is some 1e-3
+    np.testing.assert_allclose(found.at(s)[..., k], (there[0] - there[1]) / (2 * h), rtol=0, atol=2e-3)
+    rows = found.result.centreline[:, 0]
+    np.testing.assert_allclose(found.at(rows)[..., :3], found.centreline[..., :3], rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="s must lie between 0 and the length"):
+        found.at(np.array([25e-3]))
+    with pytest.raises(ValueError, match=r"gradient has shape \(2, 3\); must be \(\d+, 3\)"):
+        found.adjoint(np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("d", [(1, 0, 0), (0.3, -0.5, 0.2), (0, 0, 1), (0, 0, -1), (-1, 0, 0)])
+def test_tangents_are_orthonormal_and_grow_azimuth_and_elevation(d: tuple[float, float, float]) -> None:
+    n = np.array(d) / np.linalg.norm(d)
+    across, up = (np.array(t) for t in tangents(tuple(n)))
+    np.testing.assert_allclose(np.stack([n, across, up]) @ np.stack([n, across, up]).T, np.eye(3), rtol=0, atol=1e-15)
+    assert across[2] == 0.0
+    if abs(n[2]) < 1:
+        t = 1e-6
+        turned = np.cos(t) * n + np.sin(t) * across
+        assert n[0] * turned[1] - n[1] * turned[0] > 0  # about +z
+        assert up[2] > 0
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    """Kinds that are not known or that the scene lacks, and motions."""
+    scene = scene_of("catheter", tmp_path)
+    for of, text in (
+        (["speed"], r"(?s)of: received 'speed'.*must be of magnetization, field, remanence, shear_modulus, length, diameter, density"),
+        ("field", r"(?s)received 'field'.*must be a list of names.*of=\['field'\]"),
+    ):
+        with pytest.raises(magmpm.InputError, match=text):
+            magmpm.sensitivities(scene, of)
+    bare = scene.with_magnetizations(np.zeros((3, 3)))
+    with pytest.raises(magmpm.InputError, match="(?s)no region is magnetized.*remedy: give one"):
+        magmpm.sensitivities(bare, ["magnetization"])
+    with pytest.raises(magmpm.InputError, match="(?s)no effect of the field is named"):
+        magmpm.sensitivities(scene.with_effects(magnetic_torque=None), ["field"])
+    with pytest.raises(magmpm.InputError, match="(?s)a strip has no diameter"):
+        magmpm.sensitivities(scene_of("strip", tmp_path), ["diameter"])
+    with pytest.raises(magmpm.InputError, match="(?s)a body of parts has no length"):
+        magmpm.sensitivities(scene_of("parts", tmp_path), ["length"])
+    moving = Scene.from_si(scene.to_si() | {"solver": {"dynamic": {"duration": 1e-3}}})
+    with pytest.raises(magmpm.InputError, match="(?s)solver.dynamic.*sensitivities are those of an equilibrium"):
+        magmpm.sensitivities(moving)
+    with pytest.raises(TypeError, match="start: received 3"):
+        magmpm.sensitivities(scene, start=3)  # type: ignore[arg-type]
