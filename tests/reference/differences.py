@@ -14,7 +14,9 @@ from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.linearized import Linearized
 
-STEPS = {"rad": 1e-2, "T": 1e-3, "Pa": 500.0, "m": 2e-6, "kg/m^3": 10.0}
+STEPS = {
+    "magnetization": 2e-3, "field": 2e-5, "remanence": 3e-4, "shear_modulus": 200.0, "length": 2e-6, "diameter": 2e-6, "density": 10.0,
+}  # fmt: skip
 
 
 def tight(scene: Scene) -> Scene:
@@ -40,7 +42,7 @@ def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 def differences(scene: Scene, variable: Variable) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h): errors of h and h^2 cancel, also at a kink (lengths)."""
-    h = STEPS[variable.unit]
+    h = STEPS[variable.kind]
     sides = [[solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)]
     slopes = [
         [(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)] for i in range(2)

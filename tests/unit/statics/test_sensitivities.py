@@ -81,7 +81,8 @@ def scene_of(name: str, folder: Path) -> Scene:
 
 
 def assert_like(found: np.ndarray, expected: np.ndarray) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(expected).max())
+    """Within CLOSE of the largest entry; what is held at both ends does not move but for rounding."""
+    np.testing.assert_allclose(found, expected, rtol=0, atol=max(CLOSE * np.abs(expected).max(), 1e-15))
 
 
 @pytest.mark.parametrize("name", ["catheter", *SLOW])
@@ -92,7 +93,6 @@ def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
     assert len(found.names) == len(set(found.names)) == len(found.units) == found.tip.shape[-1]
     for k, variable in enumerate(found.variables):
         rows, tip = differences(scene, variable)
-        assert np.abs(tip).max() > 0
         assert_like(found.tip[:, k], tip)
         assert found.centreline[..., k].shape == rows.shape
         if len(rows):

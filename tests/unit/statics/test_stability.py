@@ -1,0 +1,49 @@
+"""Result.stability: the smallest eigenvalue of the tangent over the unloaded body's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import magmpm
+
+SCENE = Path(__file__).parents[3] / "data" / "scenes" / "axial_transverse.yaml"
+
+
+def against(share: float, cells: int = 2, axis: int = 0) -> float:
+    """Of a catheter magnetized along its axis in a field against it, a share of the rod's critical field."""
+    scene = magmpm.load_scene(SCENE).with_cells(cells)
+    (material,) = scene.materials.values()
+    G = material.shear_modulus
+    E = 9 * material.bulk_to_shear * G / (3 * material.bulk_to_shear + 1)
+    # Euler's column with a couple m B sin(angle) per length: E I theta'' + m B theta = 0, clamped and free: m B = (pi / 2 L)^2 E I.
+    critical = (np.pi / (2 * scene.length)) ** 2 * E * scene.thickness**2 / 16 * 4e-7 * np.pi / material.remanence
+    stability = magmpm.run(scene.with_field([-share * critical, 0.0, 0.0])).stability
+    assert stability is not None
+    return stability
+
+
+def test_it_is_one_at_rest_and_falls_linearly_to_zero_at_the_rods_critical_field() -> None:
+    values = [against(share) for share in (1e-9, 0.25, 0.5, 0.75, 0.9)]
+    assert values[0] == pytest.approx(1.0, abs=1e-4)  # products by differences, in a field that is hardly zero
+    slope, at_rest = np.polyfit([0.0, 0.25, 0.5, 0.75, 0.9], values, 1)
+    np.testing.assert_allclose(np.polyval([slope, at_rest], [0.0, 0.25, 0.5, 0.75, 0.9]), values, atol=0.01)  # the mode changes a little
+    assert -at_rest / slope == pytest.approx(1.0, abs=0.04)  # a body 10 diameters long, 2 cells: 2 % stiffer at its clamp
+
+
+def test_two_grids_agree() -> None:
+    assert against(0.5, 3) == pytest.approx(against(0.5), abs=0.01)
+
+
+def test_it_does_not_depend_on_the_direction_of_a_section() -> None:
+    """The same load along y and along z."""
+    scene = magmpm.load_scene(SCENE).with_cells(2)
+    values = [magmpm.run(scene.with_field(field)).stability for field in ([0.0, 4e-3, 0.0], [0.0, 0.0, 4e-3])]
+    assert values[0] == pytest.approx(values[1], rel=2e-3)  # ENOUGH, of either
+
+
+def test_it_is_saved_and_unknown_for_older_results(tmp_path: Path) -> None:
+    result = magmpm.run(magmpm.load_scene(SCENE).with_cells(2), folder=tmp_path)
+    assert magmpm.Result.load(tmp_path).stability == result.stability == result.summary()["stability"]
