@@ -142,16 +142,16 @@ def test_what_is_refused(tmp_path: Path) -> None:
         with pytest.raises(magmpm.InputError, match=text):
             magmpm.sensitivities(scene, of)
     bare = scene.with_magnetizations(np.zeros((3, 3)))
-    with pytest.raises(magmpm.InputError, match="(?s)no region is magnetized.*remedy: give one"):
+    with pytest.raises(magmpm.InputError, match=r"(?s)no region is magnetized.*remedy: give one"):
         magmpm.sensitivities(bare, ["magnetization"])
-    with pytest.raises(magmpm.InputError, match="(?s)no effect of the field is named"):
+    with pytest.raises(magmpm.InputError, match=r"(?s)no effect of the field is named"):
         magmpm.sensitivities(scene.with_effects(magnetic_torque=None), ["field"])
-    with pytest.raises(magmpm.InputError, match="(?s)a strip has no diameter"):
+    with pytest.raises(magmpm.InputError, match=r"(?s)a strip has no diameter"):
         magmpm.sensitivities(scene_of("strip", tmp_path), ["diameter"])
-    with pytest.raises(magmpm.InputError, match="(?s)a body of parts has no length"):
+    with pytest.raises(magmpm.InputError, match=r"(?s)a body of parts has no length"):
         magmpm.sensitivities(scene_of("parts", tmp_path), ["length"])
     moving = Scene.from_si(scene.to_si() | {"solver": {"dynamic": {"duration": 1e-3}}})
-    with pytest.raises(magmpm.InputError, match="(?s)solver.dynamic.*sensitivities are those of an equilibrium"):
+    with pytest.raises(magmpm.InputError, match=r"(?s)solver.dynamic.*sensitivities are those of an equilibrium"):
         magmpm.sensitivities(moving)
     with pytest.raises(TypeError, match="start: received 3"):
         magmpm.sensitivities(scene, start=3)  # type: ignore[arg-type]
