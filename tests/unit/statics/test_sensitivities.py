@@ -31,7 +31,7 @@ body:
     length: 24 mm
     diameter: 4 mm
     material: soft
-    segments: [{magnetization: [1, 0.2, 0]}, {magnetization: [0, 0, 1], material: hard}, {magnetization: [-0.3, 0.5, 0.6], length: 7 mm}]
+    segments: [{magnetization: [1, 0.2, 0]}, {magnetization: [0, 0, 1], material: hard}, {magnetization: [-0.3, 0.5, 0.6], length: 6.6 mm}]
 """
 STRIP = """
 body:
