@@ -1,6 +1,7 @@
 """Globalized Newton's method for a minimum of the energy.
 
-* An energy line search (Armijo), so every step lowers the energy.
+* An energy line search (Armijo), so every step lowers the energy. Where a straight step does not, the same step along an arc is tried
+  (statics.arc_step) before a shorter one.
 * A tangent that is not positive definite is shifted until it is. The first shift is 1e-5 of its largest diagonal entry. Bending is
   about 1e-6 as stiff as the stiffest mode, so this shift freezes bending while the stiff modes settle. A positive definite tangent
   is never shifted: even 1e-7 would stall the soft modes for dozens of steps.
@@ -20,13 +21,16 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
+from magmpm.statics.arc_step import along_arc
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
+LEAST_SHIFT = 1e-9  # near an equilibrium: the softest modes of a slender body, bending and twist, are 1e-7 to 1e-9 as stiff
 SPURIOUS_PRESSURE = 1.0  # of G: a start with more is shifted before its first factorization, which would fail
 NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 LARGEST_SHIFT = 1e3
+POOR = 0.5  # of the decrement, half of what a full step wins in a quadratic: a straight step that wins less is compared with an arc
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
@@ -64,6 +68,9 @@ def minimize(
         least_shift = 0.0
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
+        if tolerance * scale < decrement < NEAR * scale and shift > 0.0:  # only a soft mode is left: FIRST_SHIFT would freeze it
+            residual, direction, shift = _step(energy, point, LEAST_SHIFT)
+            decrement = -float(np.sum(residual * direction)) / 2
         if decrement < NEAR * scale and shift == 0.0:
             near, reached = _chord_steps(energy, point, direction, decrement, tolerance * scale)
             if reached < tolerance * scale:
@@ -108,7 +115,7 @@ def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, f
             diagonal += shift * diagonal.max()
         if factor(panels, layout.split) < 0:
             return residual, shift
-        shift = max(FIRST_SHIFT, 10.0 * shift)
+        shift = 10.0 * shift if shift > 0.0 else FIRST_SHIFT
         if shift > LARGEST_SHIFT:
             raise SolveError(
                 "the tangent can't be made positive definite: it holds values that are not finite", point
@@ -134,7 +141,7 @@ def _chord_steps(
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
             return last, reached
         if not reached < 0.1 * decrement:
-            return (trial, reached) if reached < decrement else (point, decrement)
+            return point, decrement
         point, decrement = trial, reached
 
 
@@ -178,12 +185,16 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
 
 
 def _search(energy: Energy, point: Point, direction: Array, decrement: float, scale: float) -> Point:
-    """Backtrack along a direction until the energy satisfies the Armijo condition."""
+    """Backtrack along a direction, straight or along an arc, until the energy satisfies the Armijo condition."""
     fraction = 1.0
     noise = max(ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
     while True:
-        trial = energy.at(point.grid + fraction * direction)
         enough = point.energy - 2e-4 * fraction * decrement + noise
+        trial = energy.at(point.grid + fraction * direction)
+        won = point.energy - trial.energy if trial.min_det_F > 0 else -np.inf
+        if won < POOR * fraction * decrement:  # sections that turn far stretch the body on a straight way
+            arc = energy.at(along_arc(energy.model, point.grid, direction, fraction))
+            trial = arc if arc.min_det_F > 0 and not arc.energy >= trial.energy else trial
         if trial.min_det_F > 0 and trial.energy <= enough:
             return trial
         fraction *= 0.5

@@ -6,8 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.scenes import field_for_load, rod_scene
+from scipy.linalg import eigh
 
 import magmpm
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.statics.block_cholesky import factor, solve_columns
+from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
+from magmpm.statics.stability import _inner, _mixed, _start, mass
 
 SCENE = Path(__file__).parents[3] / "data" / "scenes" / "axial_transverse.yaml"
 
@@ -47,3 +55,35 @@ def test_it_does_not_depend_on_the_direction_of_a_section() -> None:
 def test_it_is_saved_and_unknown_for_older_results(tmp_path: Path) -> None:
     result = magmpm.run(magmpm.load_scene(SCENE).with_cells(2), folder=tmp_path)
     assert magmpm.Result.load(tmp_path).stability == result.stability == result.summary()["stability"]
+
+
+NEEDLE = {"length": 200e-3, "diameter": 1e-3}
+BENT = {"directions": [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)], "field": (2e-3, 10e-3, -14e-3), "cells": 3}
+
+
+def smallest(scene: Scene) -> tuple[float, float]:
+    """The eigenvalue by subspace iteration with factors of the true tangent, and the share of the unloaded body's that a result gives."""
+    found = solve_static(static_model(build(scene)))
+    assert found.stability is not None
+    energy = found.energy
+    _, panels = energy.tangent(found.point)
+    assert factor(panels, energy.model.layout.split) < 0
+    X = _start(energy)
+    for _ in range(12):
+        Y = solve_columns(panels, energy.model.layout.split, mass(energy, X))
+        values, vectors = eigh(_inner(Y, mass(energy, X)), _inner(Y, mass(energy, Y)))
+        X = _mixed(Y, vectors)
+    return float(values[0]), found.stability
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{**NEEDLE, "field": field_for_load(5.0, np.pi / 2, **NEEDLE)}, {**BENT, "bulk_to_shear": 2000}, {**BENT, "bulk_to_shear": 20}],
+    ids=["L/D 200", "K/G 2000", "K/G 20"],
+)
+def test_it_is_the_tangents_where_stretching_is_far_stiffer_than_bending(given: dict) -> None:
+    """Against factors of the true tangent, loaded and at rest. The quotient is true to the square of the soft vector's error: 1e-3."""
+    loaded, share = smallest(rod_scene(**given))
+    rest, one = smallest(rod_scene(**{**given, "field": (1e-12, 0.0, 0.0)}))
+    assert one == pytest.approx(1.0, abs=2e-3)
+    assert share == pytest.approx(loaded / rest, rel=5e-3)
