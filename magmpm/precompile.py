@@ -6,7 +6,8 @@ agree bit for bit. So every process loads its kernels from the cache.
 
 A scene's kernels are compiled in parts, on all cores. Each part does a little of what a run does. Some parts depend on the scene's
 combination of effects: in statics the tangent, the residual and the energy, in motion the steps and what is measured of a frame. The
-others are the same for every combination. Only one process fills a cache; others that need the same kernels wait for it.
+others are the same for every combination. What few runs need, derivatives and families of rods, is compiled for those that ask for it
+(`uses`). Only one process fills a cache; others that need the same kernels wait for it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -37,17 +38,23 @@ from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
-from magmpm.rod.cosserat import solve_rod
+from magmpm.rod.cosserat import RodModel, solve_rod
+from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
+from magmpm.scene.variables import variables
 from magmpm.statics.axis_order import arranged
-from magmpm.statics.block_cholesky import factor, new_panels, solve
+from magmpm.statics.block_cholesky import factor, new_panels, solve, solve_columns
+from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
+from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
+from magmpm.statics.stability import mass
 
 LOCK = "compiling.lock"
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
+SOLVE, DERIVATIVES, RODS = "solve", "sensitivities", "rods"  # what kernels are for
 Tell = Callable[[str], None]
 _ready: set[str] = set()
 
@@ -57,38 +64,42 @@ def on_stderr(line: str) -> None:
     print(f"magmpm: {line}", file=sys.stderr, flush=True)
 
 
-def prepare_kernels(scene: Scene, tell: Tell = on_stderr) -> float:
+def prepare_kernels(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> float:
     """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process.
 
-    tell: gets a line where they have to be compiled, which takes 5 to 20 s, once on a machine.
+    tell: gets a line where they have to be compiled, which takes 5 to 20 s, once on a machine. uses: what they are for.
     """
-    kinds = _kinds(scene)
-    if kinds in _ready:
+    missing = [use for use in uses if _kinds(scene, use) not in _ready]
+    if not missing:
         return 0.0
     begun = time.perf_counter()
     small = _small(scene)
-    fill_cache(scene, tell)
-    solve_small(small)
-    _ready.add(kinds)
+    fill_cache(scene, tell, missing)
+    for use in missing:
+        _WHOLE[use](small)
+        _ready.add(_kinds(scene, use))
     return time.perf_counter() - begun
 
 
-def fill_cache(scene: Scene, tell: Tell = on_stderr) -> bool:
-    """See that the disk cache holds this scene's kernels. Returns whether any had to be compiled."""
-    marker = _cache() / f"ready-{_stamp(_kinds(scene))}"
-    if marker.exists():
+def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> bool:
+    """See that the disk cache holds this scene's kernels for these uses. Returns whether any had to be compiled."""
+    marker = {use: _cache() / f"ready-{_stamp(_kinds(scene, use))}" for use in uses}
+    if all(path.exists() for path in marker.values()):
         return False
     with _alone(tell):
-        if marker.exists():  # the process we waited for has made them
+        missing = [use for use, path in marker.items() if not path.exists()]
+        if not missing:  # the process we waited for has made them
             return False
         begun = time.perf_counter()
         if not _has_room():
             tell(f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a minute; free {ROOM / 1e6:.0f} MB there")
             return True
-        tell(f"compiling kernels for {describe(scene)}; once on this machine, 5 to 20 s on two idle cores")
-        if _compiled_elsewhere(_small(scene)):
+        what = " and ".join(describe(scene) if use == SOLVE else use for use in missing)
+        tell(f"compiling kernels for {what}; once on this machine, 5 to 20 s on two idle cores")
+        if _compiled_elsewhere(_small(scene), missing):
             with suppress(OSError):  # a cache that can't be marked is only filled again
-                marker.touch()
+                for use in missing:
+                    marker[use].touch()
         tell(f"kernels compiled in {time.perf_counter() - begun:.0f} s")
     return True
 
@@ -108,9 +119,12 @@ def describe(scene: Scene) -> str:
     return f"{solver} with {' + '.join(scene.effects.named()) or 'no effects'}"
 
 
-def _kinds(scene: Scene) -> str:
+def _kinds(scene: Scene, use: str = SOLVE) -> str:
     """Text that distinguishes one set of kernels from another."""
+    if use == RODS:
+        return RODS
     about = [scene.solver.anti_locking, scene.body.kind, _solver(scene)]
+    about += [use] if use != SOLVE else []
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
 
 
@@ -171,9 +185,9 @@ def _alone(tell: Tell) -> Iterator[None]:
         yield
 
 
-def _compiled_elsewhere(small: Scene) -> bool:
+def _compiled_elsewhere(small: Scene, uses: Sequence[str]) -> bool:
     """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
-    todo = deque(parts_of(small))
+    todo = deque(part for use in uses for part in parts_of(small, use))
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
     try:
@@ -186,7 +200,7 @@ def _compiled_elsewhere(small: Scene) -> bool:
             worker.close()
         if any(worker.failed for worker in workers):  # a full disk, say: the rest would not be kept either
             return False
-        return workers[0].do("whole")  # what the parts have left out, and proof that they are all there
+        return all(workers[0].do(use) for use in uses)  # what the parts have left out, and proof that they are all there
     finally:
         for worker in workers:
             worker.close()
@@ -237,8 +251,10 @@ class _Worker:
 # What the processes do: the parts of a scene's kernels.
 
 
-def parts_of(small: Scene) -> list[str]:
+def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
     """Names of a scene's parts, longest first."""
+    if use != SOLVE:
+        return list(_ADDED[use])
     if small.solver.dynamic is None:
         return [*_STATIC, "measured"] if small.in_time else list(_STATIC)
     return list(_TOTAL if formulation_of(small) == "total" else _UPDATED)
@@ -266,12 +282,19 @@ def solve_small(small: Scene) -> None:
             solve_static(static_model(build(small)))
 
 
+def differentiate_small(small: Scene) -> None:
+    """Solve a coarse scene, and differentiate it."""
+    with suppress(SolveError):
+        found = Linearized(solve_static(static_model(build(small))), variables(small))
+        found.adjoint(found.centreline[:, :, 0])
+
+
 def serve() -> None:
     """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`."""
     for line in sys.stdin:
         part, small = json.loads(line)
         scene = Scene.from_si(json.loads(small))
-        work = {"whole": solve_small, **_STATIC, **_TOTAL, **_UPDATED}[part]
+        work = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **_ADDED[DERIVATIVES], **_ADDED[RODS]}[part]
         with suppress(SolveError):
             work(scene)
         print("done" if kept_all() else "not kept", flush=True)
@@ -290,7 +313,9 @@ def _tangent(small: Scene) -> None:
 
 def _energy(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
-    energy.residual(energy.at(straight(energy.model)))
+    point = energy.at(straight(energy.model))
+    energy.residual(point)
+    strain_of(energy.model, point.position, point.F)
 
 
 def _rod(small: Scene) -> None:
@@ -303,6 +328,24 @@ def _factorization(small: Scene) -> None:
     panels[:4] = np.eye(3, 9)
     factor(panels, 2)
     solve(panels, 2, np.ones((4, 3)))
+    solve_columns(panels, 2, np.ones((4, 1, 3)))
+
+
+def _stability(small: Scene) -> None:
+    energy = Energy(arranged(static_model(_built(small)))[0])
+    mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1])))
+
+
+def _changes(small: Scene) -> None:
+    energy = Energy(arranged(static_model(_built(small)))[0])
+    right_sides(energy, energy.at(straight(energy.model)), variables(small))
+
+
+def _rods(small: Scene) -> None:
+    each, at = np.ones((2, 3)), np.zeros((3, 3))
+    family = RodFamily(RodModel(np.ones(2), each, each, 0.0 * each, at, at), np.zeros((1, 2)))  # two elements without a load
+    family.relaxed(family.straight(1), each[:1, None], at[:1])
+    family.stability(family.straight(1)[0], each[:1], at[0])
 
 
 def _total_steps(small: Scene) -> None:
@@ -349,7 +392,9 @@ def _measured(small: Scene) -> None:
 
 
 _STATIC: dict[str, Callable[[Scene], None]] = {
-    "tangent": _tangent, "rod": _rod, "energy": _energy, "factorization": _factorization,
+    "tangent": _tangent, "rod": _rod, "energy": _energy, "factorization": _factorization, "stability": _stability,
 }  # fmt: skip
 _TOTAL: dict[str, Callable[[Scene], None]] = {"total steps": _total_steps, "total rest": _total_rest, "measured": _measured}
 _UPDATED: dict[str, Callable[[Scene], None]] = {"updated steps": _updated_steps, "updated rest": _updated_rest, "measured": _measured}
+_ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {DERIVATIVES: {"changes": _changes}, RODS: {"family": _rods}}
+_WHOLE: dict[str, Callable[[Scene], None]] = {SOLVE: solve_small, DERIVATIVES: differentiate_small, RODS: _rods}

@@ -18,7 +18,7 @@ from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
 from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
-from magmpm.precompile import prepare_kernels
+from magmpm.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.results import measures
 from magmpm.results.file_names import CHECKPOINT, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
@@ -139,16 +139,18 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
         rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"
         raise InputError(report("solver.dynamic", received="a motion", rule=rule, remedy=remedy))
     wanted = variables(scene, of)
-    result, found = _at_rest(scene, start, None)
+    result, found = _at_rest(scene, start, None, (SOLVE, DERIVATIVES))
     return Sensitivities(result, wanted, Linearized(found, wanted))
 
 
-def _at_rest(scene: Scene, start: Result | None, on_progress: Progress | None) -> tuple[Result, Equilibrium]:
-    """The equilibrium of a scene, as a Result and as the solver found it."""
+def _at_rest(
+    scene: Scene, start: Result | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
+) -> tuple[Result, Equilibrium]:
+    """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
     begun = time.perf_counter()
     with memory.within(scene):
         model = static_model(build(scene))
-    compiled = prepare_kernels(scene)
+    compiled = prepare_kernels(scene, uses=uses)
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
     try:

@@ -110,6 +110,12 @@ def run_study(
     return summary
 
 
+def kernel_uses(study: Study) -> list[str]:
+    """What a study's kernels are for (magmpm.precompile): derivatives and families of rods only where it uses them."""
+    rods = study.sampler == "gauss-newton" or study.start == "rod" or bool(study.depths or study.keyframes)
+    return ["solve", *["sensitivities"] * needs_derivatives(study), *["rods"] * rods]
+
+
 @contextmanager
 def _trials_kept(url: str) -> Iterator[None]:
     """A file that can't be written ends a study, with its trials kept. Raises StorageError, or InputError where the place is wrong."""

@@ -34,9 +34,10 @@ def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from contextlib import nullcontext
 
+    from magmpm.precompile import fill_cache
     from magmpm.simulate import run, sensitivities
     from studies.definition import load_study
-    from studies.engine import run_study
+    from studies.engine import kernel_uses, run_study
     from studies.search_space import SearchSpace
     from studies.well_posed import check_search
     from viz.worker import Renderer
@@ -49,6 +50,7 @@ def command(options: argparse.Namespace) -> int:
         nullcontext() if options.no_pictures else Renderer() as renderer,
         Progress(study.name) as progress,
     ):
+        fill_cache(study.scene, progress.note, kernel_uses(study.changed(sampler=options.sampler)))
         report = run_study(
             study,
             solve=run,

@@ -41,7 +41,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_who_waits_is_told_what_is_compiled_and_that_it_is_once(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small: True)
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: True)
     scene = rod_scene(field=(0.0, 0.0, 5e-3), gravity=(0.0, 0.0, -9.81))
     assert warmup.fill_cache(scene, lines.append)
     assert "statics with gravity + magnetic_torque" in lines[0] or "statics with magnetic_torque + gravity" in lines[0]
@@ -50,11 +50,24 @@ def test_who_waits_is_told_what_is_compiled_and_that_it_is_once(empty_cache: Pat
     assert len(lines) == 2
 
 
+def test_only_what_is_used_is_compiled(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plain run asks for no kernels of derivatives; who asks for them later waits for these alone."""
+    asked: list[list[str]] = []
+    lines: list[str] = []
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: asked.append(list(uses)) or True)
+    scene = rod_scene(field=(0.0, 0.0, 5e-3))
+    for uses in ([warmup.SOLVE], [warmup.SOLVE, warmup.DERIVATIVES], [warmup.SOLVE, warmup.DERIVATIVES, warmup.RODS]):
+        warmup.fill_cache(scene, lines.append, uses)
+    assert asked == [["solve"], ["sensitivities"], ["rods"]]
+    assert "compiling kernels for sensitivities; once on this machine" in lines[2]
+    assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), lines.append, [warmup.RODS]), "the same rods for any effects"
+
+
 def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two processes need the same kernels: one compiles them, the other finds them ready."""
     begun, go_on = threading.Event(), threading.Event()
 
-    def slow(small: object) -> bool:
+    def slow(small: object, uses: object) -> bool:
         begun.set()
         return go_on.wait(60)
 
@@ -76,7 +89,7 @@ def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypa
 
 def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cache that could not be filled is not marked as filled."""
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small: False)
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: False)
     assert warmup.fill_cache(rod_scene(), lambda _: None)
     assert warmup.fill_cache(rod_scene(), lambda _: None), "it is tried again"
 
@@ -84,7 +97,7 @@ def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, 
 def test_without_room_on_the_disk_nothing_is_compiled_ahead(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernels could not be stored: each run compiles its own, once instead of twice."""
     lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small: pytest.fail("compiled"))
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: pytest.fail("compiled"))
     monkeypatch.setattr("magmpm.precompile.ROOM", 1e30)
     assert warmup.fill_cache(rod_scene(), lines.append)
     (line,) = lines
@@ -96,19 +109,33 @@ RUN = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
 from magmpm.scene import load_scene
-from magmpm.simulate import run
-run(load_scene(sys.argv[1]), folder=sys.argv[2])
+from magmpm.simulate import run, sensitivities
+scene = load_scene(sys.argv[1])
+if sys.argv[3:]:
+    derivatives = sensitivities(scene)
+    derivatives.adjoint(derivatives.centreline[:, :, 0])
+else:
+    run(scene, folder=sys.argv[2])
 found = [d for d in gc.get_objects() if isinstance(d, Dispatcher) and str(d.py_func.__module__).startswith("magmpm")]
 assert any(d.stats.cache_hits for d in found), "kernels were loaded"
 print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
 """
 
 
-@pytest.mark.parametrize("solver", ["static: {}", "dynamic: {duration: 0.1 ms}", "dynamic: {duration: 0.1 ms, formulation: updated}"])
-def test_a_run_compiles_nothing_itself(solver: str, tmp_path: Path) -> None:
-    """Every kernel of a run, also those for frames, is compiled before the clock starts, and then loaded."""
+@pytest.mark.parametrize(
+    ("solver", "more"),
+    [
+        ("static: {}", []),
+        ("static: {}", ["derivatives"]),
+        ("dynamic: {duration: 0.1 ms}", []),
+        ("dynamic: {duration: 0.1 ms, formulation: updated}", []),
+    ],
+)
+def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: Path) -> None:
+    """Every kernel of a run or of sensitivities, also those for frames, is compiled before the clock starts, and then loaded."""
     scene = tmp_path / "scene.yaml"
     text = (Path(__file__).parents[3] / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
     scene.write_text(text.replace("static: {}", solver).replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
-    done = subprocess.run([sys.executable, "-c", RUN, str(scene), str(tmp_path / "out")], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", RUN, str(scene), str(tmp_path / "out"), *more]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
