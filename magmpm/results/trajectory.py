@@ -271,7 +271,7 @@ class Motion:
     reference: Numbers
     energies: dict[str, Array]  # (frames,) J; t in s
     contacts: dict[str, dict[str, Array]]  # (rows,) s, N, m; count has no unit
-    steps: dict[str, Array] = field(default_factory=dict)
+    steps: dict[str, Array] = field(default_factory=dict)  # (frames,) s, m, T, J; stability and iterations have no unit
     jumps: list[dict[str, Any]] = field(default_factory=list)
 
     @classmethod

@@ -65,7 +65,7 @@ def test_every_command_that_writes_a_folder_waits_its_turn(
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
     Path("scene.yaml").write_text(SCENE)
     Path("study.yaml").write_text(STUDY)
-    Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n")
+    Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n10,10,0,0\n20,20,0,0\n")
     Path("out").mkdir()
     if command[0] == "render":
         assert main(["run", "scene.yaml", "--out", "out"]) == 0
