@@ -93,9 +93,9 @@ def _of_rest(energy: Energy) -> float:
 def _smallest(energy: Energy, stiffness: Product, scale: float) -> float:
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself."""
     split = energy.model.layout.split
-    X = _start(energy)
+    X, lumped = _start(energy), _lumped(energy)
     for _ in range(ROUNDS):
-        MX = mass(energy, X)
+        MX = lumped * X
         X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
     MX = mass(energy, X)
     turn = _orthonormal(_inner(X, MX))
@@ -149,6 +149,11 @@ def _start(energy: Energy) -> Array:
     out[:, 2, :, second], out[:, 2, :, third] = -(1.0 + x)[:, None] * middle[1], (1.0 + x)[:, None] * middle[0]
     out[:, 2, :, first] = 0.1 * (1.0 + x)[:, None]
     return energy.free_columns(out.reshape(layout.planes, COLUMNS, layout.m))
+
+
+def _lumped(energy: Energy) -> Array:
+    """Volumes (planes, 1, m) of the unknowns' splines: a mass matrix good enough to find soft vectors, since these are smooth."""
+    return np.abs(mass(energy, np.ones((energy.shape[0], 1, energy.shape[1]))))
 
 
 def mass(energy: Energy, columns: Array) -> Array:

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import critical_loads
+import derivatives
 import frames
 import machine
 import motion_rates
@@ -162,6 +163,9 @@ FIGURES = {
     "static_8_cells_s": Figure(static_8_cells, "s", 3.0, 1.0),
     "critical_load_error_percent": Figure(critical_loads.critical_loads, "%", 3.0, 1.0),
     "quasi_static_step_s": Figure(critical_loads.step_seconds, "s", 0.15, 0.05),
+    "jacobian_over_solve_percent": Figure(derivatives.jacobian_over_solve_percent, "%", 25.0, 10.0),
+    "derivative_error": Figure(derivatives.derivative_error, "", 1e-5, 1e-7),
+    "stability_over_solve_percent": Figure(derivatives.stability_over_solve_percent, "%", None, 10.0),
     "trial_s": Figure(trial, "s", 1.0, 0.5),
     "first_compile_s": Figure(first_compile, "s", 30.0),
     "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
