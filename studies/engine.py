@@ -66,6 +66,13 @@ class Picture(Protocol):
     def __call__(self, result: Result, path: Path, trial: Trial) -> Path: ...
 
 
+def check_study(study: Study) -> list[str]:
+    """What the search of a study should know, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
+    check_available(study.sampler)
+    check_suits(study)
+    return check_search(study, SearchSpace.of(study))
+
+
 def run_study(
     study: Study,
     *,
@@ -90,11 +97,9 @@ def run_study(
     StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
-    check_available(study.sampler)
-    check_suits(study)
+    advice = check_study(study)
     if needs_derivatives(study) and differentiate is None:
         raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
-    advice = check_search(study, SearchSpace.of(study))
     if on_advice is not None:
         on_advice(advice)
     folder = Path(out)

@@ -174,7 +174,12 @@ def target_bends(target: Array, window: float) -> tuple[Array, Array]:
 
 
 def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
-    """Directions whose turning hardly moves the shape; tangent (m, q): Jacobian by steps of a radian, basis (size, q)."""
+    """Directions whose turning hardly moves the shape; tangent (m, q): Jacobian by steps of a radian, basis (size, q).
+
+    Directions of a set jump from one to the next and have no derivative, so nothing can be said of them.
+    """
+    if space.limits is not None and space.limits.allowed is not None:
+        return []
     found = []
     for block, at in zip(space.blocks, space.slices, strict=True):
         if not isinstance(block, Direction):

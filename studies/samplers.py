@@ -45,18 +45,23 @@ def check_available(name: str) -> None:
 def check_suits(study: Study) -> None:
     """Raises InputError when a study, as the command line has changed it, asks for what its sampler can't do."""
     name = study.sampler
+    where = f"{study.path}: sampler"
+    if name == "gauss-newton" and not study.scene.static:
+        rule = "gauss-newton differentiates equilibria, and the scene is a motion"
+        remedy = "sampler: tpe, or leave `dynamic` out of the scene's solver"
+        raise InputError(report(where, received=name, rule=rule, remedy=remedy))
     if study.margin is not None and name in HEED_NO_CONSTRAINTS:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
-        raise InputError(report("sampler", received=name, rule=rule, remedy="sampler: tpe or gauss-newton, or remove `stability`"))
+        raise InputError(report(where, received=name, rule=rule, remedy="sampler: tpe or gauss-newton, or remove `stability`"))
     if len(study.minimize) > 1 and name in ONE_OBJECTIVE:
         rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
-        raise InputError(report("sampler", received=name, rule=rule, remedy="sampler: nsga2, or remove `minimize`"))
+        raise InputError(report(where, received=name, rule=rule, remedy="sampler: nsga2, or remove `minimize`"))
     if len(study.minimize) > 1 and study.robust is not None:
         rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
-        raise InputError(report("minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy))
+        raise InputError(report(f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy))
     if study.vary.order is not None and name not in TAKE_CHOICES:
         rule = f"{name} can't choose an order of segments"
-        raise InputError(report("sampler", received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
+        raise InputError(report(where, received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
 
 
 def settings(name: str) -> dict[str, Any]:

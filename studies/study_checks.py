@@ -64,6 +64,10 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     elif file.robust is not None and not scene.static:
         rule = "robust differentiates equilibria, and this scene is a motion"
         remedy = "leave `dynamic` out of the scene's solver, or remove `robust`"
+    elif (file.insertion is not None or file.stability is not None) and not scene.static:
+        key = "an insertion" if file.insertion is not None else "stability"
+        rule = f"{key} asks for equilibria, and this scene is a motion"
+        remedy = "leave `dynamic` out of the scene's solver"
     elif file.robust is not None and file.robust.direction > 0 and not scene.body.shape.magnetized_by_region:
         rule = "robust tilts the directions of segments, and this strip has a magnetization_profile in their place"
         remedy = "give the strip `segments`, or remove `direction` from `robust`"
@@ -159,7 +163,7 @@ def _greatest_length(scene: Scene, file: StudyFile) -> float:
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
     """The bounds of what varies must be those of scenes there are. Raises InputError with the number that shows it."""
-    found = _lengths_fault(scene, file) or _diameter_fault(scene, file) or _order_fault(scene, file) or _limits_fault(scene, file)
+    found = _lengths_fault(scene, file) or _diameter_fault(scene, file) or _order_fault(scene, file)
     if found is None and scene.body.shape.line is not None:
         found = _corner_fault(scene, file)
     if found is not None:
@@ -213,10 +217,6 @@ def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
     if file.sampler not in TAKE_CHOICES:
         rule = f"the sampler {file.sampler} needs a gradient or distances, and orders have none"
         return key, "{}", rule, f"`sampler: {TAKE_CHOICES[0]}`; orders are for {', '.join(TAKE_CHOICES)}"
-    return None
-
-
-def _limits_fault(scene: Scene, file: StudyFile) -> Fault | None:
     return None
 
 

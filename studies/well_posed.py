@@ -90,6 +90,8 @@ def _jacobian(space: SearchSpace, x: Array, stations: Array) -> Array:
         return solve_rod(scene, ELEMENTS).at(np.minimum(stations, scene.length)).reshape(-1)
 
     columns, here = [], shape(space.scene_at(x))
+    if all(isinstance(block, Choice) for block in space.blocks):
+        return np.empty((len(here), 0))
     for block, at in zip(space.blocks, space.slices, strict=True):
         for step in _steps(block, x[at]):
             moved = np.zeros(space.size)

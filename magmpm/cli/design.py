@@ -37,13 +37,11 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.precompile import fill_cache
     from magmpm.simulate import run, sensitivities
     from studies.definition import load_study
-    from studies.engine import kernel_uses, run_study
-    from studies.search_space import SearchSpace
-    from studies.well_posed import check_search
+    from studies.engine import check_study, kernel_uses, run_study
     from viz.worker import Renderer
 
     study, smooth = load_study(options.study), options.style == SURFACE
-    check_search(study, SearchSpace.of(study))  # before there is a folder
+    check_study(study.changed(sampler=options.sampler))  # before there is a folder
     out = options.out or Path("runs") / study.name
     with (
         folder_lock(out),  # until the pictures of the whole are there

@@ -126,3 +126,11 @@ def test_where_other_starts_ended_is_told(tmp_path: Path) -> None:
 def test_a_search_that_was_cut_short_says_so(tmp_path: Path) -> None:
     found = said(study_of(tmp_path, shape(scene_of(tmp_path)), NEWTON.replace("0.1 mm", "1e-6 mm"), trials=1))
     assert "still getting better" in found["trials"]["says"]
+
+
+def test_directions_of_a_set_are_not_called_without_effect(tmp_path: Path) -> None:
+    """They have no derivative; the derivative of what is made is zero, but another direction of the set moves the shape."""
+    limits = "limits: {directions: [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]}\ntrials: 2\n"
+    report = study_of(tmp_path, arc(1.0), FIELD.replace("trials: 8\n", limits))
+    assert report.limits, "it misses its stop"
+    assert not [one for one in report.limits if one["what"].startswith("segment")]

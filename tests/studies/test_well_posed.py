@@ -73,3 +73,37 @@ def test_the_command_refuses_it_and_leaves_nothing(tmp_path: Path, capsys: pytes
     assert printed.out == ""
     assert "something must move the shape" in printed.err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("sampler", "extra", "said"),
+    [
+        ("gauss-newton", "", "gauss-newton differentiates equilibria, and the scene is a motion"),
+        ("tpe", "minimize: [rms, largest_field]\nrobust: {direction: 5 deg}\n", "`robust` judges a design by one objective"),
+        ("cmaes", "stability: {margin: 0.1}\n", "cmaes would learn from designs that `stability` refuses"),
+    ],
+)
+def test_the_command_leaves_nothing_of_what_its_sampler_cannot_search(
+    sampler: str, extra: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the sampler of the command line, too; the message names the study file."""
+    from magmpm.cli import main
+
+    study = study_of(tmp_path, "{magnetization: {}, field: {max: 10 mT}}").path
+    study.write_text(study.read_text() + extra)
+    if not extra:
+        scene = tmp_path / "scene.yaml"
+        scene.write_text(scene.read_text() + "\nsolver: {dynamic: {duration: 1 ms}}\n")
+    out = tmp_path / "out"
+    assert main(["design", str(study), "--sampler", sampler, "--out", str(out), "--no-pictures"]) == 2
+    printed = capsys.readouterr().err
+    assert said in printed
+    assert "probe.yaml: " in printed
+    assert not out.exists()
+
+
+def test_orders_alone_have_no_derivatives_and_are_not_judged(tmp_path: Path) -> None:
+    plain = "      - {}\n"
+    last = [line for line in SCENE.split("\n") if "- magnetization" in line][-1] + "\n"
+    study = study_of(tmp_path, "{order: {}}", SCENE.replace(last, plain))
+    assert check_search(study, SearchSpace.of(study)) == []
