@@ -155,7 +155,7 @@ def test_two_robots_of_one_name_do_not_replace_one_another(tmp_path: Path, capsy
 
 
 def test_studies_and_runs_do_not_share_a_folder(capsys: Said) -> None:
-    Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n")
+    Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n10,10,0,0\n20,20,0,0\n")
     Path("study.yaml").write_text(STUDY.replace("trials: 3", "trials: 1"))
     assert run(SCENE) == 0
     assert main(["design", "study.yaml", "--no-pictures", "--out", "runs/small"]) == 2
