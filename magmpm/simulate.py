@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -172,6 +172,20 @@ def _sound(result: Result) -> Result:
     return result
 
 
+@contextmanager
+def _in_folder(folder: Path | str | None, resume: bool, on_begin: Callable[[], None] | None) -> Iterator[None]:
+    """What runs along time writes into its folder alone; on_begin is called unless it goes on from a checkpoint."""
+    with nullcontext() if folder is None else folder_lock(folder):
+        if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
+            on_begin()
+        yield
+
+
+def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
+    """A caller's on_progress(steps, time) as the solvers along time call it: (time, steps)."""
+    return lambda at, steps: None if on_progress is None else on_progress(steps, at)
+
+
 def _motion(
     scene: Scene,
     folder: Path | str | None,
@@ -190,15 +204,9 @@ def _motion(
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
 
-    def told(at: float, steps: int) -> None:
-        if on_progress is not None:
-            on_progress(steps, at)
-
     try:
-        with nullcontext() if folder is None else folder_lock(folder):
-            if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
-                on_begin()
-            moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=told)
+        with _in_folder(folder, resume, on_begin):
+            moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=_by_time(on_progress))
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
         state = _moved_result(error.state, seconds, error.reason) if isinstance(error.state, dynamics.SimulationState) else None
@@ -220,20 +228,13 @@ def _path(
     compiled = prepare_kernels(scene)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
 
-    def told(at: float, steps: int) -> None:
-        if on_progress is not None:
-            on_progress(steps, at)
-
     def result_of(state: PathState, failure: str = "") -> Result:
         seconds["solve"] = time.perf_counter() - begun - compiled
         return _path_result(state, seconds, failure)
 
     try:
-        with nullcontext() if folder is None else folder_lock(folder):
-            if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
-                on_begin()
-            with memory.within(scene):
-                state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=told)
+        with _in_folder(folder, resume, on_begin), memory.within(scene):
+            state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress))
     except SolveError as error:
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
         raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None

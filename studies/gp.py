@@ -55,8 +55,9 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         return self._space.distributions()
 
     def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
-        """For parameters that are not of the search space; a study has none."""
-        raise NotImplementedError(param_name)
+        """For parameters that are not of the search space; a study has none. Drawn evenly, as by the other samplers."""
+        drawn = optuna.samplers.RandomSampler(seed=int(self._rng.integers(2**32)))
+        return drawn.sample_independent(study, trial, param_name, param_distribution)
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
