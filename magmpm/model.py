@@ -23,6 +23,7 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
+from magmpm.errors import SceneError
 from magmpm.scene import Scene
 
 
@@ -86,6 +87,12 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     (None: the end of its schedule).
     """
     shape, resolution = scene.body.shape, scene.resolution
+    if resolution.asked:
+        raise SceneError(
+            f"resolution.{'error' if resolution.error is not None else 'seconds'}",
+            rule="here the cells must be given: they are chosen for an error or a time by `magmpm run` (statics.resolution) alone",
+            remedy="write, say, `resolution: {cells_across: 4}`",
+        )
     made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell)
     made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
     if scene.effects.in_a_field:

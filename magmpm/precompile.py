@@ -165,7 +165,7 @@ def _small(scene: Scene) -> Scene:
     if scene.solver.dynamic is not None:
         short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
-    return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": 2, "particles_per_cell": 2}})
+    return Scene.from_si({**data, "resolution": {"cells_across": 2, "particles_per_cell": 2}})
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +32,7 @@ from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
+from magmpm.statics.resolution import choose
 
 if TYPE_CHECKING:
     from magmpm.dynamics.quasi_static import PathState
@@ -147,6 +149,8 @@ def _at_rest(
     scene: Scene, start: Result | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
 ) -> tuple[Result, Equilibrium]:
     """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
+    if scene.resolution.asked:
+        return _resolved(scene, start, on_progress, uses)
     begun = time.perf_counter()
     with memory.within(scene):
         model = static_model(build(scene))
@@ -160,6 +164,20 @@ def _at_rest(
         state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
         raise SolveError(error.reason, None if state is None or state.not_finite() else state) from None
     return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
+
+
+def _resolved(
+    scene: Scene, start: Result | None, on_progress: Progress | None, uses: Sequence[str]
+) -> tuple[Result, Equilibrium]:
+    """As _at_rest, on the grid that is chosen for the error or the time that the scene asks for."""
+    if start is not None:
+        raise ValueError("start: a result to start from has a grid of its own, and this scene asks for an error; give it cells_across")
+    begun = time.perf_counter()
+    compiled = prepare_kernels(scene.with_cells(2), uses=uses)
+    choice = choose(scene, on_progress)
+    seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
+    result = _result(choice.model, choice.found, seconds)
+    return _sound(replace(result, scene_hash=scene.hash(), error_estimate=choice.error, resolution=choice.told)), choice.found
 
 
 def _sound(result: Result) -> Result:

@@ -43,7 +43,10 @@ def place(document: Document, *key: str | int) -> str:
 
 def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
-    if scene.body.shape.line is None:
+    if scene.resolution.asked:
+        rule = "the scene of a study gives its cells: all trials are judged on one grid, not each on a grid chosen for an error or a time"
+        remedy = "write `resolution: {cells_across: 4}` in the scene, and run the best design with `resolution: {error: 0.1 %}`"
+    elif scene.body.shape.line is None:
         rule = "a study compares centrelines, and a body of STL parts has none"
         remedy = "name a scene of a catheter or a strip"
     elif file.vary.magnetization is not None and not scene.body.shape.magnetized_by_region:

@@ -121,6 +121,7 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
         f"{result.name}: {_done(result)}",
         f"  tip             {lengths(result.tip)}",
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
+        *_resolution(result),
         *_stability(result),
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
@@ -134,6 +135,18 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
 def _along_time(result: Result) -> str:
     total = sum(step["iterations"] for step in result.steps)
     return f"{len(result.steps)} equilibria until {quantity(result.time, 's')} in {total} Newton steps, {len(result.jumps)} jumps"
+
+
+def _resolution(result: Result) -> list[str]:
+    """The line of the error, where one was asked for."""
+    if result.error_estimate is None or result.resolution is None:
+        return []
+    share = 100 * result.error_estimate / float(result.centreline[-1, 0])
+    tried = ", ".join(str(one["cells_across"]) for one in result.resolution["tried"])
+    return [
+        f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} % of the length: "
+        f"{result.resolution['cells_across']} cells across, told from {tried}"
+    ]
 
 
 def _stability(result: Result) -> list[str]:

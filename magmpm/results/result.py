@@ -22,6 +22,7 @@ from magmpm.results.whole_file import whole_file, write_json
 
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [], "stability": None,
+    "error_estimate": None, "resolution": None,
 }  # fmt: skip
 
 
@@ -110,6 +111,8 @@ class Result:
     tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
     # No unit: smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load; None: not known (motion).
     stability: float | None = None
+    error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene asks for an error or a time
+    resolution: dict[str, Any] | None = None  # what was chosen for it, and how: see docs/accuracy.md
 
     def __repr__(self) -> str:
         """One line: how the run ended, the tip, det F, and what it cost."""

@@ -5,10 +5,19 @@ The descriptions and examples are what editors show (scene.schema.json) and what
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from magmpm.inputs.settings import Quantity, Settings, fault, from_file
 from magmpm.scene.motion_options import DynamicOptions, QuasiStaticOptions
@@ -49,6 +58,10 @@ class Material(Settings):
                 "write, say, `bulk_to_shear: 20`",
             )
         return ratio
+
+
+MOST_ERROR = 0.5  # of the length: more is no answer at all
+_ERROR = {"type": "string", "title": "share of the length, or length", "examples": ["1 %", "0.1 mm"]}
 
 
 class StaticOptions(Settings):
@@ -120,13 +133,20 @@ class Solver(Settings):
         return self
 
 
-class Resolution(Settings):
-    """How fine the grid is."""
+def _read_error(value: Any, info: ValidationInfo) -> float | str:
+    """An error as a share of the length (float, no unit), or a length as text in SI ("0.0001 m"): both are read back as they are."""
+    if isinstance(value, str):
+        try:
+            return Quantity("percentage").read(value, info)
+        except PydanticCustomError:
+            si = Quantity("length", above="0 mm", at_most="10 m").read(value, info)
+            return f"{si!r} m"
+    return Quantity("percentage").read(value, info)
 
-    not_there_yet: ClassVar[Mapping[str, str]] = {
-        "error": "the grid chosen for a given error",
-        "seconds": "the grid chosen for a time",
-    }
+
+class Resolution(Settings):
+    """How fine the grid is: given in cells, or chosen for an error or a time."""
+
     cells_across: int = Field(
         default=4,
         strict=True,
@@ -143,3 +163,62 @@ class Resolution(Settings):
         description="Particles in a cell along each direction; 2 unless given; one point can't carry a cell's second moments.",
         examples=[2],
     )
+    error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = Field(
+        default=None,
+        description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves the error; "
+        "give this, `seconds`, or cells_across.",
+        examples=["1 %", "0.1 mm"],
+    )
+    of: Literal["centreline", "tip"] = Field(
+        default="centreline",
+        description="Where `error` is meant: anywhere on the centreline (unless given), or at the tip.",
+        examples=["tip"],
+    )
+    seconds: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] | None = Field(
+        default=None,
+        description="The best answer within this time, with its error: the program chooses the cells; give this, `error`, or cells_across.",
+        examples=["2 s"],
+    )
+
+    @field_validator("error")
+    @classmethod
+    def _error_is_one(cls, error: float | str | None) -> float | str | None:
+        if isinstance(error, float) and not 0.0 < error <= MOST_ERROR:
+            raise fault(
+                f"must be greater than 0 and at most {100 * MOST_ERROR:g} % of the length",
+                f"this reads as {100 * error:.4g} %; write, say, 1 %",
+            )
+        return error
+
+    @model_validator(mode="after")
+    def _one_wish(self) -> Resolution:
+        """Cells, an error or a time: one of them decides."""
+        given = [key for key in ("cells_across", "error", "seconds") if key in self.model_fields_set and getattr(self, key) is not None]
+        if len(given) > 1:
+            raise fault(
+                f"give `cells_across`, `error` or `seconds`, one of them: each decides how fine the grid is; this has "
+                f"{' and '.join(f'`{key}: {getattr(self, key)}`' for key in given)}",
+                f"remove {' or '.join(f'`{key}`' for key in given)}",
+                (given[-1],),
+            )
+        if "of" in self.model_fields_set and self.of != "centreline" and not self.asked:
+            raise fault("`of` says where an error is meant, and none is asked for", "add, say, `error: 0.1 mm`, or remove it", ("of",))
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Plain data without what is not said: chosen cells are none yet, and asked errors are told only where there are any."""
+        data: dict[str, Any] = handler(self)
+        left_out = ("cells_across",) if self.asked else ("error", "of", "seconds")
+        return {key: value for key, value in data.items() if key not in left_out and value is not None}
+
+    @property
+    def asked(self) -> bool:
+        """Whether an error or a time is asked for, so that the cells must be chosen before anything can be built (statics.resolution)."""
+        return self.error is not None or self.seconds is not None
+
+    def allowed(self, length: float) -> float | None:
+        """The error asked for, m, of a body of this length (m); None where none is."""
+        if self.error is None:
+            return None
+        return self.error * length if isinstance(self.error, float) else float(self.error.removesuffix(" m"))

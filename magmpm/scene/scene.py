@@ -283,9 +283,9 @@ class Scene(Settings):
         return Scene.from_si({**data, "field": changed})
 
     def with_cells(self, cells_across: int) -> Scene:
-        """The scene with the resolution cells_across: so many cells through the body's thickness. Raises InputError."""
-        data = self.to_si()
-        return Scene.from_si({**data, "resolution": {**data["resolution"], "cells_across": cells_across}})
+        """The scene with the resolution cells_across, in place of an error or a time: so many through its thickness. Raises InputError."""
+        data, kept = self.to_si(), self.resolution.particles_per_cell
+        return Scene.from_si({**data, "resolution": {"cells_across": cells_across, "particles_per_cell": kept}})
 
     def inserted(self, length: float) -> Scene:
         """The scene of the catheter's last `length` (m), outside a guide: an equilibrium, clamped at the exit, which is the origin.

@@ -57,8 +57,9 @@ def solve_static(
     *,
     correction: Array | None = None,
     on_step: Callable[[int, float], None] | None = None,
+    judged: bool = True,
 ) -> Equilibrium:
-    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from.
+    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from. judged: find its stability as well.
 
     Raises SolveError, with the last good Equilibrium (converged False) as its state; InputError if nothing holds the body.
     """
@@ -73,7 +74,7 @@ def solve_static(
         try:
             found = _solve(model, correction, on_step)
             assert found.energy is not None
-            return restored(model, replace(found, stability=stability(found.energy, found.point)), of)
+            return restored(model, replace(found, stability=stability(found.energy, found.point) if judged else None), of)
         except SolveError as error:
             state = error.state
             raise SolveError(

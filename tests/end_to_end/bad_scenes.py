@@ -330,11 +330,22 @@ SURROUNDINGS = [
     effect("feed per minute mistaken", "feed: {speed: 5 mm, exit: 10 mm}", "feed.speed", '"5 mm"', "is not a unit of speed", '"5 mm/s"'),
 ]
 
-LATER = [
-    edit("error wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{error: 1 %}", "resolution.error", '"1 %"',
-         "`error`", "is not there yet", later=True),
-    edit("time wanted, later", "{cells_across: 4, particles_per_cell: 2}", "{seconds: 2 s}", "resolution.seconds", '"2 s"',
-         "`seconds`", "is not there yet", later=True),
+CELLS = "{cells_across: 4, particles_per_cell: 2}"
+RESOLUTION = [
+    edit("error and cells", CELLS, "{cells_across: 4, error: 1 %}", "resolution.error", '"1 %"', "give `cells_across`, `error` or `seconds`", "cells_across: 4"),
+    edit("time and cells", CELLS, "{seconds: 2 s, cells_across: 4}", "resolution.seconds", '"2 s"', "one of them", "remove"),
+    edit("error and time", CELLS, "{seconds: 2 s, error: 1 %}", "resolution.seconds", '"2 s"', "one of them", "error: 0.01"),
+    edit("no error at all", CELLS, "{error: 0 %}", "resolution.error", '"0 %"', "greater than 0", "this reads as 0 %"),
+    edit("negative error", CELLS, "{error: -1 %}", "resolution.error", '"-1 %"', "greater than 0", "this reads as -1 %"),
+    edit("negative length of error", CELLS, "{error: -0.1 mm}", "resolution.error", '"-0.1 mm"', "must be greater than 0 mm"),
+    edit("error of 100 times the length", CELLS, "{error: 10000 %}", "resolution.error", '"10000 %"', "at most 50 %"),
+    edit("error without unit", CELLS, "{error: 0.01}", "resolution.error", "0.01", "needs a unit", '"5 %"'),
+    edit("error in seconds", CELLS, "{error: 2 s}", "resolution.error", '"2 s"', "unit of length"),
+    edit("error of nothing known", CELLS, "{error: 1 %, of: base}", "resolution.of", '"base"', "'centreline' or 'tip'"),
+    edit("where, but no error", CELLS, "{of: tip}", "resolution.of", '"tip"', "none is asked for", "error: 0.1 mm"),
+    edit("no seconds", CELLS, "{seconds: 0 s}", "resolution.seconds", '"0 s"', "must be greater than 0 s"),
+    edit("negative seconds", CELLS, "{seconds: -2 s}", "resolution.seconds", '"-2 s"', "must be greater than 0 s"),
+    edit("seconds without unit", CELLS, "{seconds: 2}", "resolution.seconds", "2", "needs a unit"),
 ]
 
 
@@ -445,7 +456,7 @@ MOTION = [
 ]
 
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *LATER]
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *RESOLUTION]
 
 
 def text_of(case: BadScene) -> str:
