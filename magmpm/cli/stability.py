@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
-from magmpm.errors import InputError
-from studies.hard_cases import CASES, table
+from magmpm.errors import InputError, report
+from studies.hard_cases import BROKEN, CASES, run_random, random_table, table
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run the chosen cases and print their table. Returns the exit status: 3 if one fails."""
+    """Run the chosen cases, or scenes drawn at random, and print their table. Returns the exit status: 3 if one fails."""
+    if options.random is not None:
+        return _random(options)
     named = [case for case in CASES if options.case is None or options.case.lower() in case.name.lower()]
     chosen = [case for case in named if not (options.quick and case.slow)]
     if not chosen:
@@ -28,3 +31,19 @@ def command(options: argparse.Namespace) -> int:
     if failed:
         print(f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}", file=sys.stderr)
     return 3 if failed else 0
+
+
+def _random(options: argparse.Namespace) -> int:
+    """Scenes drawn at random. Returns the exit status: 3 if one of them is wrong, hangs, is refused or ends with a traceback."""
+    if options.random < 1 or options.seed < 0:
+        given, rule = (options.random, "1 or more") if options.random < 1 else (options.seed, "0 or more")
+        key = "--random" if options.random < 1 else "--seed"
+        raise InputError(report(key, received=str(given), rule=f"must be {rule}", remedy="write, say, --random 300 --seed 1"))
+    folder = options.out or Path("runs") / f"random-{options.seed}"
+    with Progress("random scenes") as progress:
+        summary = run_random(options.random, options.seed, folder, on_done=lambda k, n: progress.at(k, n))
+    print_summary(options, summary, random_table(summary))
+    broken = sum(summary[end] for end in BROKEN)
+    if broken:
+        print(f"magmpm: {broken} of {summary['scenes']} random scenes went wrong; see above", file=sys.stderr)
+    return 3 if broken else 0

@@ -1,0 +1,228 @@
+"""Scenes drawn at random from the whole schema, as files have them: valid by construction, from mild to absurd.
+
+`drawn(seed, number)` is the content of one scene file. The same seed and number always give the same scene. Loads and materials are drawn
+from ranges that grow with a severity between 0 and 1: at 0 a body that bends a little, at 1 a hundred times the load that bends it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from magmpm.bodies.surface_mesh import Mesh, pack_mesh
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
+from studies.hard_cases import drawn_fields as fields
+
+STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
+KINDS = (STATIC, QUASI_STATIC, DYNAMIC)
+SHARES = (0.6, 0.18, 0.22)  # of the scenes
+COMBINATIONS, RENEWED = 6, 300  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
+MOST_STEPS = 5000  # of a motion, by an estimate
+FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
+Content = dict[str, Any]
+
+
+def mm(value: float) -> str:
+    """A length as files write it."""
+    return f"{1e3 * value:.9g} mm"
+
+
+@dataclass
+class Sizes:
+    """What loads are measured by, SI. across: thickness; A_over_I: area over second moment; corners of the undeformed box (2, 3) m."""
+
+    length: float
+    across: float
+    A_over_I: float
+    box: np.ndarray
+    shear: float
+    ratio: float
+    density: float
+    remanence: float
+    free: bool = False
+
+    @property
+    def young(self) -> float:
+        return float(young_modulus(self.shear, self.ratio * self.shear))
+
+    @property
+    def period(self) -> float:
+        """Of the first bending of a cantilever, s."""
+        w = FIRST**2 / self.length**2 * math.sqrt(self.young / self.density / self.A_over_I)
+        return 2 * math.pi / w
+
+    def flux(self, load: float) -> float:
+        """Flux density (T) of a load M B A L^2/(E I)."""
+        return load * self.young * MU0 / (self.remanence * self.A_over_I * self.length**2)
+
+
+def drawn(seed: int, number: int) -> Content:
+    """The content of scene file `number` of a seed."""
+    rng = np.random.default_rng([seed, number])
+    severity = float(rng.random())
+    kind = str(rng.choice(KINDS, p=SHARES))
+    chosen = int(rng.integers(COMBINATIONS)) + COMBINATIONS * (number // RENEWED)
+    effects = _motion_effects(np.random.default_rng([seed, 1_000_000 + chosen])) if kind == DYNAMIC else []
+    cells = int(rng.choice([2, 3, 4], p=[0.8, 0.17, 0.03]))
+    materials = _materials(rng, severity, kind == DYNAMIC)
+    body, sizes = _body(rng, severity, kind, effects, materials, cells)
+    load = 10 ** rng.uniform(-1.5, 0.3 + 1.7 * severity)
+    content: Content = {"name": f"drawn {seed} {number}", "materials": materials, "body": body}
+    named: Content = {"magnetic_torque": {}}
+    steps = (sizes.across / cells) / math.sqrt((sizes.ratio + 4 / 3) * sizes.shear / sizes.density)
+    end = 1.0 if kind != DYNAMIC else min(float(rng.uniform(0.1, 1.0)) * sizes.period, 0.4 * steps * MOST_STEPS)
+    content["field"], varies = fields.drawn_field(rng, sizes, min(sizes.flux(load), 5.0), kind, end, "uniform" in effects)
+    if varies:
+        named["magnetic_force"] = {}
+    if kind != DYNAMIC:
+        if rng.random() < 0.3:
+            named["gravity"] = _gravity(rng, severity)
+        if rng.random() < 0.1 and "parts" not in body and sizes.length < 20 * sizes.across:
+            named["magnetic_interaction"] = {"blocks_across": int(rng.integers(1, 4))}
+    else:
+        named |= fields.moving_effects(rng, effects, sizes, severity, end, "catheter" in body)
+    content["effects"] = named
+    content["solver"] = _solver(rng, kind, end, effects)
+    content["resolution"] = {"cells_across": cells, "particles_per_cell": int(rng.choice([2, 3], p=[0.95, 0.05]))}
+    return content
+
+
+def _motion_effects(rng: np.random.Generator) -> list[str]:
+    """Which effects the motions of one combination name, and in which formulation."""
+    shares = {
+        "gravity": 0.4, "damping": 0.6, "viscosity": 0.3, "ground": 0.3, "walls": 0.2, "feed": 0.15, "magnetic_interaction": 0.1,
+        "self_contact": 0.2, "updated": 0.2, "uniform": 0.65,
+    }  # fmt: skip
+    return [name for name, share in shares.items() if rng.random() < share]
+
+
+def _materials(rng: np.random.Generator, severity: float, moving: bool) -> Content:
+    """One to three materials, the first magnetic."""
+    shear = 10 ** rng.uniform(4.0 - 0.7 * severity, 6.0 + severity)
+    found: Content = {}
+    for k in range(int(rng.choice([1, 2, 3], p=[0.5, 0.4, 0.1]))):
+        contrast = 1.0 if k == 0 else 10 ** rng.uniform(-1 - severity, 1 + severity)
+        most = 2.0 if moving else 1.5 + 1.2 * severity
+        found[f"silicone {k + 1}"] = {
+            "shear_modulus": f"{1e-3 * shear * contrast:.9g} kPa",
+            "bulk_to_shear": float(f"{10 ** rng.uniform(0.0, most):.6g}"),
+            "density": f"{rng.uniform(900, 4000):.6g} kg/m^3",
+            "remanence": f"{1e3 * 10 ** rng.uniform(-1.7, -0.4):.6g} mT" if k == 0 or rng.random() < 0.5 else "0 mT",
+        }
+    return found
+
+
+def direction(rng: np.random.Generator) -> list[float]:
+    """A random unit vector, one in three along an axis."""
+    if rng.random() < 0.33:
+        out = [0.0, 0.0, 0.0]
+        out[int(rng.integers(3))] = float(rng.choice([-1.0, 1.0]))
+        return out
+    v = rng.standard_normal(3)
+    return [float(f"{x:.9g}") for x in v / np.linalg.norm(v)]
+
+
+def _body(
+    rng: np.random.Generator, severity: float, kind: str, effects: list[str], materials: Content, cells: int
+) -> tuple[Content, Sizes]:
+    first = materials["silicone 1"]
+    shear, density, remanence = (float(first[key].split()[0]) for key in ("shear_modulus", "density", "remanence"))
+    known = {"shear": 1e3 * shear, "ratio": first["bulk_to_shear"], "density": density, "remanence": 1e-3 * remanence}
+    moving = kind == DYNAMIC
+    across = 10 ** rng.uniform(-3.5, -1.7)
+    slender = rng.uniform(1.5, 6.0) if moving else 10 ** rng.uniform(0.2, 1.2 + 0.8 * severity)
+    slender = min(slender, 60.0 if cells > 2 else 200.0)
+    if "feed" in effects:
+        slender = max(slender, 5.0)
+    length = across * slender
+    shape = "catheter" if "feed" in effects else str(rng.choice(["catheter", "tube", "strip", "parts"], p=[0.42, 0.2, 0.28, 0.1]))
+    half = across / 2
+    if shape == "parts":
+        return _parts(rng, across, min(slender, 12.0), materials, known)
+    body: Content = {"length": mm(length), "material": "silicone 1"}
+    clamp = "none" if moving and "feed" not in effects and rng.random() < 0.15 else "base"
+    segments = _segments(rng, length, across, materials)
+    if shape == "strip":
+        plane, width = bool(rng.random() < 0.3), across * 10 ** rng.uniform(-0.2, 0.9 if slender < 20 else 0.5)
+        clamp = "both" if clamp == "base" and rng.random() < 0.15 else clamp
+        body |= {"width": mm(width), "thickness": mm(across), "clamp": clamp, "plane_strain": plane}
+        turns = length / across * cells / 8
+        if turns > 0.3 and rng.random() < 0.3:
+            harmonic = {"periods": float(f"{rng.uniform(0.2, min(2.0, turns)):.6g}"), "phase": f"{rng.uniform(0, 360):.6g} deg"}
+            harmonic |= {"plane": str(rng.choice(["xz", "xy"])), "turn": str(rng.choice(["ccw", "cw"]))}
+            body["magnetization_profile"] = {"harmonic": harmonic}
+        else:
+            body["segments"] = segments
+        box = np.array([[0.0, -width / 2, -half], [length, width / 2, half]])
+        return {"strip": body}, Sizes(length, across, 12 / across**2, box, free=clamp == "none", **known)
+    body |= {"diameter": mm(across), "clamp": clamp, "segments": segments}
+    inner = 0.0
+    if shape == "tube":
+        inner = across * (1 - 10 ** rng.uniform(-1.0 - severity, -0.2))
+        body["inner_diameter"] = mm(inner)
+    box = np.array([[0.0, -half, -half], [length, half, half]])
+    return {"catheter": body}, Sizes(length, across, 16 / (across**2 + inner**2), box, free=clamp == "none", **known)
+
+
+def _segments(rng: np.random.Generator, length: float, across: float, materials: Content) -> list[Content]:
+    """One to eight segments, the last of which takes what is left; one at least is magnetic."""
+    count = int(rng.integers(1, 9)) if rng.random() < 0.7 else 1
+    shares = rng.dirichlet(np.full(count, 2.0))
+    shares = np.maximum(shares, 0.02 * across / length + 1e-3)
+    shares /= shares.sum()
+    found = []
+    for k in range(count):
+        segment: Content = {"material": "silicone 1" if k == 0 else str(rng.choice(list(materials)))}
+        if k == 0 or rng.random() < 0.8:
+            segment["magnetization"] = direction(rng)
+        if k < count - 1:
+            segment["length"] = mm(float(shares[k]) * length)
+        found.append(segment)
+    return found
+
+
+def _parts(rng: np.random.Generator, across: float, slender: float, materials: Content, known: Content) -> tuple[Content, Sizes]:
+    """A held block and one or two arms of one to four cells, end to end along x."""
+    t = 1e3 * across
+    ends = [0.0, t, t + slender * t * float(rng.uniform(0.3, 1.0))]
+    if rng.random() < 0.5:
+        ends.append(ends[-1] + float(rng.uniform(0.5, slender)) * t)
+    width = t * float(rng.uniform(1.0, 2.0))
+    meshes = []
+    for k, (a, b) in enumerate(itertools.pairwise(ends)):
+        part: Content = {"name": f"part {k + 1}", "mesh": pack_mesh(block((a, -width / 2, -t / 2), (b, width / 2, t / 2)))}
+        part["material"] = "silicone 1" if k == 1 else str(rng.choice(list(materials)))
+        part |= {"clamp": True} if k == 0 else {"magnetization": direction(rng)}
+        meshes.append(part)
+    box = 1e-3 * np.array([[0.0, -width / 2, -t / 2], [ends[-1], width / 2, t / 2]])
+    return {"parts": {"unit": "mm", "meshes": meshes}}, Sizes(1e-3 * (ends[-1] - t), across, 12 / across**2, box, **known)
+
+
+def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> Mesh:
+    """The surface of a block between two corners, its triangles facing outward."""
+    corners = np.array([[(lower, upper)[i][0], (lower, upper)[j][1], (lower, upper)[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
+    return Mesh(corners, np.array(faces))
+
+
+def _gravity(rng: np.random.Generator, severity: float) -> Content:
+    size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
+    return {"acceleration": [f"{size * x:.6g} m/s^2" for x in direction(rng)]}
+
+
+def _solver(rng: np.random.Generator, kind: str, end: float, effects: list[str]) -> Content:
+    found: Content = {} if rng.random() < 0.95 else {"anti_locking": "none"}
+    if kind == STATIC:
+        return {**found, STATIC: {"field_steps": int(rng.integers(2, 12))} if rng.random() < 0.1 else {}}
+    if kind == QUASI_STATIC:
+        return {**found, QUASI_STATIC: {"steps": int(rng.integers(4, 16))}}
+    moving: Content = {"duration": f"{1e3 * end:.9g} ms", "output_every": f"{1e3 * end / 8:.9g} ms"}
+    if "self_contact" in effects or "updated" in effects:
+        moving["formulation"] = "updated"
+    return {**found, DYNAMIC: moving}

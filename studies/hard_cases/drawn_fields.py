@@ -1,0 +1,117 @@
+"""Fields, schedules and effects of motion of scenes drawn at random (hard_cases.drawn)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from magmpm.fields.dipole import MU0
+
+Content = dict[str, Any]
+MAGNET = 1.3  # T, remanence
+
+
+def _mm(values: Any) -> list[str]:
+    return [f"{1e3 * x:.9g} mm" for x in values]
+
+
+def _unit(rng: np.random.Generator) -> np.ndarray:
+    v = rng.standard_normal(3)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def drawn_field(rng: np.random.Generator, sizes: Any, flux: float, kind: str, end: float, uniform_only: bool) -> tuple[Content, bool]:
+    """A field of about this size (T) at the body's center, and whether it varies in space. end: s, of its schedule."""
+    way = _unit(rng)
+    if rng.random() < 0.15:  # exactly along the undeformed axis, or against it
+        way = np.array([rng.choice([-1.0, 1.0]), 0.0, 0.0])
+    source = "uniform" if uniform_only else str(rng.choice(["uniform", "dipole", "magnet", "coils"], p=[0.72, 0.17, 0.07, 0.04]))
+    found: Content = {}
+    if source == "uniform" or rng.random() < 0.2:
+        found["uniform"] = [f"{1e3 * flux * x:.9g} mT" for x in way]
+    if source != "uniform":
+        found |= _source(rng, source, sizes, flux, way)
+    if kind == "quasi_static" or rng.random() < 0.25:
+        found["over_time"] = _schedule(rng, source, found, flux, end, sizes)
+    return found, source != "uniform"
+
+
+def _source(rng: np.random.Generator, source: str, sizes: Any, flux: float, way: np.ndarray) -> Content:
+    """A dipole, magnet or coil whose field at the body's center is about `flux`, outside of the undeformed body."""
+    center, half = sizes.box.mean(axis=0), float(np.linalg.norm(sizes.box[1] - sizes.box[0])) / 2
+    toward = _unit(rng)
+    r = half * float(10 ** rng.uniform(0.3, 0.8)) + 2 * sizes.across
+    place = center + r * toward
+    if source == "dipole":
+        moment = flux * r**3 * 2 * math.pi / MU0 * way
+        return {"dipole": {"position": _mm(place), "moment": [f"{m:.9g} A*m^2" for m in moment]}}
+    if source == "magnet":
+        side = min((2 * math.pi * r**3 * flux / MAGNET) ** (1 / 3), 0.5 * (r - half))
+        shape: Content = {"cylinder": {"diameter": f"{1e3 * side:.9g} mm", "length": f"{1e3 * side:.9g} mm"}}
+        if rng.random() < 0.4:
+            shape = {"cuboid": {"size": _mm([side, side, 0.7 * side])}}
+        return {"magnet": {**shape, "position": _mm(place), "axis": [float(x) for x in way], "remanence": f"{MAGNET} T"}}
+    radius = 0.6 * (r - half)
+    turns = 100
+    current = min(flux * 2 * (radius**2 + r**2) ** 1.5 / (MU0 * radius**2) / turns, 1e5)
+    coil = {"position": _mm(place), "axis": [float(x) for x in toward], "diameter": f"{2e3 * radius:.9g} mm"}
+    return {"coils": {**coil, "current": f"{current:.9g} A", "turns": turns}}
+
+
+def _schedule(rng: np.random.Generator, source: str, found: Content, flux: float, end: float, sizes: Any) -> Content:
+    """How the field changes until `end` (s)."""
+    ways = ["ramp", "ramp", "keyframes"] + (["rotation", "oscillation", "uniform frames"] if source == "uniform" else ["move"])
+    if source == "coils":
+        ways = ["ramp", "keyframes"]
+    way = str(rng.choice(ways))
+    ms = f"{1e3 * end:.9g} ms"
+    if way == "ramp":
+        return {"ramp": {"duration": ms}}
+    if way == "rotation":
+        turns = float(f"{rng.uniform(0.1, 1.0):.6g}")
+        return {"rotation": {"axis": [float(x) for x in _unit(rng)], "frequency": f"{turns / end:.9g} Hz", "turns": turns}}
+    if way == "oscillation":
+        return {"oscillation": {"frequency": f"{0.75 / end:.9g} Hz", "cycles": 0.75}}
+    times = [0.0, *sorted(float(x) for x in rng.uniform(0.2, 0.8, int(rng.integers(1, 4))) * end), end]
+    if way == "keyframes":
+        strengths = [0.0, *(float(f"{x:.6g}") for x in rng.uniform(-0.5, 1.0, len(times) - 2)), 1.0]
+        return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "strength": s} for t, s in zip(times, strengths, strict=True)]}
+    if way == "move":
+        away = 0.3 * sizes.across * _unit(rng)
+        return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "move": _mm(away * k)} for k, t in enumerate(times)]}
+    return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "uniform": [f"{1e3 * flux * x:.9g} mT" for x in _unit(rng)]} for t in times]}
+
+
+def moving_effects(rng: np.random.Generator, named: list[str], sizes: Any, severity: float, end: float, catheter: bool) -> Content:
+    """The effects of a combination, with numbers that suit the body. end: s."""
+    found: Content = {}
+    if "gravity" in named:
+        size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
+        found["gravity"] = {"acceleration": [f"{size * x:.6g} m/s^2" for x in _unit(rng)]}
+    if "damping" in named:
+        found["damping"] = {"rate": f"{min(2 * math.pi / sizes.period * 10 ** rng.uniform(-1, 0.6), 1e6):.6g} 1/s"}
+    if "viscosity" in named:
+        found["viscosity"] = {"viscosity": f"{sizes.shear * sizes.period * 10 ** rng.uniform(-3.5, -1.5):.6g} Pa s"}
+    if "self_contact" in named:
+        found["self_contact"] = {}
+    if "magnetic_interaction" in named:
+        found["magnetic_interaction"] = {"blocks_across": 2}
+    (x0, y0, z0), (x1, y1, z1) = sizes.box
+    if "ground" in named:
+        tilt = float(rng.uniform(-0.5, 0.5))
+        n = np.array([math.sin(tilt), 0.0, math.cos(tilt)])
+        corners = np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
+        lowest = float((corners @ n).min()) - sizes.across * float(rng.uniform(0.05, 2.0))
+        found["ground"] = {"point": _mm(lowest * n), "normal": [float(x) for x in n], "friction": float(f"{rng.uniform(0, 1):.4g}")}
+    if "walls" in named:
+        radius = math.hypot((y1 - y0) / 2, (z1 - z0) / 2) * float(rng.uniform(1.1, 3.0))
+        length = sizes.length
+        path = [_mm([x0 - 0.5 * length, 0, 0]), _mm([x0 + 2.5 * length, 0, 0])]
+        found["walls"] = {"tube": {"radius": f"{1e3 * radius:.9g} mm", "path": path}, "friction": float(f"{rng.uniform(0, 1):.4g}")}
+    if "feed" in named and catheter:
+        exit_at = float(rng.uniform(0.4, 0.7)) * sizes.length
+        speed = min(float(rng.uniform(0.1, 0.9)) * (exit_at - 1.05 * sizes.across) / end, 5.0)
+        found["feed"] = {"speed": f"{speed:.9g} m/s", "exit": f"{1e3 * exit_at:.9g} mm"}
+    return found

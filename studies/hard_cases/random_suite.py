@@ -1,0 +1,95 @@
+"""Scenes by the thousand: drawn, solved, checked, counted; with a file of outcomes from which an interrupted run goes on."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from magmpm.errors import InputError
+from studies.hard_cases.attempt import CONVERGED, HUNG, REFUSED, STOPPED, TRACEBACK, WRONG, Outcome
+from studies.hard_cases.drawn import drawn
+from studies.hard_cases.pool import solved
+
+OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
+LIMIT = 120.0  # s of processor time for a scene with its checks
+BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
+ENDS = (CONVERGED, STOPPED, *BROKEN)
+
+
+def run_random(
+    count: int, seed: int, folder: Path, *, processes: int = 2, limit: float = LIMIT, on_done: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
+    """Draw and solve scenes 0 to count - 1 of a seed. Scenes that did not converge stay in folder/scenes, their last good states in
+    folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved again.
+
+    on_done(done, count): called after each. Returns the summary (`summary_of`). Raises InputError where folder holds another seed.
+    """
+    begun = time.monotonic()
+    known = _known(folder, seed)
+    left = [number for number in range(count) if number not in known]
+    (folder / SCENES).mkdir(parents=True, exist_ok=True)
+    with (folder / OUTCOMES).open("a", encoding="utf-8") as log:
+        jobs = ((number, _written(folder, seed, number), folder / STATES / str(number)) for number in left)
+        for number, outcome in solved(jobs, min(processes, max(1, len(left))), limit):
+            known[number] = {"number": number, **outcome}
+            log.write(json.dumps(known[number]) + "\n")
+            log.flush()
+            if outcome["ended"] == CONVERGED:
+                _path(folder, number).unlink(missing_ok=True)
+            if on_done is not None:
+                on_done(len(known), count)
+    return summary_of([known[number] for number in sorted(known) if number < count], time.monotonic() - begun, folder)
+
+
+def summary_of(outcomes: list[Outcome], seconds: float, folder: Path) -> dict[str, Any]:
+    """Counts by how scenes ended, and number, reason and file of each that did not converge. seconds: of this call."""
+    counts = {end: sum(outcome["ended"] == end for outcome in outcomes) for end in ENDS}
+    others = [
+        {**{key: value for key, value in outcome.items() if key != "file"}, "file": str(folder / SCENES / outcome["file"])}
+        for outcome in outcomes
+        if outcome["ended"] != CONVERGED
+    ]
+    return {"scenes": len(outcomes), **counts, "seconds": seconds, "folder": str(folder), "not_converged": others}
+
+
+def random_table(summary: dict[str, Any]) -> str:
+    """The summary as text."""
+    lines = [f"{summary['scenes']} scenes: " + ", ".join(f"{summary[end]} {end}" for end in ENDS) + f"; {summary['seconds']:.0f} s"]
+    for one in summary["not_converged"]:
+        lines.append(f"  {one['number']:>5} {one['ended']:<10} {one['reason'].splitlines()[0][:160]}  {one['file']}")
+    return "\n".join(lines)
+
+
+def _known(folder: Path, seed: int) -> dict[int, Outcome]:
+    """Outcomes that a folder holds, by number."""
+    order = folder / ORDER
+    if order.exists() and (held := json.loads(order.read_text(encoding="utf-8"))["seed"]) != seed:
+        raise InputError(f"--out: {folder} holds the scenes of seed {held}, and this is seed {seed}; give another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    order.write_text(json.dumps({"seed": seed}), encoding="utf-8")
+    found = {}
+    if (folder / OUTCOMES).exists():
+        for line in (folder / OUTCOMES).read_text(encoding="utf-8").splitlines():
+            try:
+                outcome = json.loads(line)
+            except ValueError:  # cut off as it was written
+                continue
+            found[outcome["number"]] = outcome
+    return found
+
+
+def _path(folder: Path, number: int) -> Path:
+    return folder / SCENES / f"{number:06d}.yaml"
+
+
+def _written(folder: Path, seed: int, number: int) -> Path:
+    """The file of a scene, written."""
+    path = _path(folder, number)
+    head = f"# Scene {number} of `magmpm stability --random N --seed {seed}`\n\n"
+    path.write_text(head + yaml.safe_dump(drawn(seed, number), sort_keys=False, default_flow_style=None, width=140), encoding="utf-8")
+    return path
