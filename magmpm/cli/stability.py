@@ -9,7 +9,7 @@ from pathlib import Path
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError, report
-from studies.hard_cases import BROKEN, CASES, run_random, random_table, table
+from studies.hard_cases import BROKEN, CASES, random_table, run_random, table
 
 
 def command(options: argparse.Namespace) -> int:

@@ -9,8 +9,8 @@ What they find is repaired in the solver, not in the case.
 
 from studies.hard_cases import equilibria, loads, shapes, stepping
 from studies.hard_cases.case import Case, Outcome, table
-from studies.hard_cases.random_suite import BROKEN, run_random, random_table
+from studies.hard_cases.random_suite import BROKEN, random_table, run_random
 
 CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *loads.CASES, *shapes.CASES)
 
-__all__ = ["BROKEN", "CASES", "Case", "Outcome", "run_random", "random_table", "table"]
+__all__ = ["BROKEN", "CASES", "Case", "Outcome", "random_table", "run_random", "table"]
