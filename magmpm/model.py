@@ -93,6 +93,13 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
             rule="here the cells must be given: they are chosen for an error or a time by `magmpm run` (statics.resolution) alone",
             remedy="write, say, `resolution: {cells_across: 4}`",
         )
+    if scene.effects.auto:
+        raise SceneError(
+            "effects",
+            received="auto",
+            rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (statics.effects_choice) alone",
+            remedy="name those that `magmpm run` tells it has chosen",
+        )
     made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell)
     made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
     if scene.effects.in_a_field:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import platform
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +24,11 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
 from magmpm.results.sensitivities import Sensitivities
 from magmpm.results.strain import Strain, strain_of
+from magmpm.results.versions import versions
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
+from magmpm.statics.effects_choice import choose_effects, missed
 from magmpm.statics.equilibrium import Equilibrium, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
@@ -109,6 +109,10 @@ def simulated(
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
     """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does."""
+    if scene.effects.auto:
+        choice = choose_effects(scene)
+        result = simulated(choice.scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
+        return replace(result, effects_chosen=choice.told)
     if scene.solver.quasi_static is not None:
         return _path(scene, folder, resume, on_progress, on_begin)
     if scene.solver.dynamic is not None:
@@ -143,6 +147,12 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
     wanted = variables(scene, of)
     result, found = _at_rest(scene, start, None, (SOLVE, DERIVATIVES))
     return Sensitivities(result, wanted, Linearized(found, wanted))
+
+
+def missed_effects(scene: Scene) -> list[str]:
+    """Warnings, one for each effect that a scene does not name and that would move its answer by more than the error it asks for (1 % of
+    the length unless it asks), by its rod; none where it says `advice: off` or its body is no rod."""
+    return missed(scene)
 
 
 def _at_rest(
@@ -320,16 +330,6 @@ def _neighbor(model: StaticModel, start: Result | None) -> NDArray[np.float64] |
     return start.grid_correction
 
 
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in ("magmpm", "numpy", "scipy", "numba"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
-
-
 def _warnings(scene: Scene) -> list[str]:
     """Warnings: what the author of the scene may not have meant, and about the field's map."""
     return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
@@ -354,7 +354,7 @@ def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float6
         "field": outside,
         "particles": len(position),
         "section": model.section,
-        "versions": _versions(),
+        "versions": versions(),
     }
 
 

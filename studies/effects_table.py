@@ -19,45 +19,58 @@ from magmpm.effects import acting as effects
 from magmpm.effects.acting import ONLY_IN_MOTION, Effects
 from magmpm.effects.base import Effect
 from magmpm.effects.estimates import MEASURE, no_rest
-from magmpm.errors import MagmpmError, SceneError, SolveError
+from magmpm.errors import MagmpmError, SolveError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
+from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, variants, verdict
 from magmpm.rod.cosserat import rod_model, solve_rod
+from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
-from magmpm.simulate import run
+from magmpm.simulate import choose_effects, run
 from studies.field_moment import stopped
 
 Progress = Callable[[int, int, str], None]
 STILL = 1e-12  # s, a step in which nothing moves
 RUN, REPEATS = 0.004, 100  # s
+SETTLING = ("damping", "viscosity")  # of which it is told how fast they settle the body
 CONTACTS = ("ground", "walls", "self_contact")
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
 
 
 @dataclass(frozen=True)
 class Row:
-    """One effect. shift: m, the largest change of the rest position of any point of the body due to the effect; None: unknown.
+    """One effect.
 
-    cost_percent: relative to a step without any effect; None if the effect takes no part in a step or was not measured. ignores: what the
-    estimate leaves out of the scene: motion, schedule (the field before its end), feed, and contact by its effects' keys.
+    shift_m: the farthest that any point of the body's axis moves in the scene's answer, be it an equilibrium, equilibria along time or a
+    motion, with the effect against without it; None: not known. uncertainty_m: of that. rest_m, motion_m: the same at rest and on the way.
+    cost_percent: of a step without any effect; None if the effect takes no part in a step or was not measured. says: what the effect tells
+    of the body's rest; ignores: what rest_m and says leave out of the scene: motion, schedule (the field before its end), feed, and contact
+    by its effects' keys.
     """
 
     effect: str
     named: bool
-    shift: float | None
+    shift_m: float | None
+    uncertainty_m: float | None
+    rest_m: float | None
+    motion_m: float | None
     cost_percent: float | None
+    advice: str
+    why: str
     says: str
     ignores: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Table:
-    """All effects, in the order of their phases. length: the body's, m; moment: at which an endless field is evaluated, in words."""
+    """All effects, in the order of their phases. length_m: the body's; error_m: the error that advice is for; moment: at which an endless
+    field is evaluated at rest, in words."""
 
     scene: str
-    length: float
-    rows: list[Row]
+    length_m: float
+    error_m: float
+    effects: list[Row]
     moment: str | None = None
 
     def summary(self) -> dict[str, Any]:
@@ -66,27 +79,27 @@ class Table:
 
     def text(self) -> str:
         """The table as text; effects that the scene names are marked."""
-        lines = ["  effect                shift mm   cost %  what it does here"]
-        for row in self.rows:
-            shift = "-" if row.shift is None else significant(1e3 * row.shift)
-            cost = "-" if row.cost_percent is None else fixed(row.cost_percent, 0)
-            mark = "*" if row.named else " "
-            without = ", ".join(_IN_WORDS.get(name, name) for name in row.ignores if name != "motion")
-            lines.append(f"{mark} {row.effect:21} {shift:>8} {cost:>8}  {row.says}{f' [without {without}]' if without else ''}")
+        lines = [f"  {'effect':21} {'at rest mm':>10} {'in motion mm':>12} {'% of L':>7} {'+- mm':>8} {'cost %':>7}  advice"]
+        for row in self.effects:
+            percent = None if row.shift_m is None else 100 * row.shift_m / self.length_m
+            numbers = (
+                f"{_mm(row.rest_m):>10} {_mm(row.motion_m):>12} {'-' if percent is None else significant(percent):>7} "
+                f"{_mm(row.uncertainty_m):>8} {'-' if row.cost_percent is None else fixed(row.cost_percent, 0):>7}"
+            )
+            lines.append(f"{'*' if row.named else ' '} {row.effect:21} {numbers}  {row.advice}: {row.why}")
+        share = significant(100 * self.error_m / self.length_m)
         return "\n".join(
             [
                 *lines,
-                "* named in the scene; shift: of the body's rest, with the effect against without it",
-                *([_UNSURE] if any(row.cost_percent is not None for row in self.rows) else []),
-                *([_ON_THE_WAY] if any("motion" in row.ignores for row in self.rows) else []),
-                *([] if self.moment is None else [f"  {self.moment}"]),
+                "* named in the scene; mm: how far the axis moves with the effect against without it; +-: uncertainty; advice: for an "
+                f"error of {_mm(self.error_m)} mm, {share} % of the length",
+                *([] if self.moment is None else [f"  at rest {self.moment}"]),
             ]
         )
 
 
-_IN_WORDS = {"schedule": "the field before its end"}
-_UNSURE = "  cost: to about 15 %, by which it differs from one process to another with where the compiled code comes to lie"
-_ON_THE_WAY = "  estimates are of rest: swings, impacts and friction on the way are not in them; [without ...]: nor is this"
+def _mm(way: float | None) -> str:
+    return "-" if way is None else significant(1e3 * way)
 
 
 class Estimates:
@@ -213,24 +226,45 @@ def _seconds(motion: TotalMotion | UpdatedMotion, steps: int, found: tuple[Array
         numba.set_num_threads(before)
 
 
-def survey(scene: Scene, *, measure: bool = True, on_progress: Progress | None = None) -> Table:
-    """Every available effect, in this scene. measure: time steps with and without each; otherwise cost_percent is None.
+def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on_progress: Progress | None = None) -> Table:
+    """Every available effect, in this scene. measure: costs too; otherwise cost_percent is None. error: m, what the answer may be off by;
+    what the scene's resolution asks for, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """
+    if scene.effects.auto:
+        scene = choose_effects(scene).scene
     _refuse_bad_beginning(scene)
-    body, rows = Estimates(scene), []
+    body, answers, rows = Estimates(scene), RodAnswers(scene), []
+    error = error or allowed_error(scene)
     spent = costs(scene, on_progress) if measure else {}
     for key, kind in effects.every().items():
-        shift, says = _judged(scene, body, key, kind)
         named = getattr(scene.effects, key) is not None
-        ignores = _ignored(scene, key) if shift or (named and shift is not None) else ()
-        rows.append(Row(key, named, shift, spent.get(key), says, ignores))
+        at_rest_m, says = _judged(scene, body, key, kind) if is_rod(scene) or not scene.in_time else (None, "none of its parts is a rod")
+        found = judge(scene, key, answers, error) if is_rod(scene) else _coarse(scene, key, at_rest_m, says, error)
+        moving = found.shift if scene.in_time else None
+        if not scene.in_time and at_rest_m is None:
+            at_rest_m = found.shift
+        why = f"{found.why}; {says}" if key in SETTLING and found.shift is not None else found.why
+        ignores = _ignored(scene, key) if at_rest_m else ()
+        rows.append(
+            Row(key, named, found.shift, found.uncertainty, at_rest_m, moving, spent.get(key), found.advice, why, says, ignores)
+        )
     try:
         moment = stopped(scene)[1]
     except MagmpmError:  # the rows say why
         moment = None
-    return Table(scene.name, scene.length, rows, moment)
+    return Table(scene.name, scene.length, error, rows, moment)
+
+
+def _coarse(scene: Scene, key: str, moved: float | None, says: str, error: float) -> Judgment:
+    """The judgment of an effect on a body that is no rod, by its shift at rest."""
+    both, named = variants(scene, key), getattr(scene.effects, key) is not None
+    if isinstance(both, str):
+        return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+    if moved is None or (scene.in_time and (key in ONLY_IN_MOTION or named)):
+        return unknown(key, named, f"a motion of such a body takes a run; {MEASURE}" if scene.in_time else says)
+    return verdict(scene, key, Shift(moved, moved * (1.0 if scene.in_time else 0.2)), error)
 
 
 def _refuse_bad_beginning(scene: Scene) -> None:
@@ -249,7 +283,7 @@ def _judged(scene: Scene, body: Estimates, key: str, kind: type[Effect]) -> tupl
     except SolveError as error:
         return None, guess if why else f"not known: {error.reason}"
     except MagmpmError as error:
-        return None, f"not known: {_reason(error)}"
+        return None, f"not known: {reason(error)}"
     return (None, guess) if why and advice.shift else (advice.shift, advice.says)
 
 
@@ -262,11 +296,3 @@ def _ignored(scene: Scene, key: str) -> tuple[str, ...]:
     if found and over is not None and over.endless is None:
         found.append("schedule")
     return (*found, *(name for name in (*CONTACTS, "feed") if name != key and getattr(named, name) is not None))
-
-
-def _reason(error: MagmpmError) -> str:
-    """The reason in one line of whole words: what was found, or else the rule that was broken; received values may be cut."""
-    if isinstance(error, SceneError) and error.found is not None:
-        return f"{error.key}: {error.found}"
-    lines = str(error).splitlines()
-    return next((line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")), lines[0])

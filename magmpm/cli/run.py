@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from magmpm.cli.answers import PARTICLES, print_summary, results_folder
@@ -20,7 +21,7 @@ from magmpm.results.readable import lengths, quantity, significant
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import simulated
+from magmpm.simulate import missed_effects, simulated
 
 
 def command(options: argparse.Namespace) -> int:
@@ -66,6 +67,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
         elif (folder / EARLIER).is_dir():
             print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
         raise
+    result = replace(result, warnings=[*result.warnings, *missed_effects(scene)])
     kept.save(result)
     _warn(result)
     summary = {**result.summary(), "folder": str(folder), "replaced": replaced}
@@ -122,6 +124,7 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
         f"  tip             {lengths(result.tip)}",
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
         *_resolution(result),
+        *_chosen(result),
         *_stability(result),
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
@@ -147,6 +150,12 @@ def _resolution(result: Result) -> list[str]:
         f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} % of the length: "
         f"{result.resolution['cells_across']} cells across, told from {tried}"
     ]
+
+
+def _chosen(result: Result) -> list[str]:
+    """The lines of the effects that were chosen, and of those that were not."""
+    words = {True: "chosen", False: "left out"}
+    return [f"  {words[one['chosen']]:15} {one['effect']}: {one['why']}" for one in result.effects_chosen or []]
 
 
 def _stability(result: Result) -> list[str]:

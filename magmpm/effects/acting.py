@@ -6,11 +6,12 @@ To add an effect: one file (CONTRIBUTING.md has a worked example), and one line,
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import PHASES, BodyChange, Effect, MarkedParticles, Records, SceneLike
@@ -25,7 +26,7 @@ from magmpm.effects.magnetic_torque import MagneticTorque
 from magmpm.effects.self_contact import SelfContact
 from magmpm.effects.viscosity import Viscosity
 from magmpm.effects.walls import Walls
-from magmpm.inputs.settings import Settings
+from magmpm.inputs.settings import Settings, fault
 
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
 _LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
@@ -50,12 +51,24 @@ class Effects(Settings):
     walls: Walls | None = _key("In motion: contact with the wall of a lumen.", _LUMEN)
     self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
     feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
+    # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named beside it.
+    auto: SkipJsonSchema[Literal[True] | None] = Field(default=None, description="The program chooses.", examples=[True])
+
+    @model_validator(mode="after")
+    def _auto_stands_alone(self) -> Effects:
+        if self.auto and self.named():
+            raise fault(
+                f"`auto` leaves the choice to the program, and this names {' and '.join(self.named())} as well",
+                "write `effects: auto`, or name the effects without it",
+                ("auto",),
+            )
+        return self
 
     @classmethod
     @cache
     def every(cls) -> dict[str, type[Effect]]:
         """All effects there are, by key, in the order of their phases; within a phase in the order of their keys."""
-        kinds = {key: get_args(field.annotation)[0] for key, field in cls.model_fields.items()}
+        kinds = {key: get_args(field.annotation)[0] for key, field in cls.model_fields.items() if key != "auto"}
         return dict(sorted(kinds.items(), key=lambda item: PHASES.index(item[1].PHASE)))
 
     def named(self) -> dict[str, Effect]:

@@ -22,7 +22,7 @@ from magmpm.results.whole_file import whole_file, write_json
 
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [], "stability": None,
-    "error_estimate": None, "resolution": None,
+    "error_estimate": None, "resolution": None, "effects_chosen": None,
 }  # fmt: skip
 
 
@@ -113,6 +113,7 @@ class Result:
     stability: float | None = None
     error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene asks for an error or a time
     resolution: dict[str, Any] | None = None  # what was chosen for it, and how: see docs/accuracy.md
+    effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
 
     def __repr__(self) -> str:
         """One line: how the run ended, the tip, det F, and what it cost."""

@@ -124,11 +124,11 @@ def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     Raises SolveError if a step does not converge.
     """
     rod = rod_model(scene, elements, extensible=extensible, time=time)
-    surroundings = _surroundings(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
+    surroundings = along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
     return solve_rod_model(rod, surroundings=surroundings)
 
 
-def _surroundings(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
+def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
     """Field and pull of a field that varies in space, along the axis of the rod. They are taken as uniform within a section."""
     source = scene.outside_field()
     line = scene.body.shape.line

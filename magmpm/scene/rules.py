@@ -203,7 +203,7 @@ def _something_changes(scene: WholeScene) -> None:
     if len(places) == 1 or (places == places[0]).all():
         why = "the field is the same at all of its times" if scene.field.over_time is not None else "the field has no schedule"
         raise fault(*_nothing_changes(f"{why}, and nothing is fed"), ("solver", "quasi_static"))
-    if not scene.effects.in_a_field:
+    if not scene.effects.in_a_field and not scene.effects.auto:
         raise fault(*_nothing_changes("no effect of the field is named, and nothing is fed"), ("solver", "quasi_static"))
 
 

@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,6 +91,23 @@ class Reference(Settings):
     )
 
 
+_AUTO = "auto"  # effects that the program is to choose
+
+
+class _OrAuto:
+    """Annotation: the JSON schema of a type, or the word auto."""
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [handler(core), {"const": _AUTO}]}
+
+
+def _read_effects(value: Any) -> Any:
+    """`auto` as Effects; a mapping as it is."""
+    if isinstance(value, Mapping) and _AUTO in value and value[_AUTO] not in (None, True):
+        value = {**value, _AUTO: True}  # written among others, which Effects refuses, or alone, which means the same
+    return {_AUTO: True} if value == _AUTO else value
+
+
 class Scene(Settings):
     """What is simulated, how, and how finely. SI floats inside; immutable."""
 
@@ -111,9 +128,9 @@ class Scene(Settings):
         description="The outside magnetic field; none unless given.",
         examples=[{"uniform": ["0 mT", "6 mT", "8 mT"]}],
     )
-    effects: Effects = Field(
+    effects: Annotated[Effects, BeforeValidator(_read_effects), _OrAuto()] = Field(
         default=Effects(),
-        description="What is simulated; what is not named is not, and costs nothing.",
+        description="What is simulated; what is not named is not, and costs nothing. auto: the program chooses, and says what and why.",
         examples=[{"magnetic_torque": {}}],
     )
     solver: Solver = Field(default=Solver(), description="Static unless given.", examples=[{"static": {}}])
@@ -121,6 +138,11 @@ class Scene(Settings):
         default=Resolution(),
         description="How fine the grid is: {cells_across: 4} unless given.",
         examples=[{"cells_across": 4}],
+    )
+    advice: Literal["on", "off"] = Field(
+        default="on",
+        description="Whether `magmpm run` warns of effects that are not named and would move the answer: on, unless given, or off.",
+        examples=["off"],
     )
     reference: Reference | None = Field(
         default=None, description="A known answer.", examples=[{"centreline": "../references/shape.csv"}]
@@ -245,11 +267,11 @@ class Scene(Settings):
         return validate(cls, data)
 
     def hash(self) -> str:
-        """SHA-256, in hex, of all that decides the answer: everything but `name` and `reference`.
+        """SHA-256, in hex, of all that decides the answer: everything but `name`, `reference` and `advice`.
 
         The same for any layout of the file, order of keys and choice of units; numbers count to 12 digits.
         """
-        content = self.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
+        content = self.model_dump(mode="json", exclude={"name", "reference", "advice"}, exclude_none=True)
         return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True).encode()).hexdigest()
 
     def with_magnetizations(self, directions: ArrayLike) -> Scene:

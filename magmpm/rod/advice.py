@@ -1,0 +1,129 @@
+"""What a scene should name: for each effect whether it moves the answer by more than the error that the scene asks for.
+
+The answer is the axis, at its equilibrium, along its equilibria in time or on its way, as the scene is solved. An effect that the scene
+does not name is tried with its usual settings, where it has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
+from magmpm.rod.shifts import RodAnswers, Shift, is_rod
+from magmpm.scene import Scene
+
+USUAL = 0.01  # of the length: the error meant where a scene asks for none
+APART = 2.5  # thicknesses along the axis: points nearer than that are neighbors
+FINE = 4  # points between two stations, where a body may touch itself
+Word = Literal["keep", "drop", "add", "irrelevant"]
+
+
+@dataclass(frozen=True)
+class Judgment:
+    """Of one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, in words."""
+
+    effect: str
+    named: bool
+    shift: float | None
+    uncertainty: float | None
+    advice: Word
+    why: str
+
+
+def allowed_error(scene: Scene) -> float:
+    """The error that a scene asks for, m; USUAL of its length where it asks for none."""
+    return scene.resolution.allowed(scene.length) or USUAL * scene.length
+
+
+def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
+    """The scene with an effect and without it; or why the effect can't act in it, in words."""
+    kind, named = scene.effects.every()[key], getattr(scene.effects, key)
+    along_time = scene.solver.quasi_static is not None and kind.ALONG_TIME
+    if scene.solver.dynamic is None and kind.ONLY_IN_MOTION and not along_time:
+        return "it acts in motion only"
+    try:
+        if key == "magnetic_force" and scene.effects.magnetic_torque is None:
+            scene = scene.with_effects(magnetic_torque={})  # the two have one energy
+        having = scene if named is not None else scene.with_effects(**{key: {}})
+        if key != "self_contact" and not getattr(having.effects, key).records(having, 1.0, np.zeros(1) if scene.in_time else None):
+            return "nothing here that it could act on"
+        return having, scene.with_effects(**{key: None})
+    except InputError as error:
+        needed = [name for name, field in kind.model_fields.items() if field.is_required()]
+        return f"the scene does not say its {' and '.join(needed)}" if needed and named is None else reason(error)
+
+
+def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment:
+    """What to do about one effect, whether the scene names it or not; error: m, what the answer may be off by."""
+    named = getattr(scene.effects, key) is not None
+    both = variants(scene, key)
+    if isinstance(both, str):
+        return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+    try:
+        moved = _touches(answers, both) if key == "self_contact" else answers.shift(*both)
+    except SolveError as trouble:
+        return unknown(key, named, trouble.reason)
+    except MagmpmError as trouble:
+        return unknown(key, named, reason(trouble))
+    return verdict(scene, key, moved, error)
+
+
+def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
+    """The judgment of a shift."""
+    named, matters = getattr(scene.effects, key) is not None, moved.value > error
+    word: Word = ("keep" if matters else "drop") if named else ("add" if matters else "irrelevant")
+    near = " (close: within what the estimate is uncertain by)" if abs(moved.value - error) < moved.uncertainty else ""
+    why = f"it moves the answer by {_percent(moved.value, scene)}, {'more' if matters else 'less'} than {_percent(error, scene)}{near}"
+    return Judgment(key, named, moved.value, moved.uncertainty, word, why)
+
+
+def unknown(key: str, named: bool, why: str) -> Judgment:
+    """Where no estimate can be had: what is named stays."""
+    return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
+
+
+def worth_naming(scene: Scene, only: Iterable[str] | None = None) -> list[Judgment]:
+    """The effects that a scene does not name and that would move its answer by more than the error it asks for."""
+    if not is_rod(scene):
+        return []
+    answers, error = RodAnswers(scene), allowed_error(scene)
+    keys = [key for key in only or scene.effects.every() if getattr(scene.effects, key) is None]
+    found = [judge(scene, key, answers, error) for key in keys]
+    return [one for one in found if one.advice == "add"]
+
+
+def _touches(answers: RodAnswers, both: tuple[Scene, Scene]) -> Shift:
+    """How deep (m) the body would go through itself without contact; 0 where it does not."""
+    thickness = both[1].thickness
+    depth = max(0.0, *(thickness - nearest(shape, thickness) for shape in answers.shapes(both[1])))
+    return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)
+
+
+def nearest(axis: Array, thickness: float) -> float:
+    """Smallest distance (m) between points of an axis (m, 3) m that are no neighbors along it; inf where there are none."""
+    at = np.linspace(0.0, len(axis) - 1.0, FINE * (len(axis) - 1) // 2 + 1)
+    points = np.stack([np.interp(at, np.arange(len(axis)), axis[:, i]) for i in range(3)], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    square = (points**2).sum(axis=1)
+    apart = square[:, None] + square[None, :] - 2.0 * points @ points.T
+    apart[np.abs(s[:, None] - s[None, :]) < APART * thickness] = np.inf
+    return float(np.sqrt(max(apart.min(), 0.0)))
+
+
+def reason(error: MagmpmError) -> str:
+    """The reason in one line of whole words: what was found, or else the rule that was broken; received values may be cut."""
+    if isinstance(error, SceneError) and error.found is not None:
+        return f"{error.key}: {error.found}"
+    lines = str(error).splitlines()
+    return next((line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")), lines[0])
+
+
+def _percent(way: float, scene: Scene) -> str:
+    """A length as a fraction of the body's: "1.2 % of its length"."""
+    share: Any = 100 * way / scene.length
+    return f"{share:.0f} % of its length" if share >= 99.5 else f"{share:.2g} % of its length"
