@@ -25,6 +25,7 @@ from magmpm.results.result import Result
 from magmpm.results.sensitivities import Sensitivities
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.versions import versions
+from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
@@ -45,7 +46,7 @@ BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium ha
 def run(
     scene: Scene | Path | str,
     *,
-    start: Result | None = None,
+    start: Result | RodShape | None = None,
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
@@ -54,7 +55,8 @@ def run(
     """Simulate a scene: its equilibrium, equilibria along time if it has solver.quasi_static, or its motion if it has solver.dynamic.
 
     scene: a Scene, or the path of a scene file.
-    start: statics only: the result of a similar scene on the same grid, whose solution the solve starts from.
+    start: statics only: the result of a similar scene on the same grid, whose solution the solve starts from; or the shape of a rod: the
+    equilibrium near it is found, be it on the branch that grows from zero load or not.
     folder: where the result is saved (Result.save), and a motion's frames and checkpoints are written; None: nowhere. What it held is
     replaced. resume: go on from the checkpoint in folder; without one, as for an equilibrium, the run begins at the start.
     on_progress(step, number): called after each Newton step with its energy decrement (no unit), or during a motion with its time in s.
@@ -70,8 +72,8 @@ def run(
     if not isinstance(scene, Scene):
         with of_file(scene):
             return run(load_scene(scene), start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
-    if start is not None and not isinstance(start, Result):
-        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, or None")
+    if start is not None and not isinstance(start, Result | RodShape):
+        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
     if folder is None:
         if resume:
             raise ValueError("resume: received True without a folder; give the folder that holds the motion and its checkpoint")
@@ -102,7 +104,7 @@ def run(
 def simulated(
     scene: Scene,
     *,
-    start: Result | None = None,
+    start: Result | RodShape | None = None,
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
@@ -120,7 +122,7 @@ def simulated(
     return _at_rest(scene, start, on_progress)[0]
 
 
-def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | None = None) -> Sensitivities:
+def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | RodShape | None = None) -> Sensitivities:
     """Solve a scene for its equilibrium, and find how the shape answers to numbers of the scene: exact first derivatives.
 
     scene: a Scene, or the path of a scene file. start: as of `run`. of: the kinds of variables, in any order; all that the scene has
@@ -139,8 +141,8 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
     if not isinstance(scene, Scene):
         with of_file(scene):
             return sensitivities(load_scene(scene), of, start=start)
-    if start is not None and not isinstance(start, Result):
-        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, or None")
+    if start is not None and not isinstance(start, Result | RodShape):
+        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
     if not scene.static:
         rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"
         raise InputError(report("solver.dynamic", received="a motion", rule=rule, remedy=remedy))
@@ -156,7 +158,7 @@ def missed_effects(scene: Scene) -> list[str]:
 
 
 def _at_rest(
-    scene: Scene, start: Result | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
+    scene: Scene, start: Result | RodShape | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
 ) -> tuple[Result, Equilibrium]:
     """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
     if scene.resolution.asked:
@@ -168,7 +170,8 @@ def _at_rest(
     setup = time.perf_counter() - begun - compiled
     begun = time.perf_counter()
     try:
-        found = solve_static(model, correction=_neighbor(model, start), on_step=on_progress)
+        rod = start if isinstance(start, RodShape) else None
+        found = solve_static(model, correction=_neighbor(model, start), rod=rod, on_step=on_progress)
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
@@ -321,9 +324,9 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     )
 
 
-def _neighbor(model: StaticModel, start: Result | None) -> NDArray[np.float64] | None:
+def _neighbor(model: StaticModel, start: Result | RodShape | None) -> NDArray[np.float64] | None:
     """The grid correction of a neighboring design: nearly the same for this design."""
-    if start is None:
+    if not isinstance(start, Result):
         return None
     if start.grid_correction.shape != (model.layout.planes, model.layout.m):
         raise ValueError("start: the neighboring result must be on the same grid")

@@ -339,7 +339,7 @@ class _Run:
             if trial is None or records.holds(folder, trial):
                 continue
             try:
-                records.save_design(folder, solve(self.scene_of(trial.params)), report.whole_design(trial))
+                records.save_design(folder, self.solved_again(solve, trial), report.whole_design(trial))
             except SolveError:
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
@@ -348,11 +348,15 @@ class _Run:
         source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
         if not records.holds(source, best):
             try:
-                result = solve(self.scene_of(best.params))
+                result = self.solved_again(solve, best)
             except SolveError:
                 return  # it has been solved elsewhere; parameters and numbers stay in the report
             records.save_design(source, result, report.whole_design(best))
         records.replace_folder(source, self.out / records.BEST)
+
+    def solved_again(self, solve: Solve, trial: FrozenTrial) -> Result:
+        """The result of a trial; of an insertion or a schedule that of its end. Raises SolveError."""
+        return solve(self.scene_of(trial.params)) if self.trajectory is None else self.trajectory.last_result(solve, trial.params)
 
     def report(self, ended: report.Ended) -> StudyReport:
         """The study as it stands."""

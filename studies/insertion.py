@@ -12,16 +12,19 @@ outside the guide at depth l is compared with the path's first l, at equal arc l
 The value of a trial is its body rms. Samplers that read residuals get, beside the distances, the exit's, which counts EXIT_WEIGHT as much
 as all of the body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
 
-A depth whose solve fails is tried once more with its loads growing from zero in small steps; then the trial gets the penalty, and the
-reason names the depth.
+A body that is pushed has at each depth the equilibrium that it comes to from the depth before, and few of these are on the branch that
+grows from no load. So a rod is pushed along (rod_path.py), and each depth's equilibrium is the one near it. Where a depth has none, the
+trial gets the penalty, and the reason names the depth. In a field that varies in space there is no rod to follow: then each depth is on
+the branch that grows from no load.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path as File
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +38,8 @@ from magmpm.scene import Scene
 from studies.linear_model import Sensitive
 from studies.path import Path
 from studies.push import write_push
-from studies.rod_trajectory import RodDesign, RodTrajectory, search
+from studies.rod_path import RodPath, directions_of, search
+from studies.rod_trajectory import RodDesign
 from studies.search_space import SearchSpace
 from studies.study import Study
 from studies.trajectory import Trajectory
@@ -43,6 +47,7 @@ from studies.trial import Solve
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
+    from magmpm.rod.cosserat import RodShape
 
 STATIONS = 25
 EXIT_WEIGHT = 0.25
@@ -94,7 +99,6 @@ class Insertion(Trajectory):
         """What is reported of a trajectory; see the head of this file."""
         gaps = [self.gaps(result) for result in results]
         squares = self.mean_squares(results)
-        fields = np.array([self.space.field(params, self.field_number(k)) for k in range(len(results))])
         return {
             "rms_m": float(np.sqrt(squares.mean())),
             "exit_error_m": float(np.linalg.norm(gaps[-1][-1])),
@@ -110,7 +114,7 @@ class Insertion(Trajectory):
                     "newton_steps": int(result.iterations),
                     "stability": result.stability,
                 }
-                for depth, field, square, gap, result in zip(self.study.depths, fields, squares, gaps, results, strict=True)
+                for depth, field, square, gap, result in zip(self.study.depths, self.fields(params), squares, gaps, results, strict=True)
             ],
             SHAPES: [self._shape(result) for result in results],
         }
@@ -131,17 +135,13 @@ class Insertion(Trajectory):
         write_push(folder, self.study, self.space, params)
 
     def write_moments(self, folder: File, solve: Solve, params: Mapping[str, Any]) -> None:
-        """Writes the frames of the movie of a design into a folder: depths from the first to the last, each solved in a field between
-        those of its neighbors. A depth that finds no equilibrium is left out.
+        """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
+        A depth that finds no equilibrium is left out.
         """
-        depths = np.array(self.study.depths)
-        fields = np.array([self.space.field(params, self.field_number(k)) for k in range(len(depths))])
-        lengths = np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], max(MOMENTS - len(depths), 2))]))
         whole, frames = self.space.scene_of(params), []
-        for length in lengths.tolist():
-            field = np.array([np.interp(length, depths, column) for column in fields.T])
+        for length, field, start in self._moments(params):
             try:
-                result = solve(whole.with_field(field).inserted(length))
+                result = solve(whole.with_field(field).inserted(length), start=start)
             except SolveError:
                 continue
             gap = self.gaps(result)
@@ -151,13 +151,32 @@ class Insertion(Trajectory):
         with whole_file(folder / MOVIE) as part:
             part.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
+    def _moments(self, params: Mapping[str, Any]) -> Iterator[tuple[float, Array, RodShape | None]]:
+        """Depths (m), fields (3,) T and rods of the movie, from the first depth that is judged on."""
+        fields, way = self.fields(params), self.way(params)
+        if way is None:
+            depths = np.array(self.study.depths)
+            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], MOMENTS)])).tolist():
+                yield length, np.array([np.interp(length, depths, column) for column in fields.T]), None
+            return
+        directions = directions_of(self.space.scene_of(params))
+        for k, stops in enumerate(way.stops(directions, fields)):
+            for stop in stops if k else stops[-1:]:
+                yield float(stop.depth.place[-1]), stop.field, stop.shape(directions)
+
     # designs by the rod
 
-    def rods(self) -> RodTrajectory:
-        """The trajectory as rods."""
-        field_max = self.space.field_max
-        assert field_max is not None
-        return RodTrajectory.of(self.space.scene, self.path, self.study.depths, max_field=field_max, exit_weight=EXIT_WEIGHT)
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        return None if self.space.scene.field.varies else self._way(self.space.scene_of(params))
+
+    @cached_property
+    def rods(self) -> RodPath:
+        """The rods among which designs are sought: numbers within bounds are in the middle."""
+        return self._way(self.space.scene)
+
+    def _way(self, scene: Scene) -> RodPath:
+        most = self.space.field_max or 0.0
+        return RodPath.of(scene, self.path, self.study.depths, max_field=most, exit_weight=EXIT_WEIGHT)
 
     @property
     def projects(self) -> bool:
@@ -172,7 +191,9 @@ class Insertion(Trajectory):
     def with_fields(self, chosen: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters of directions, with those of the field that the rod finds for each depth."""
         directions = self.directions_alone().directions(chosen)
-        return {**self.parameters(self.rods().fitted(self.path, directions)), **chosen}
+        fitted = self.rods.rods.fitted(self.path, directions)
+        mended = None if fitted.state is None else self.rods.mended(fitted, turning=False)
+        return {**self.parameters(mended or fitted), **chosen}
 
     def rod_starts(self) -> list[dict[str, float]]:
         """Parameters of the rod's best designs, best first; none where directions or fields at each depth are not varied."""
@@ -180,7 +201,7 @@ class Insertion(Trajectory):
             return []
         length = self.study.depths[-1]
         found = search(
-            self.rods(), self.path, seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=NEAR * length
+            self.rods, self.path, seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=NEAR * length
         )
         return [self.parameters(design) for design in found[:WANTED]]
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.results.result import Result
+from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
 from studies.robust import Scatter, deviations, kinds
 from studies.search_space import SearchSpace, VariableLike
@@ -46,7 +47,7 @@ class Sensitive(Protocol):
 class Differentiate(Protocol):
     """From a scene and the kinds of variables to its equilibrium and derivatives: magmpm.sensitivities."""
 
-    def __call__(self, scene: Scene, of: Sequence[str]) -> Sensitive: ...
+    def __call__(self, scene: Scene, of: Sequence[str], *, start: RodShape | None = None) -> Sensitive: ...
 
 
 def needs_derivatives(study: Study) -> bool:

@@ -3,7 +3,8 @@
 A trajectory of rods costs a hundredth of one of bodies. Most designs that would put a rod onto the path can't hold it there: magnets that
 point against the field are inverted pendulums, and the rod falls to another branch. So designs *grow with the path*: they begin with a path
 without curvature (and a rod without weight), where magnets along the axis in a field along the axis are stable, and least squares follows
-the path as it bends, in steps so small that no rod leaves its branch. What cannot be followed is given up for the next random start.
+the path as it bends, in small steps. Where rods leave their branch all the same, rod_path.py mends the design; what is hopeless is given
+up for the next random start.
 
 The fields of two depths do not touch each other's shapes: the normal equations are an arrow, and each depth is eliminated by itself.
 """
@@ -26,7 +27,7 @@ ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of th
 FEWEST = 10
 FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
 STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
-LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length, is on another branch
+LEFT = 2.0, 0.06  # a value more than so many times the last, plus this share of the length, is given up: rods fell too far
 HOPELESS = 0.1  # of the length: a value that no start recovers from
 SPREAD = 0.5  # of the random part of the first directions, which are along +x
 FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
@@ -99,7 +100,7 @@ class RodTrajectory:
     @classmethod
     def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodTrajectory:
         """The rods of a scene's catheter at these inserted lengths (m). exit_weight: see studies.insertion."""
-        depths = [_depth(scene, path, float(length), len(lengths)) for length in lengths]
+        depths = [depth_of(scene, path, float(length), len(lengths)) for length in lengths]
         roots = depths[-1].roots.copy()
         roots[-1] = np.sqrt(roots[-1] ** 2 + exit_weight)
         depths[-1] = replace(depths[-1], roots=roots)
@@ -119,16 +120,6 @@ class RodTrajectory:
                 return None
             found.append((q[0], *answer))
         return State(*(tuple(part) for part in zip(*found, strict=True)))
-
-    def ramped(self, directions: Array, fields: Array) -> State | None:
-        """Equilibria on the branch that grows from no load, where the body's solver begins; None: not found."""
-        state: State | None = None
-        for share in np.linspace(0.0, 1.0, 9)[1:]:
-            now = replace(self, depths=tuple(depth.weighing(share) for depth in self.depths))
-            state = now.settled(directions, share * fields, None if state is None else state.shapes)
-            if state is None:
-                return None
-        return state
 
     def least_squares(self, start: RodDesign, steps: int, *, turning: bool = True) -> RodDesign:
         """Levenberg's and Marquardt's method from a design in equilibrium. turning: whether directions may change, not fields alone."""
@@ -269,7 +260,7 @@ def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float
     return p, Y[:, :, -1] - Y[:, :, :-1] @ p
 
 
-def _depth(whole: Scene, path: Path, length: float, count: int) -> Depth:
+def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     """The rod of one depth of `count`. Each depth counts the same, and within it each piece of its length."""
     scene = whole.with_field([0.0, 0.0, 0.0]).inserted(length)
     catheter = scene.body.shape
@@ -287,21 +278,3 @@ def _depth(whole: Scene, path: Path, length: float, count: int) -> Depth:
         path=path.at(place),
         roots=np.sqrt(share / place[-1] / count),
     )
-
-
-def search(trajectory: RodTrajectory, path: Path, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:
-    """Designs that grew from random starts, best first, judged on the body's branch too: see RodTrajectory.ramped.
-
-    Ends early once `wanted` designs are within `enough` (m). May be empty.
-    """
-    rng = np.random.default_rng(seed)
-    found: list[RodDesign] = []
-    for _ in range(starts):
-        design = trajectory.grown(path, rng)
-        state = None if design is None else trajectory.ramped(design.directions, design.fields)
-        if design is None or state is None:
-            continue
-        found.append(replace(design, value=max(design.value, float(np.sqrt(state.squares)))))
-        if sum(each.value <= enough for each in found) >= wanted:
-            break
-    return sorted(found, key=lambda each: each.value)

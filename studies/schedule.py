@@ -1,8 +1,9 @@
 """Schedules: a field over time that brings a body through given shapes at given times.
 
 The twin of insertion: the body stays as it is, and the field at each of the times is unknown, with a magnetization (and what else varies)
-that all times share. Each shape is an equilibrium, found from no load; between the times the field changes evenly, as keyframes of a scene
-do. So a schedule holds for motions that are slow beside the body's own (studies.schedule_check compares with a motion).
+that all times share. Each shape is the equilibrium that the body comes to from the one before (rod_path.py; where a field varies in
+space, the one that grows from no load); between the times the field changes evenly, as keyframes of a scene do. So a schedule holds for
+motions that are slow beside the body's own (studies.schedule_check compares with a motion).
 
 * rms: root of the mean, over all times, of the mean squared distance from that time's target. Each time counts the same.
 * worst: the largest rms of a single time.
@@ -16,13 +17,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from studies.linear_model import Sensitive
 from studies.path import Path
-from studies.rod_trajectory import ELEMENTS, Depth, RodTrajectory, search
+from studies.rod_path import RodPath, search
+from studies.rod_trajectory import ELEMENTS, Depth, RodTrajectory
 from studies.search_space import SearchSpace
 from studies.shape_distance import gap_derivatives, gaps
 from studies.study import Study
@@ -86,12 +89,23 @@ class Schedule(Trajectory):
         space, scene = self.space, self.space.scene
         if space.field_max is None or space.fields != len(self.study.keyframes) or not space.segments:
             return []
-        shapes = Shapes(tuple(Path(frame.target) for frame in self.study.keyframes))
-        times = tuple(_rod(scene, path, len(shapes.paths)) for path in shapes.paths)
-        rods = RodSchedule(times, space.field_max, np.array(scene.magnetized_regions(), dtype=int), len(scene.regions()))
         near = NEAR * scene.length
-        found = search(rods, shapes, seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=near)  # type: ignore[arg-type]
+        found = search(self._way(scene), self._shapes(), seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=near)
         return [self._parameters(design.directions, design.fields) for design in found[:WANTED]]
+
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        scene = self.space.scene_of(params)
+        straight = isinstance(scene.body.shape, StraightBody) and scene.body.shape.clamp == "base"
+        return self._way(scene) if straight and not scene.field.varies else None
+
+    def _way(self, scene: Scene) -> RodPath:
+        shapes = self._shapes()
+        times = tuple(_rod(scene, path, len(shapes.paths)) for path in shapes.paths)
+        movable = np.array(scene.magnetized_regions(), dtype=int)
+        return RodPath.of_fields(RodSchedule(times, self.space.field_max or 0.0, movable, len(scene.regions())))
+
+    def _shapes(self) -> Shapes:
+        return Shapes(tuple(Path(frame.target) for frame in self.study.keyframes))
 
     def _parameters(self, directions: Array, fields: Array) -> dict[str, float]:
         """A rod's design as the study's parameters; numbers within bounds are in the middle."""

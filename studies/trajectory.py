@@ -22,14 +22,14 @@ from magmpm.errors import SolveError
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
 from studies.linear_model import Differentiate, Sensitive, stored
+from studies.rod_path import RodPath, directions_of
 from studies.search_space import SearchSpace
 from studies.study import Study
 from studies.trial import Outcome, Solve, penalty
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
-
-RAMP = 20  # steps in which the loads grow, where a solve has failed
+    from magmpm.rod.cosserat import RodShape
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,17 @@ class Trajectory(ABC):
     @abstractmethod
     def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
         """The scene of each equilibrium of a design."""
+
+    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
+        """The rod near which each equilibrium is, or None where it is on the branch that grows from no load. Raises SolveError."""
+        way, directions = self.way(params), directions_of(self.space.scene_of(params))
+        if way is None:
+            return [None] * len(self.places)
+        return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
+
+    @abstractmethod
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
 
     @abstractmethod
     def gaps(self, result: Result, number: int) -> Array:
@@ -74,14 +85,21 @@ class Trajectory(ABC):
         """Which of the design's fields an equilibrium has."""
         return number if self.space.fields > 1 else -1
 
+    def fields(self, params: Mapping[str, Any]) -> Array:
+        """The field of each equilibrium (n, 3), T."""
+        return np.array([self.space.field(params, self.field_number(k)) for k in range(len(self.places))])
+
+    def last_result(self, solve: Solve, params: Mapping[str, Any]) -> Result:
+        """The last equilibrium of a design. Raises SolveError."""
+        return solve(self.scenes(params)[-1], start=self.starts(params)[-1])
+
     def mean_squares(self, results: Sequence[Result]) -> Array:
         """The mean squared gap of each equilibrium, m^2."""
         return np.array([self.weights(k) @ np.sum(self.gaps(result, k) ** 2, axis=1) for k, result in enumerate(results)])
 
     def field_changes(self, params: Mapping[str, Any]) -> dict[str, float]:
         """How much the field changes from one equilibrium to the next: the largest change, and their sum, T."""
-        fields = np.array([self.space.field(params, self.field_number(k)) for k in range(len(self.places))])
-        changes = np.linalg.norm(np.diff(fields, axis=0), axis=1)
+        changes = np.linalg.norm(np.diff(self.fields(params), axis=0), axis=1)
         return {"field_largest_change_T": float(changes.max(initial=0.0)), "field_total_variation_T": float(changes.sum())}
 
     def evaluate(self, solve: Solve, differentiate: Differentiate | None, params: Mapping[str, Any], log: Path) -> Outcome:
@@ -91,11 +109,15 @@ class Trajectory(ABC):
         def failed(reason: str) -> Outcome:
             return Outcome(None, penalty(self.space.scene), None, reason, time.perf_counter() - begun)
 
+        try:
+            starts = self.starts(params)
+        except SolveError as error:
+            return failed(error.reason)
         results, slopes = [], []
-        for k, scene in enumerate(self.scenes(params)):
+        for k, (scene, start) in enumerate(zip(self.scenes(params), starts, strict=True)):
             place = f"{self.places[k]}: "
             try:
-                found = self._solved(solve, differentiate, scene)
+                found = self._solved(solve, differentiate, scene, start)
                 results.append(found[0])
                 if found[1] is not None:
                     slopes.append(self._by_coordinates(found[1], params, k))
@@ -127,20 +149,14 @@ class Trajectory(ABC):
             reason = f"the stability {place}, {stability:.3g}, is below the margin, {margin:g}"
         return Outcome(results[-1], rms, tip, reason, seconds, model, stability, reason is not None)
 
-    def _solved(self, solve: Solve, differentiate: Differentiate | None, scene: Scene) -> tuple[Result, Sensitive | None]:
-        """One equilibrium, with derivatives if they are wanted. Where it is not found, its loads grow from zero in small steps."""
-
-        def once(of: Scene) -> tuple[Result, Sensitive | None]:
-            if differentiate is None:
-                return solve(of), None
-            found = differentiate(of, self.space.sensitivities)
-            return found.result, found
-
-        try:
-            return once(scene)
-        except SolveError:
-            static = scene.solver.static.model_copy(update={"field_steps": RAMP})
-            return once(scene.model_copy(update={"solver": scene.solver.model_copy(update={"static": static})}))
+    def _solved(
+        self, solve: Solve, differentiate: Differentiate | None, scene: Scene, start: RodShape | None
+    ) -> tuple[Result, Sensitive | None]:
+        """One equilibrium, with derivatives if they are wanted."""
+        if differentiate is None:
+            return solve(scene, start=start), None
+        found = differentiate(scene, self.space.sensitivities, start=start)
+        return found.result, found
 
     def hidden(self, found: Sensitive) -> int:
         """How many segments of the whole body, from its base, this equilibrium does not have."""

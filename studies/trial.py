@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,14 @@ from studies.shape_distance import gaps, residuals, root_mean_square
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
+    from magmpm.rod.cosserat import RodShape
 
-Solve = Callable[[Scene], "Result"]
+
+
+class Solve(Protocol):
+    """From a scene to its equilibrium: magmpm.run. start: a rod's shape near which it is."""
+
+    def __call__(self, scene: Scene, *, start: RodShape | None = None) -> Result: ...
 
 
 @dataclass(frozen=True)

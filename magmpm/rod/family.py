@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.rod.cosserat import RodModel
+from magmpm.rod.cosserat import RodModel, RodShape
 from magmpm.rod.derivative_kernels import relax_all, softest
+from magmpm.rod.kernels import frames_of, relax
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,16 @@ class RodFamily:
         at_rest = softest(self.straight(1)[0], rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none)
         moment = self.moments(directions[None])[0]
         return float(softest(quaternions, rod.length, rod.twist_bend, rod.compliance, moment, rod.field + field, rod.weight) / at_rest)
+
+    def shape(self, quaternions: Array, directions: Array, field: Array) -> RodShape:
+        """One rod (n + 1, 4) in equilibrium with directions (k, 3) and an added field (3,) T: what the body's solve begins from."""
+        rod, q = self.rod, quaternions.copy()
+        moment = np.ascontiguousarray(self.moments(directions[None])[0])
+        around = rod.field + field
+        _, steps, energy, stable = relax(q, rod.length, rod.twist_bend, rod.compliance, moment, around, rod.weight)
+        position, frames, curvature, strain = frames_of(q, rod.length, rod.compliance, moment, around, rod.weight)
+        s = np.concatenate([[0.0], np.cumsum(rod.length)])
+        return RodShape(s, position, frames, curvature, strain, steps, bool(stable), energy)
 
     def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
         """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""

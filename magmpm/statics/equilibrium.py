@@ -1,7 +1,8 @@
 """Static equilibrium of a model, on the branch that grows from zero load.
 
 First the rod model is followed from zero to full load (milliseconds). Its shape starts the 3D solve. If the rod fails, if the 3D solve
-fails, or if its result is far from the rod, the load is ramped in the 3D solve itself.
+fails, or if its result is far from the rod, the load is ramped in the 3D solve itself. Where a rod's shape is given, the equilibrium near
+it is found instead, on whatever branch it is.
 """
 
 from __future__ import annotations
@@ -32,6 +33,14 @@ PATIENCE = 10  # times as many steps without the start from a rod, since a body 
 _controller: ThreadpoolController | None = None
 
 
+@dataclass(frozen=True)
+class _Start:
+    """What a solve begins from: see solve_static."""
+
+    correction: Array | None
+    rod: RodShape | None
+
+
 @dataclass
 class Equilibrium:
     """Result of a static solve.
@@ -56,12 +65,15 @@ def solve_static(
     model: StaticModel,
     *,
     correction: Array | None = None,
+    rod: RodShape | None = None,
     on_step: Callable[[int, float], None] | None = None,
     judged: bool = True,
 ) -> Equilibrium:
-    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from. judged: find its stability as well.
+    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from; rod: a shape to find it near;
+    judged: find its stability as well.
 
-    Raises SolveError, with the last good Equilibrium (converged False) as its state; InputError if nothing holds the body.
+    Raises SolveError, with the last good Equilibrium (converged False) as its state, or where none is found near `rod`; InputError if
+    nothing holds the body; ValueError for a rod's shape if the body is no straight one that is held at its base alone.
     """
     if model.free:
         raise InputError(
@@ -69,10 +81,13 @@ def solve_static(
             "name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
         )
     model.scene.check_energy()
+    body = model.scene.body.shape
+    if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody)):
+        raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone")
     model, of = arranged(model)
     with one_blas_thread():
         try:
-            found = _solve(model, correction, on_step)
+            found = _solve(model, _Start(correction, rod), on_step)
             assert found.energy is not None
             return restored(model, replace(found, stability=stability(found.energy, found.point) if judged else None), of)
         except SolveError as error:
@@ -106,11 +121,11 @@ def restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
 
 
 def _solve(
-    model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
+    model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
     itself = acting.feels_itself(model.scene)
     try:
-        found = (_settle if itself else _branch)(model, correction, on_step)
+        found = (_settle if itself else _branch)(model, start, on_step)
     except SolveError as error:
         at = error.state.point if isinstance(error.state, Equilibrium) else error.state
         raise _outside_domain(model, at, error.state) or error from None
@@ -129,13 +144,13 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
 
 
 def _settle(
-    model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
+    model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
     """Equilibrium with magnetic interaction within the body, starting from the one without."""
     options = model.scene.solver.static
     energy = InteractingEnergy(model)
     alone = energy.alone.model
-    found = _branch(alone, correction, on_step)
+    found = _branch(alone, start, on_step)
     settled = minimize_with_interaction(
         energy, found.point.grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
     )
@@ -143,9 +158,9 @@ def _settle(
 
 
 def _branch(
-    model: StaticModel, correction: Array | None, on_step: Callable[[int, float], None] | None
+    model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
-    """Equilibrium on the branch that grows from zero load."""
+    """Equilibrium on the branch that grows from zero load, or near the rod's shape that is given."""
     options = model.scene.solver.static
     warnings: list[str] = []
     energy = Energy(model)
@@ -156,6 +171,8 @@ def _branch(
         )
 
     body = model.scene.body.shape
+    if start.rod is not None:
+        return _near_rod(energy, start.rod, on_step)
     if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
@@ -164,7 +181,7 @@ def _branch(
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
     steps = 0
-    starts = [] if correction is None else [with_correction(model, rod, correction)]
+    starts = [] if start.correction is None else [with_correction(model, rod, start.correction)]
     for begin in [*starts, from_rod(model, rod)]:
         try:
             found = newton(begin)
@@ -179,6 +196,18 @@ def _branch(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
     )
     return _ramp(model, RAMP_STEPS, on_step, warnings)
+
+
+def _near_rod(energy: Energy, rod: RodShape, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+    """Equilibrium near a rod's shape. Raises SolveError if the solve leads away from it."""
+    model, options = energy.model, energy.model.scene.solver.static
+    body = model.scene.body.shape
+    assert isinstance(body, StraightBody)  # solve_static has looked
+    found = minimize(energy, from_rod(model, rod), tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+    if (apart := _distance(model, found.point, rod)) >= body.branch_distance:
+        away = f"it went to one {100 * apart:.2g} % of the length away"
+        raise SolveError(f"the body found no equilibrium near the rod that it began from: {away}")
+    return Equilibrium(found.point, found.steps, True, local_correction(model, rod, found.point.grid), [], energy=energy)
 
 
 def _most_steps(model: StaticModel) -> int:

@@ -12,7 +12,7 @@ data/scenes/insertion.yaml, with gravity along -z:
 Every path is drawn from its seed, before anything is solved, and none is thrown away. Their radii are 16 mm, five diameters, and more.
 
 *Solved* is fixed beforehand: mean deviation of the body, over all depths and lengths, of at most 1.5 % of the length, and exit error at
-most 1 mm. Each path gets a study by gauss-newton with few trajectories. `--rods` judges the rod's designs alone, without the body. Results
+most 1 mm. Each path gets a study by gauss-newton with few trajectories, ended early at an rms of STOP. `--rods` judges the rod's designs alone, without the body. Results
 go to OUT/insertion_paths.jsonl, a line each; paths that are there are not run again.
 
 Why a path is not solved: *field*: the field is at its bound at half of the depths or more; *branch*: no design grew with the path, since
@@ -34,7 +34,7 @@ from magmpm import load_scene, run, sensitivities
 from studies.engine import run_study
 from studies.insertion import EXIT_WEIGHT, NEAR, Insertion
 from studies.path import Path
-from studies.rod_trajectory import search
+from studies.rod_path import search
 from studies.search_space import SearchSpace
 from studies.study import Study
 from studies.vary import Vary, VaryField, VaryMagnetization
@@ -44,6 +44,7 @@ LENGTH, STEPS, ROWS, DEPTHS = 56e-3, 1400, 57, 12
 MAX_FIELD = 10e-3
 CLASSES = ("planar C", "planar S", "spatial")
 MEAN, EXIT = 0.015, 1e-3  # of the length; m: what counts as solved
+STOP = 0.4e-3  # m
 BOUND = 0.985  # of the greatest field: at its bound
 
 
@@ -70,21 +71,21 @@ def study_of(kind: str, number: int, cells: int, trials: int) -> Study:
     depths = tuple((LENGTH * np.arange(1, DEPTHS + 1) / DEPTHS).tolist())
     vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=MAX_FIELD, at="each depth"))
     name = f"{kind.replace(' ', '_')}_{number:02d}"
-    return Study(File(f"{name}.yaml"), name, scene, path(kind, number), vary, trials, "gauss-newton", 1, None, depths=depths)
+    return Study(File(f"{name}.yaml"), name, scene, path(kind, number), vary, trials, "gauss-newton", 1, STOP, depths=depths)
 
 
 def by_rods(study: Study, starts: int) -> dict[str, object]:
     """What the rod's best design reaches."""
     insertion = Insertion.of(study, SearchSpace.of(study))
     assert insertion is not None
-    found = search(insertion.rods(), Path(study.target), seed=1, starts=starts, enough=NEAR * LENGTH)
-    if not found or found[0].state is None:
+    way = insertion.rods
+    found = search(way, Path(study.target), seed=1, starts=starts, enough=NEAR * LENGTH)
+    if not found:
         return {"mean_m": None, "exit_m": None, "bound": 0, "designs": 0}
-    rods, best = insertion.rods(), found[0]
-    state = rods.ramped(best.directions, best.fields)  # the branch that the body's solver begins on
-    assert state is not None  # search has looked
-    gaps = [np.linalg.norm(x - depth.path, axis=1) for depth, x in zip(rods.depths, state.positions, strict=True)]
-    mean = float(np.mean([np.trapezoid(gap, depth.place) / depth.place[-1] for gap, depth in zip(gaps, rods.depths, strict=True)]))
+    best = found[0]
+    ends = [stops[-1] for stops in way.stops(best.directions, best.fields)]
+    gaps = [np.linalg.norm(stop.position - stop.depth.path, axis=1) for stop in ends]
+    mean = float(np.mean([np.trapezoid(gap, end.depth.place) / end.depth.place[-1] for gap, end in zip(gaps, ends, strict=True)]))
     bound = int(np.sum(np.linalg.norm(best.fields, axis=1) > BOUND * MAX_FIELD))
     return {"mean_m": mean, "exit_m": float(gaps[-1][-1]), "rms_m": best.value, "bound": bound, "designs": len(found)}
 

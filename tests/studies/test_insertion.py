@@ -78,12 +78,12 @@ def test_a_flattened_path_has_that_share_of_the_curvature(share):
 def test_slopes_of_the_trajectory_are_its_differences():
     """Directions and fields, at each depth: against central differences of settled rods."""
     found = insertion()
-    rods = found.rods()
+    rods = found.rods.rods
     rng = np.random.default_rng(3)
     d = np.array([1.0, 0, 0]) + 0.3 * rng.normal(size=(3, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
     fields = 4e-3 * np.array([[1, 0, 0.5], [0.8, 0.3, 0.5], [0.6, -0.2, 0.7]])
-    state = rods.ramped(d, fields)
+    state = rods.settled(d, fields, None)
     assert state is not None
     step = 1e-7
     for k in range(3):
@@ -99,10 +99,10 @@ def test_slopes_of_the_trajectory_are_its_differences():
 def test_least_squares_recovers_a_design_that_made_the_path():
     """The rods of a known design are the targets: from a design beside it, they are met to a micrometer."""
     found = insertion()
-    rods = found.rods()
+    rods = found.rods.rods
     d = np.array([[1.0, 0, 0], [0.8, 0, 0.6], [0.8, 0.6, 0]])
     fields = 5e-3 * np.array([[1, 0, 0.6], [1, 0, 0.5], [1, 0.1, 0.4]])
-    made = rods.ramped(d, fields)
+    made = rods.settled(d, fields, None)
     assert made is not None
     depths = tuple(
         type(depth)(depth.rod, depth.segments, depth.place, position, depth.roots)
@@ -111,7 +111,7 @@ def test_least_squares_recovers_a_design_that_made_the_path():
     known = RodTrajectory(depths, rods.max_field, rods.movable, rods.count)
     near = d + np.array([0.1, -0.1, 0.1])
     near /= np.linalg.norm(near, axis=1)[:, None]
-    state = known.ramped(near, 0.9 * fields)
+    state = known.settled(near, 0.9 * fields, None)
     assert state is not None
     assert np.sqrt(state.squares) > 1e-4
     design = known.least_squares(RodDesign(near, 0.9 * fields, 1.0, state), 60)
@@ -172,7 +172,7 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
     residuals, jacobian = np.array(outcome.model["residuals"]), np.array(outcome.model["jacobian"])
 
     def gaps(params):
-        results = [run(scene) for scene in found.scenes(params)]
+        results = [run(scene, start=start) for scene, start in zip(found.scenes(params), found.starts(params), strict=True)]
         return found._model(results, [np.zeros((3 * STATIONS, 1))] * 2)["residuals"]
 
     raw = np.array(gaps(params))
@@ -193,7 +193,7 @@ def test_a_depth_that_fails_costs_the_penalty_and_is_named():
 
     found = insertion()
 
-    def solve(scene):
+    def solve(scene, *, start):
         if scene.length > 15e-3:
             raise SolveError("no equilibrium")
         return fake(found, scene.length, 0.0)
