@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import write_centreline
-from magmpm.rod.cosserat import rod_model, solve_rod
+from magmpm.rod.cosserat import RodShape, rod_model, solve_rod
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.scene.variables import Variable, variables
@@ -70,13 +71,38 @@ class RodResult:
         return Path(folder)
 
 
-def solve(scene: Scene) -> RodResult:
-    """Solves the rod model of the scene."""
-    shape = solve_rod(scene, elements=20)
+def solve(scene: Scene, *, start: RodShape | None = None) -> RodResult:
+    """Solves the rod model of the scene; start: near this shape, not on the branch that grows from zero load."""
+    shape = solve_rod(scene, elements=20) if start is None else _near(scene, start)
     s = np.linspace(
         0.0, scene.body.catheter.length, 41
     )  # rows at the faces and centers of cells, as the measures require
     return RodResult(scene.to_si(), np.column_stack([s, shape.at(s)]), iterations=shape.iterations)
+
+
+def _near(scene: Scene, start: RodShape) -> RodShape:
+    """The rod's equilibrium near a shape."""
+    family, directions = _family(scene)
+    q = _quaternions(family, start)
+    assert family.relaxed(q, directions, np.zeros((1, 3)))[2].all()
+    return family.shape(q[0], directions[0], np.zeros(3))
+
+
+def _family(scene: Scene) -> tuple[RodFamily, Array]:
+    """The rod of 20 elements, and the directions (1, k, 3) of its magnetized segments."""
+    regions = scene.magnetized_regions()
+    family = RodFamily.of(rod_model(scene, 20), scene.body.catheter.segment_lengths(), regions)
+    return family, np.array([scene.regions()[i].magnetization for i in regions])[None]
+
+
+def _quaternions(family: RodFamily, shape: RodShape) -> Array:
+    """The frames of a shape at a family's, as quaternions (1, n + 1, 4), scalar first, neighbors of one sign."""
+    q = Rotation.from_matrix(shape.frames).as_quat()[:, [3, 0, 1, 2]]
+    signs = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
+    q[1:] *= signs[:, None]
+    at = np.concatenate([[0.0], np.cumsum(family.rod.length)])
+    q = np.stack([np.interp(at, shape.s, column) for column in q.T], axis=1)
+    return (q / np.linalg.norm(q, axis=1)[:, None])[None]
 
 
 @dataclass
@@ -92,14 +118,12 @@ class RodSensitivities:
         return on_rows(self.result.centreline[:, 0], rows, s)[0].reshape(len(s), *self.centreline.shape[1:])
 
 
-def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
+def differentiate(scene: Scene, of: Sequence[str], *, start: RodShape | None = None) -> RodSensitivities:
     """As `solve`, with the rod's own derivatives by directions and the field."""
-    rod, found = rod_model(scene, 20), variables(scene, of)
-    regions = scene.magnetized_regions()
-    family = RodFamily.of(rod, scene.body.catheter.segment_lengths(), regions)
-    directions = np.array([scene.regions()[i].magnetization for i in regions])[None]
-    quaternions = family.straight(1)
-    for share in np.linspace(0, 1, 7)[1:]:  # as solve_rod: on the branch that grows from zero load
+    found, regions = variables(scene, of), scene.magnetized_regions()
+    family, directions = _family(scene)
+    quaternions = family.straight(1) if start is None else _quaternions(family, start)
+    for share in np.linspace(0, 1, 7)[1:] if start is None else [1.0]:  # as solve_rod: on the branch that grows from zero load
         _, slopes, stable = family.relaxed(quaternions, directions, np.zeros((1, 3)), share=share)
     assert stable.all()
     columns = []
@@ -107,8 +131,8 @@ def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
         place = 3 * (len(regions) if variable.kind == "field" else regions.index(variable.region))
         along = np.eye(3)[variable.component] if variable.kind == "field" else np.array(variable.direction)
         columns.append(slopes[0, :, :, place : place + 3] @ along)
-    result = solve(scene)
-    of_rod, of_rows = np.concatenate([[0.0], np.cumsum(rod.length)]), result.centreline[:, 0]
+    result = solve(scene, start=start)
+    of_rod, of_rows = np.concatenate([[0.0], np.cumsum(family.rod.length)]), result.centreline[:, 0]
     rows = [np.stack([np.interp(of_rows, of_rod, column[:, i]) for i in range(3)], axis=1) for column in columns]
     return RodSensitivities(result, found, np.stack(rows, axis=2))
 

@@ -9,6 +9,7 @@ import pytest
 from rod_solve import SCENE, STUDY, RodSensitivities, differentiate, solve, write_study
 
 from magmpm.inputs.csv_tables import write_centreline
+from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
 from studies.definition import load_study
 from studies.engine import run_study
@@ -95,7 +96,7 @@ def test_a_time_that_is_not_solved_is_named(tmp_path: Path) -> None:
     study = load_study(reachable(tmp_path))
     schedule = Schedule.of(study, SearchSpace.of(study))
 
-    def fails(scene: Scene) -> RodSensitivities:
+    def fails(scene: Scene, *, start: RodShape | None = None) -> RodSensitivities:
         raise RuntimeError("broken")
 
     params = schedule.space.parameters_at(schedule.space.drawn(np.random.default_rng(0)))

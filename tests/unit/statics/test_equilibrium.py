@@ -41,6 +41,32 @@ def spatial() -> Result:
     return run(spatial_scene())
 
 
+def buckled() -> Scene:
+    """A catheter magnetized along its axis, in a field against it, beyond the load at which it turns round: to +z or to -z."""
+    return rod_scene(length=L, directions=np.array([[1.0, 0, 0]]), field=np.array([-14e-3, 0, 0]), gravity=None)
+
+
+def test_a_rod_as_start_chooses_the_branch() -> None:
+    """From the rod that is mirrored to the other side, the equilibrium on that side is found, the mirror of the first."""
+    scene = buckled()
+    rod = solve_rod(scene)
+    flip = np.diag([1.0, 1.0, -1.0])
+    frames = flip @ rod.frames @ flip
+    below = replace(rod, position=rod.position @ flip, frames=frames, curvature=rod.curvature * [-1, -1, 1], strain=rod.strain * [1, 1, -1])
+    up, down = run(scene), run(scene, start=below)
+    assert abs(up.tip[2]) > 0.2 * L
+    assert np.sign(up.tip[2]) != np.sign(down.tip[2])
+    np.testing.assert_allclose(down.tip, flip @ up.tip, atol=1e-6 * L)  # the solve's tolerance
+
+
+def test_no_equilibrium_near_a_rod_is_an_error() -> None:
+    """A straight rod is no equilibrium in that field, and the solve leads far away: it says so, and goes to no other branch."""
+    scene = buckled()
+    straight_rod = solve_rod(scene.with_field([0.0, 0.0, 0.0]))
+    with pytest.raises(SolveError, match="near the rod"):
+        run(scene, start=straight_rod)
+
+
 def largest_move(result: Result) -> float:
     return float(np.abs(result.particle_position - result.particle_reference).max())
 
