@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 STATIONS = 25
 EXIT_WEIGHT = 0.25
-STARTS, WANTED = 40, 3  # of the rod: most random starts, and how many designs are enough
+STARTS, WANTED = 40, 2  # of the rod: most random starts, and how many designs are enough
 NEAR = 0.01  # of the length: a rod's design that is near enough
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence

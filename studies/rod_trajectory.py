@@ -27,7 +27,7 @@ ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of th
 FEWEST = 10
 FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
 STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
-LEFT = 2.0, 0.06  # a value more than so many times the last, plus this share of the length, is given up: rods fell too far
+LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length: rods fell to another branch
 HOPELESS = 0.1  # of the length: a value that no start recovers from
 SPREAD = 0.5  # of the random part of the first directions, which are along +x
 FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
@@ -188,12 +188,13 @@ class RodTrajectory:
             found = None
             if state is not None:
                 found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else LAST)
-            if found is not None and found.value <= min(LEFT[0] * design.value + LEFT[1] * size, HOPELESS * size):
-                design, share, step = found, now, min(1.5 * step, FIRST)
-            elif step <= LEAST:
+            fell = found is None or found.value > LEFT[0] * design.value + LEFT[1] * size
+            if fell and step > LEAST:
+                step /= 2
+            elif found is None or found.value > HOPELESS * size:
                 return None
             else:
-                step /= 2
+                design, share, step = found, now, min(1.5 * step, FIRST)
         return design
 
 
