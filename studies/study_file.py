@@ -276,9 +276,9 @@ class StudyFile(Settings):
         if self.schedule is not None and at != "each time":
             rule = "a schedule varies the field at each time: that is what it is"
             return rule, "write `field: {max: 10 mT, at: each time}` in `vary`", ("vary",)
-        for key in ("insertion", "schedule"):
+        for key, called in (("insertion", "an insertion"), ("schedule", "a schedule")):
             if self.robust is not None and getattr(self, key) is not None:
-                rule = f"robust judges one equilibrium of each design, and an {key} has several".replace("an s", "a s")
+                rule = f"robust judges one equilibrium of each design, and {called} has several"
                 return rule, f"remove `robust`, or `{key}`", ("robust",)
         geometry = [key for key in ("length", "diameter", "order") if getattr(self.vary, key) is not None]
         if geometry and self.insertion is not None:

@@ -107,3 +107,30 @@ def test_orders_alone_have_no_derivatives_and_are_not_judged(tmp_path: Path) -> 
     last = [line for line in SCENE.split("\n") if "- magnetization" in line][-1] + "\n"
     study = study_of(tmp_path, "{order: {}}", SCENE.replace(last, plain))
     assert check_search(study, SearchSpace.of(study)) == []
+
+
+def test_an_insertion_is_judged_at_its_depths() -> None:
+    """Fields of their own at three depths: a variable moves the shapes that have it, and all numbers but few can be told apart."""
+    from test_insertion import insertion
+
+    found = insertion()
+    seen = judge(found.study, found.space)
+    assert seen.freedom == 15
+    assert len(seen.moves) == 15
+    assert (seen.moves > 1e-5).all()
+    assert 12 <= seen.seen <= 15
+
+
+def test_an_insertion_that_nothing_moves_is_refused() -> None:
+    """Segments whose remanence alone varies, without a field: said before the first trial."""
+    from dataclasses import replace
+
+    from test_insertion import insertion
+
+    from studies.vary import Vary, VaryRemanence
+
+    found = insertion()
+    assert found.study.scene.field.uniform == (0.0, 0.0, 0.0), "a remanence that varies needs a field to move anything"
+    study = replace(found.study, vary=Vary(remanence=VaryRemanence(min=0.1, max=0.1001)), sampler="tpe")
+    with pytest.raises(InputError, match="something must move the shape"):
+        check_search(study, SearchSpace.of(study))
