@@ -180,11 +180,11 @@ def _at_rest(
 
 
 def _resolved(
-    scene: Scene, start: Result | None, on_progress: Progress | None, uses: Sequence[str]
+    scene: Scene, start: Result | RodShape | None, on_progress: Progress | None, uses: Sequence[str]
 ) -> tuple[Result, Equilibrium]:
     """As _at_rest, on the grid that is chosen for the error or the time that the scene asks for."""
     if start is not None:
-        raise ValueError("start: a result to start from has a grid of its own, and this scene asks for an error; give it cells_across")
+        raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
     begun = time.perf_counter()
     compiled = prepare_kernels(scene.with_cells(2), uses=uses)
     choice = choose(scene, on_progress)
