@@ -333,7 +333,7 @@ def _factorization(small: Scene) -> None:
 
 def _stability(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
-    mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1])))
+    energy.products(energy.at(straight(energy.model)), mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1]))))
 
 
 def _changes(small: Scene) -> None:

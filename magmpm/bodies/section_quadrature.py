@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,15 @@ class Particles:
         return np.concatenate([[0], np.flatnonzero(new) + 1, [len(self.cell)]]).astype(np.int64)
 
 
+@cache
+def _legendre(count: int) -> tuple[Array, Array]:
+    """Points and weights of Gauss and Legendre: nobody changes them."""
+    return np.polynomial.legendre.leggauss(count)
+
+
 def gauss(count: int) -> tuple[Array, Array]:
     """Gauss-Legendre points scaled to mean 0 and variance 1, and weights that sum to 1. A variance of 1 needs count >= 2."""
-    points, weights = np.polynomial.legendre.leggauss(count)
+    points, weights = _legendre(count)
     return points * np.sqrt(3.0), weights / 2
 
 
@@ -67,7 +73,7 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
     ends = np.stack([lo[:, 0], hi[:, 0], cross[0], -cross[0], cross[1], -cross[1]], axis=1)
     ends = np.sort(np.clip(ends, lo[:, :1], hi[:, :1]), axis=1)
     angle = np.arcsin(np.clip(ends / radius, -1, 1))
-    point, weight = np.polynomial.legendre.leggauss(12)
+    point, weight = _legendre(12)
     half = np.diff(angle, axis=1)[..., None] / 2
     t = (angle[:, 1:] + angle[:, :-1])[..., None] / 2 + half * point
     y, c = radius * np.sin(t), radius * np.cos(t)

@@ -1,18 +1,34 @@
-"""Changes of the loads and stresses of particles with numbers of the scene, and their way to the grid: many columns in one pass.
+"""Changes of stress and force with numbers of the scene or with the shape, and their way to the grid: many columns in one pass.
 
 Slots are kinds of change that a particle can see: its remanence, the field, its moduli, its density. Which column of the answer a slot
 of a cell adds to depends on the cell's region, so a hundred directions of magnetization take two slots.
-Cells, colors and the order of sums are those of kernels.equilibrium.
+Cells, colors and the order of sums are those of kernels.equilibrium. In each cell, the way from its nodes to its particles and back is a
+matrix product, done by BLAS: rows are the gradients and values of the splines, columns those of the answer.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects.hooks import add_force, add_force_change, add_stress, add_stress_change
+from magmpm.compiled.lapack import call
+from magmpm.effects.hooks import (
+    add_force,
+    add_force_change,
+    add_softening,
+    add_stress,
+    add_stress_change,
+    add_tangent,
+    any_softening,
+)
 from magmpm.kernels.equilibrium import STENCIL, _particle_gradients, _volume_change, _volume_moments
-from magmpm.materials import cofactor, determinant, stress, volume_pressure
+from magmpm.materials import cofactor, determinant, stress, tangent, volume_pressure
+
+ROWS = 4  # of each particle: three of gradients, one of values
 
 
 @kernel
@@ -53,38 +69,110 @@ def stress_per_shear(cells, particles, F, P):
             stress(F[p], cof, J, 1.0, pressure, P[p])
 
 
+class _Room(NamedTuple):
+    """Work space of one cell, k columns: rows G (rows, 27) of its splines; coefficients and forces C (27, 3, k) of its nodes; D, T
+    (rows, 3, k) of its particles; A, H, M, cof of one particle; moments c of the volume part, and their changes s (modes, k); arguments
+    of BLAS."""
+
+    G: Array
+    C: Array
+    D: Array
+    T: Array
+    A: Array
+    H: Array
+    M: Array
+    cof: Array
+    c: Array
+    s: Array
+    letters: NDArray[np.uint8]
+    sizes: NDArray[np.int32]
+    factors: Array
+
+
 @compiled
-def _add_slot(volume, P, f, G, N, r):
-    """r (3, 27) += volume (P grad N_a - f N_a): the share of one particle in one slot."""
-    for k in range(3):
-        a, b, c, d = volume * P[k, 0], volume * P[k, 1], volume * P[k, 2], volume * f[k]
-        for node in range(STENCIL):
-            r[k, node] += a * G[0, node] + b * G[1, node] + c * G[2, node] - d * N[node]
+def _room(most, k, modes):
+    """Work space for cells of at most this many particles."""
+    rows = ROWS * most
+    sizes = np.array([3 * k, STENCIL, 0, 3 * k * ROWS, STENCIL * ROWS], np.int32)
+    return _Room(
+        np.empty((rows, STENCIL)), np.empty((STENCIL, 3, k)), np.empty((rows, 3, k)), np.empty((rows, 3, k)), np.empty((9, 9)),
+        np.empty((3, 3)), np.empty((3, 9)), np.empty((3, 3)), np.empty(modes), np.empty((modes, k)),
+        np.array([78, 84], np.uint8), sizes, np.array([1.0, 0.0]),
+    )  # fmt: skip
+
+
+@compiled
+def _rows(first, last, particles, room):
+    """Write the rows of a cell's particles."""
+    for p in range(first, last):
+        q = ROWS * (p - first)
+        _particle_gradients(particles.weights[p], particles.slopes[p], room.G[q : q + 3])
+        _particle_splines(particles.weights[p], room.G[q + 3])
+
+
+@compiled
+def _to_particles(count, fortran, room):
+    """D = G C: gradients and values at a cell's particles."""
+    room.sizes[2] = ROWS * count
+    wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
+    plain, one, zero = room.letters[0:].ctypes.data, room.factors[0:].ctypes.data, room.factors[1:].ctypes.data
+    C, G = room.C.ctypes.data, room.G.ctypes.data
+    call(fortran[3], (plain, plain, wide, rows, nodes, one, C, wide, G, nodes, zero, room.D.ctypes.data, wide))
+
+
+@compiled
+def _to_nodes(count, fortran, room):
+    """C = G^T T: forces at a cell's nodes."""
+    room.sizes[2] = ROWS * count
+    wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
+    plain, trans = room.letters[0:].ctypes.data, room.letters[1:].ctypes.data
+    one, zero, T = room.factors[0:].ctypes.data, room.factors[1:].ctypes.data, room.T.ctypes.data
+    call(fortran[3], (plain, trans, wide, nodes, rows, one, T, wide, room.G.ctypes.data, nodes, zero, room.C.ctypes.data, wide))
+
+
+@compiled
+def _values_to_nodes(count, fortran, room):
+    """As `_to_nodes`, from the rows of values in D alone."""
+    room.sizes[2] = count
+    wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
+    step, far = room.sizes[3:].ctypes.data, room.sizes[4:].ctypes.data
+    plain, trans = room.letters[0:].ctypes.data, room.letters[1:].ctypes.data
+    one, zero = room.factors[0:].ctypes.data, room.factors[1:].ctypes.data
+    D, G = room.D[ROWS - 1 :].ctypes.data, room.G[ROWS - 1 :].ctypes.data
+    call(fortran[3], (plain, trans, wide, nodes, rows, one, D, step, G, far, zero, room.C.ctypes.data, wide))
 
 
 @kernel
-def scatter(cells, particles, column, P, f, out):
+def scatter(cells, particles, column, P, f, fortran, out):
     """P2G of many slots: sum over particles of volume (P grad N_a - f N_a), added to out (planes, columns, 3 nodes), N.
 
     column (slots, cells): which column a slot of a cell adds to, -1 for none; P (slots, n, 3, 3) Pa, f (slots, n, 3) N/m^3.
     """
-    weights, slopes, volume = particles.weights, particles.slopes, particles.volume
-    slabs, slots = len(cells.slab_first) - 1, len(column)
+    slabs = len(cells.slab_first) - 1
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            G, N, r = np.empty((3, STENCIL)), np.empty(STENCIL), np.empty((slots, 3, STENCIL))
+            room = _room(cells.most, len(column), 0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                r[:] = 0.0
-                for p in range(cells.first[cell], cells.first[cell + 1]):
-                    _particle_gradients(weights[p], slopes[p], G)
-                    _particle_splines(weights[p], N)
-                    for slot in range(slots):
-                        if column[slot, cell] >= 0:
-                            _add_slot(volume[p], P[slot, p], f[slot, p], G, N, r[slot])
-                for slot in range(slots):
+                first, last = cells.first[cell], cells.first[cell + 1]
+                _rows(first, last, particles, room)
+                _slots_of_cell(first, last, particles.volume, P, f, room.T)
+                _to_nodes(last - first, fortran, room)
+                for slot in range(len(column)):
                     if column[slot, cell] >= 0:
-                        _scatter_column(cells.plane[cell], cells.row[cell], r[slot], column[slot, cell], out)
+                        _scatter_column(cells.plane[cell], cells.row[cell], room.C, slot, column[slot, cell], out)
+
+
+@compiled
+def _slots_of_cell(first, last, volume, P, f, T):
+    """Write volume P and -volume f of a cell's particles to T (rows, 3, slots)."""
+    for p in range(first, last):
+        q = ROWS * (p - first)
+        for slot in range(len(P)):
+            for i in range(3):
+                for j in range(3):
+                    T[q + j, i, slot] = volume[p] * P[slot, p, i, j]
+                T[q + 3, i, slot] = -volume[p] * f[slot, p, i]
 
 
 @compiled
@@ -97,11 +185,136 @@ def _particle_splines(weights, N):
 
 
 @compiled
-def _scatter_column(plane, rows, r, column, out):
-    """Add a cell's (3, 27) values to one column of out (planes, columns, 3 nodes)."""
+def _scatter_column(plane, rows, r, slot, column, out):
+    """Add a slot of a cell's forces r (27, 3, slots) to one column of out (planes, columns, 3 nodes)."""
     for a in range(3):
         for b in range(3):
             first = 3 * rows[b]
             for c in range(3):
                 for k in range(3):
-                    out[plane + a, column, first + 3 * c + k] += r[k, 9 * a + 3 * b + c]
+                    out[plane + a, column, first + 3 * c + k] += r[9 * a + 3 * b + c, k, slot]
+
+
+@kernel
+def tangent_products(cells, particles, effects, x, F, fortran, columns, stiff, heavy):
+    """Add the tangent times columns to stiff, N, and the mass matrix of unit density times them to heavy; all (planes, 3 nodes, k).
+
+    The tangent is that of kernels.equilibrium.particles_to_grid_with_tangent at x (n, 3) m, F (n, 3, 3), without its matrix.
+    """
+    slabs = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
+            room = _room(cells.most, columns.shape[2], particles.modes.shape[1])
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                first, last = cells.first[cell], cells.first[cell + 1]
+                _rows(first, last, particles, room)
+                _gather(cells.plane[cell], cells.row[cell], columns, room.C)
+                _to_particles(last - first, fortran, room)
+                _stress_changes(first, last, particles, effects, x, F, room)
+                _to_nodes(last - first, fortran, room)
+                _scatter_all(cells.plane[cell], cells.row[cell], room.C, stiff)
+                _weigh(first, last, particles.volume, room.D)
+                _values_to_nodes(last - first, fortran, room)
+                _scatter_all(cells.plane[cell], cells.row[cell], room.C, heavy)
+
+
+@compiled
+def _gather(plane, rows, columns, C):
+    """Write a cell's coefficients to C (27, 3, k)."""
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                for i in range(3):
+                    source, target = columns[plane + a, 3 * (rows[b] + c) + i], C[9 * a + 3 * b + c, i]
+                    for k in range(len(target)):
+                        target[k] = source[k]
+
+
+@compiled
+def _scatter_all(plane, rows, C, out):
+    """Add a cell's C (27, 3, k) to out (planes, 3 nodes, k)."""
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                for i in range(3):
+                    target, source = out[plane + a, 3 * (rows[b] + c) + i], C[9 * a + 3 * b + c, i]
+                    for k in range(len(source)):
+                        target[k] += source[k]
+
+
+@compiled
+def _weigh(first, last, volume, D):
+    """Multiply the rows of values by the particles' volumes."""
+    for p in range(first, last):
+        q = ROWS * (p - first) + 3
+        for i in range(3):
+            for k in range(D.shape[2]):
+                D[q, i, k] *= volume[p]
+
+
+@compiled
+def _stress_changes(first, last, particles, effects, x, F, room):
+    """Write volume times the change of stress and of force with the changes D of gradients and positions of a cell's particles to T."""
+    _, _, volume, shear, bulk, modes, remanence, density = particles
+    _, _, D, T, A, H, M, cof, c, s, _, _, _ = room
+    _volume_moments(first, last, volume, modes, F, c)
+    s[:] = 0.0
+    for p in range(first, last):
+        q = ROWS * (p - first)
+        J = determinant(F[p])
+        pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
+        cofactor(F[p], cof)
+        tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
+        add_tangent(effects, 0, remanence[p], density[p], x[p], F[p], A)
+        _multiply_rows(q, volume[p], A, D, T)
+        T[q + 3] = 0.0
+        if any_softening(effects):
+            H[:], M[:] = 0.0, 0.0
+            add_softening(effects, 0, remanence[p], density[p], x[p], F[p], H, M)
+            _soften_rows(q, volume[p], H, M, D, T)
+        for mode in range(len(c)):
+            _add_product(volume[p] * modes[p, mode], cof, D, q, s[mode])
+    for p in range(first, last if len(c) > 0 else first):  # the projected volume part: a change of pressure
+        q = ROWS * (p - first)
+        cofactor(F[p], cof)
+        for mode in range(len(c)):
+            scale = volume[p] * bulk[first] * modes[p, mode]
+            for i in range(3):
+                for j in range(3):
+                    for k in range(s.shape[1]):
+                        T[q + j, i, k] += scale * cof[i, j] * s[mode, k]
+
+
+@compiled
+def _multiply_rows(q, volume, A, D, T):
+    """Rows q .. q + 2 of T: volume A_iJkL D_kL."""
+    for i in range(3):
+        for j in range(3):
+            out, row = T[q + j, i], A[3 * i + j]
+            out[:] = 0.0
+            for k in range(3):
+                a0, a1, a2 = volume * row[3 * k], volume * row[3 * k + 1], volume * row[3 * k + 2]
+                for n in range(len(out)):
+                    out[n] += a0 * D[q, k, n] + a1 * D[q + 1, k, n] + a2 * D[q + 2, k, n]
+
+
+@compiled
+def _soften_rows(q, volume, H, M, D, T):
+    """The terms of an energy that also depends on position (kernels.equilibrium): row q + 3 of T, and additions to rows q .. q + 2."""
+    for i in range(3):
+        for k in range(3):
+            for n in range(T.shape[2]):
+                T[q + 3, i, n] += volume * H[i, k] * D[q + 3, k, n]
+                for j in range(3):
+                    T[q + 3, i, n] += volume * M[i, 3 * k + j] * D[q + j, k, n]
+                    T[q + j, i, n] += volume * M[k, 3 * i + j] * D[q + 3, k, n]
+
+
+@compiled
+def _add_product(scale, cof, D, q, s):
+    """s (k,) += scale cof : D, the change of det F."""
+    for i in range(3):
+        for j in range(3):
+            for n in range(len(s)):
+                s[n] += scale * cof[i, j] * D[q + j, i, n]

@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting
-from magmpm.kernels.changes import load_changes, loads, scatter, stress_per_shear
+from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.scene.variables import Variable
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
@@ -39,11 +39,9 @@ class _Slots:
     def scattered(self, columns: int) -> Array:
         """All of them on the grid, (planes, columns, m) N."""
         model = self.energy.model
-        out = np.zeros((model.layout.planes, columns, model.layout.m))
         region = model.particles.segment[model.layout.cell_first[:-1]]
         column = np.ascontiguousarray(np.concatenate(self.column)[:, region])
-        scatter(self.energy.cells, self.energy.particles, column, np.concatenate(self.P), np.concatenate(self.f), out)
-        return self.energy.free_columns(out)
+        return self.energy.scattered(column, np.concatenate(self.P), np.concatenate(self.f), columns)
 
 
 def right_sides(energy: Energy, point: Point, variables: Sequence[Variable]) -> Array:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
+from magmpm.kernels.changes import scatter, tangent_products
 from magmpm.kernels.equilibrium import (
     Cells,
     Particles,
@@ -97,6 +98,24 @@ class Energy:
         if self._fixed is not None:
             columns.transpose(0, 2, 1)[self._fixed] = 0.0
         return columns
+
+    def scattered(self, column: Index, P: Array, f: Array, columns: int) -> Array:
+        """Stresses P (slots, n, 3, 3) Pa and forces f (slots, n, 3) N/m^3 of the particles on the grid: (planes, columns, m) N.
+
+        column (slots, cells): which column a slot of a cell adds to, -1 for none.
+        """
+        out = np.zeros((self.shape[0], columns, self.shape[1]))
+        scatter(self.cells, self.particles, column, P, f, self._fortran, out)
+        return self.free_columns(out)
+
+    def products(self, point: Point, columns: Array) -> tuple[Array, Array]:
+        """The second derivative (N), and the mass matrix of unit density, times columns (planes, k, m)."""
+        right = np.ascontiguousarray(columns.transpose(0, 2, 1))
+        stiff, heavy = np.zeros_like(right), np.zeros_like(right)
+        effects = self.model.effects
+        tangent_products(self.cells, self.particles, effects, point.position, point.F, self._fortran, right, stiff, heavy)
+        stiff, heavy = (np.ascontiguousarray(one.transpose(0, 2, 1)) for one in (stiff, heavy))
+        return self.free_columns(stiff), self.free_columns(heavy)
 
     def tangent(self, point: Point) -> tuple[Array, Array]:
         """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, which the next call overwrites."""

@@ -16,7 +16,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import BodyChange
 from magmpm.errors import SolveError
-from magmpm.kernels.changes import loads, scatter
+from magmpm.kernels.changes import loads
 from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.statics.block_cholesky import solve, solve_columns
 from magmpm.statics.energy import Energy, Point
@@ -60,7 +60,6 @@ class InteractingEnergy:
         """Gradient (planes, m) N of the whole energy, at the point from the last call of `at`."""
         return self.whole.residual(point)
 
-
     def refresh_product(self, point: Point, columns: Array) -> Array:
         """The second derivative of the shared energy times columns (planes, k, m), N, at the point from the last call of `at`."""
         model, alone = self.model, self.alone
@@ -85,9 +84,7 @@ class InteractingEnergy:
 
     def _scattered(self, P: Array, f: Array) -> Array:
         column = np.repeat(np.arange(len(P))[:, None], len(self.model.layout.cell_plane), axis=1)
-        out = np.zeros((self.model.layout.planes, len(P), self.model.layout.m))
-        scatter(self.alone.cells, self.alone.particles, column, P, f, out)
-        return self.alone.free_columns(out)
+        return self.alone.scattered(column, P, f, len(P))
 
     def solve_columns(self, point: Point, right: Array) -> Array:
         """K^-1 times right-hand sides (planes, k, m), K the tangent of the whole energy; the factors of `alone` in its panels.

@@ -15,7 +15,6 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
-from magmpm.kernels.changes import scatter
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.block_cholesky import factor, solve_columns
@@ -132,10 +131,9 @@ class Linearized:
         if model.line is not None:
             return axis.splines_along(model, axis.stations(model)[-1:])[0][:, None] * axis.end_face_weights(model)
         last = model.particles.segment == len(model.scene.regions()) - 1  # the tip of parts: the mean of the last (simulate)
-        out = np.zeros((model.layout.planes, 1, model.layout.m))
         force = np.where(last[:, None], np.array([-1.0, 0.0, 0.0]), 0.0)[None]
         column = np.zeros((1, len(model.layout.cell_plane)), np.int64)
-        scatter(self.energy.cells, self.energy.particles, column, np.zeros((1, len(last), 3, 3)), force, out)
+        out = self.energy.scattered(column, np.zeros((1, len(last), 3, 3)), force, 1)
         return out[:, 0, ::3] / model.particles.volume[last].sum()
 
     def _by_node(self, columns: Array) -> Array:

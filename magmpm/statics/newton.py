@@ -145,7 +145,7 @@ def _chord_steps(
         point, decrement = trial, reached
 
 
-def refined(energy: Energy, point: Point, enough: float = 1e-16, most: int = 6) -> Point:
+def refined(energy: Energy, point: Point, enough: float = 1e-18, most: int = 6) -> Point:
     """The minimum near a point that `minimize` found with these factors, more closely: what is differentiated needs more digits.
 
     Chord steps until the decrement is below `enough` of the energy scale, or falls no further; `most` of them. The step after such a

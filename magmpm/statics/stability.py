@@ -4,7 +4,7 @@ K v = lambda M v, with M the mass matrix of unit density: lambda is the least st
 at rest and 0 at a critical load (buckling, snapping, turning round), toward which it falls linearly for most loads.
 
 The solve leaves factors of a tangent a step or two old. Inverse iteration with them gives a few soft vectors; in their span the true
-tangent decides, by differences of residuals (Rayleigh-Ritz: the error of the eigenvalue is the square of the vector's), and one more
+tangent decides, by products without its matrix (Rayleigh-Ritz: the error of the eigenvalue is the square of the vector's), and one more
 preconditioned residual is added until it would change little. Source: Knyazev, SIAM J. Sci. Comput. 23 (2001) 517 (LOBPCG).
 """
 
@@ -19,25 +19,21 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
-from magmpm.kernels.changes import scatter
 from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.statics.block_cholesky import factor, solve_columns
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
-ROUNDS = 3  # of inverse iteration
-ENOUGH = 1e-3  # of the unloaded body's eigenvalue: error that is left
+ROUNDS = 2  # of inverse iteration
+ENOUGH = 1e-5  # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of it is left
 MOST = 6  # vectors added
-# Largest displacement in a difference of residuals, of the body's length. On its straight way a turn by an angle a stretches by a^2/2: at
-# 1e-5 that outweighed bending where L/D is 200 or K/G 2000; at 1e-7 the eigenvalue is true to 1e-6 there, and rounding is smaller still.
-NUDGE = 1e-7
 NO_LOAD = 1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
 _rest: OrderedDict[bytes, float] = OrderedDict()
 KEPT = 64  # bodies
 DEPENDENT = 1e-10  # of the squared size: columns nearer than this to the others' span add nothing but rounding
 
-Product = Callable[[Array], Array]
+Products = Callable[[Array], tuple[Array, Array]]
 
 
 def stability(energy: Energy | InteractingEnergy, point: Point) -> float:
@@ -47,20 +43,15 @@ def stability(energy: Energy | InteractingEnergy, point: Point) -> float:
     """
     alone = energy.alone if isinstance(energy, InteractingEnergy) else energy
     rest = _of_rest(alone)
-    here = energy.at(point.grid)
-    base, reach = energy.residual(here), NUDGE * alone.model.scene.length
+    here = energy.at(point.grid)  # and tables that follow the shape
 
-    def stiffness(columns: Array) -> Array:
-        out = np.empty_like(columns)
-        for k in range(columns.shape[1]):
-            v = columns[:, k]
-            size = reach / np.abs(v).max()
-            out[:, k] = (energy.residual(energy.at(point.grid + size * v)) - base) / size
-        return out
+    def products(columns: Array) -> tuple[Array, Array]:
+        stiff, heavy = alone.products(here, columns)
+        if isinstance(energy, InteractingEnergy):
+            stiff += energy.refresh_product(here, columns)
+        return stiff, heavy
 
-    found = _smallest(alone, stiffness, rest)
-    energy.at(point.grid)  # tables that follow the shape
-    return found / rest
+    return _smallest(alone, products, rest) / rest
 
 
 def _of_rest(energy: Energy) -> float:
@@ -74,33 +65,22 @@ def _of_rest(energy: Energy) -> float:
         _, panels = unloaded.tangent(at)
         if factor(panels, model.layout.split) >= 0:
             raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
-        base, reach = unloaded.residual(at), NUDGE * model.scene.length
-
-        def stiffness(columns: Array) -> Array:
-            out = np.empty_like(columns)
-            for k in range(columns.shape[1]):
-                size = reach / np.abs(columns[:, k]).max()
-                out[:, k] = (unloaded.residual(unloaded.at(size * columns[:, k])) - base) / size
-            return out
-
-        _rest[key] = _smallest(unloaded, stiffness, 0.0)
+        _rest[key] = _smallest(unloaded, lambda columns: unloaded.products(at, columns), 0.0)
         while len(_rest) > KEPT:
             _rest.popitem(last=False)
     _rest.move_to_end(key)
     return _rest[key]
 
 
-def _smallest(energy: Energy, stiffness: Product, scale: float) -> float:
+def _smallest(energy: Energy, products: Products, scale: float) -> float:
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself."""
     split = energy.model.layout.split
     X, lumped = _start(energy), _lumped(energy)
     for _ in range(ROUNDS):
         MX = lumped * X
         X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
-    MX = mass(energy, X)
-    turn = _orthonormal(_inner(X, MX))
-    X, MX = _mixed(X, turn), _mixed(MX, turn)
-    KX = stiffness(X)
+    X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
+    KX, MX = products(X)
     value = np.inf
     for _ in range(MOST):
         turn = _orthonormal(_inner(X, MX))
@@ -108,10 +88,12 @@ def _smallest(energy: Energy, stiffness: Product, scale: float) -> float:
         value, mix = float(values[0]), (turn @ vectors)[:, :1]
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = solve_columns(energy.panels, split, left)
-        if float(np.sum(w * left)) < ENOUGH * max(scale, abs(value)):  # mix is of norm 1 in M: what w can still win, to first order
-            break
+        won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
+        if won < ENOUGH * max(scale, abs(value)):
+            return value - won
         w /= np.abs(w).max()
-        X, KX, MX = (np.concatenate([old, new], axis=1) for old, new in ((X, w), (KX, stiffness(w)), (MX, mass(energy, w))))
+        Kw, Mw = products(w)
+        X, KX, MX = (np.concatenate([old, new], axis=1) for old, new in ((X, w), (KX, Kw), (MX, Mw)))
     return value
 
 
@@ -163,7 +145,5 @@ def mass(energy: Energy, columns: Array) -> Array:
     u, F = np.empty((count, n, 3)), np.empty((n, 3, 3))
     for k in range(count):
         grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), energy.rest_gradient, u[k], F)
-    out = np.zeros_like(columns)
     column = np.repeat(np.arange(count)[:, None], len(model.layout.cell_plane), axis=1)
-    scatter(energy.cells, energy.particles, column, np.zeros((count, n, 3, 3)), -u, out)
-    return energy.free_columns(out)
+    return energy.scattered(column, np.zeros((count, n, 3, 3)), -u, count)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from magmpm.fields.dipole import MU0
 from magmpm.model import build
+from magmpm.scene import Scene
 from magmpm.statics.block_cholesky import multiply
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
@@ -245,3 +246,27 @@ def test_f_bar_is_never_stiffer(rng: np.random.Generator) -> None:
     free = [Energy(unclamped(e.model)) for e in (plain, averaged)]
     even = affine(plain.model, np.diag([1.1, 1.05, 0.98]), np.zeros(3))
     assert free[0].at(even).energy == pytest.approx(free[1].at(even).energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("effects", [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}])
+def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
+    """Without a matrix: the tangent times columns, with loads that also soften, and the mass of unit density."""
+    data = rod_scene(cells=2, field=(1e-3, 4e-3, 7e-3)).to_si() | {"effects": effects}
+    data["field"]["dipole"] = {"position": [0.04, 0.01, 0.02], "moment": [2.0, 1.0, -3.0]}
+    energy = Energy(static_model(build(Scene.from_si(data))))
+    rng, (planes, m) = np.random.default_rng(3), energy.shape
+    point = energy.at(1e-4 * rng.standard_normal(energy.shape))
+    columns = energy.free_columns(rng.standard_normal((planes, 3, m)))
+    stiff, _ = energy.products(point, columns)
+    _, panels = energy.tangent(point)
+    expected = np.empty_like(columns)
+    for k in range(3):
+        out = np.empty(energy.shape)
+        multiply(panels, energy.model.layout.split, np.ascontiguousarray(columns[:, k]), out)
+        expected[:, k] = energy.free(out)
+    np.testing.assert_allclose(stiff, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    moved = np.zeros((planes, 1, m))
+    moved[:, 0, 0::3] = 1.0  # splines sum to one beyond the clamp, so its mass is the volume there
+    u = energy.at(moved[:, 0]).displacement
+    volume = energy.model.particles.volume
+    np.testing.assert_allclose(np.sum(moved * energy.products(point, moved)[1]), np.sum(volume * u[:, 0] ** 2), rtol=1e-12)
