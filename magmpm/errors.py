@@ -93,7 +93,8 @@ class SceneError(InputError):
 class SolveError(MagmpmError):
     """A run that became unstable or did not converge.
 
-    reason: what happened, in one sentence; state: the last good result, or None.
+    reason: what happened, in one sentence; state: the last good result, or None; remedies: changes of the scene that may bring it to an
+    answer, the first to try first (magmpm.scene.remedies).
     """
 
     exit_status = 3
@@ -102,6 +103,11 @@ class SolveError(MagmpmError):
         super().__init__(reason)
         self.reason = reason
         self.state = state
+        self.remedies: tuple[Any, ...] = ()
+
+
+class LeftField(SolveError):
+    """A body that a field has pulled into a magnet, or to where the field is not known."""
 
 
 class BudgetError(SolveError):

@@ -26,7 +26,7 @@ from magmpm.results.sensitivities import Sensitivities
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.versions import versions
 from magmpm.rod.cosserat import RodShape
-from magmpm.scene import Scene, load_scene, memory
+from magmpm.scene import Scene, load_scene, memory, remedies
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.effects_choice import choose_effects, missed
@@ -115,11 +115,12 @@ def simulated(
         choice = choose_effects(scene)
         result = simulated(choice.scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
         return replace(result, effects_chosen=choice.told)
-    if scene.solver.quasi_static is not None:
-        return _path(scene, folder, resume, on_progress, on_begin)
-    if scene.solver.dynamic is not None:
-        return _motion(scene, folder, resume, on_progress, on_begin)
-    return _at_rest(scene, start, on_progress)[0]
+    with remedies.named(scene):
+        if scene.solver.quasi_static is not None:
+            return _path(scene, folder, resume, on_progress, on_begin)
+        if scene.solver.dynamic is not None:
+            return _motion(scene, folder, resume, on_progress, on_begin)
+        return _at_rest(scene, start, on_progress)[0]
 
 
 def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | RodShape | None = None) -> Sensitivities:
@@ -175,7 +176,7 @@ def _at_rest(
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
-        raise SolveError(error.reason, None if state is None or state.not_finite() else state) from None
+        raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
     return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
 
 

@@ -22,7 +22,7 @@ from magmpm.dynamics.steps import Kinematics
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting
 from magmpm.effects.hooks import has_hook, pairs
-from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
+from magmpm.errors import BudgetError, InputError, LeftField, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
@@ -294,7 +294,8 @@ def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
         place = state.motion.model.particles.position[trouble.particle] * 1e3
         where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
     bound = f"the time step is {state.dt:.3g} s, the stable bound at the start was {state.stable.largest:.3g} s"
-    return SolveError(f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+    kind = LeftField if trouble.left_field else SolveError
+    return kind(f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
 
 
 def _measure(state: SimulationState, now: Kinematics) -> None:

@@ -17,11 +17,12 @@ REMEDY = "lower solver.dynamic.safety (or time_step)"
 
 @dataclass(frozen=True)
 class Trouble:
-    """What went wrong: the cause in a few words, the particle (-1: none in particular), and what to change."""
+    """What went wrong: the cause in a few words, the particle (-1: none in particular), what to change; left_field: a LeftField."""
 
     cause: str
     particle: int
     remedy: str
+    left_field: bool = False
 
 
 def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
@@ -83,7 +84,7 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
-    return None if found is None else Trouble(found[0], -1, found[2])
+    return None if found is None else Trouble(found[0], -1, found[2], left_field=True)
 
 
 class EnergyBalance:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import SceneError, SolveError
+from magmpm.errors import LeftField, SceneError
 from magmpm.fields import dipole_cloud as lattice
 from magmpm.fields import table
 from magmpm.fields.domain import Box, cut_for, reach, seen_from_sources
@@ -121,10 +121,10 @@ class Field:
         return None
 
     def check(self, points: Array, time: float | None = None) -> None:
-        """Raises SolveError where a body at points (n, 3) m is in a magnet, or where the field is not known."""
+        """Raises LeftField where a body at points (n, 3) m is in a magnet, or where the field is not known."""
         found = self.outside_domain(points, time)
         if found is not None:
-            raise SolveError(f"{found[0]}; {found[2]}")
+            raise LeftField(f"{found[0]}; {found[2]}")
 
     def check_at_rest(self, points: Array, moving: bool, time: float | None = None) -> None:
         """Raises SceneError where the undeformed body is in a magnet, or not where the field is known.

@@ -24,7 +24,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
-from magmpm.errors import SolveError
+from magmpm.errors import LeftField
 from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
@@ -186,7 +186,7 @@ class Branch:
         if point is None:
             return None
         if (lost := outside_domain(model, point)) is not None:
-            raise SolveError(lost)
+            raise LeftField(lost)
         return Reached(target, point, lowest, self._near.spent, self.now.step)
 
     def _eigenvalue(self, energy: Energy, point: Point) -> float | None:
@@ -213,7 +213,7 @@ class Branch:
         begin = energy.at(carry(last.point.grid, last.time, landing))
         found = self._fall(energy, begin, carry(mode, last.time, landing))
         if (lost := outside_domain(energy.model, found)) is not None:
-            raise SolveError(f"after a branch ended: {lost}")
+            raise LeftField(f"after a branch ended: {lost}")
         moved = float(np.linalg.norm(found.position - begin.position, axis=1).max())
         self.now = Reached(landing, found, self._eigenvalue(energy, found), self._near.spent, landing - critical)
         self.before = None
@@ -251,7 +251,7 @@ class Branch:
 
         def stays_in_the_field(point: Point) -> None:
             if (lost := outside_domain(energy.model, point)) is not None:
-                raise SolveError(f"as the body fell from a branch that ended: {lost}")
+                raise LeftField(f"as the body fell from a branch that ended: {lost}")
 
         return self._near.settled(energy, one, LONGEST_FALL * length, stays_in_the_field)
 

@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import InputError, LeftField, SolveError
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
@@ -92,7 +92,7 @@ def solve_static(
             return restored(model, replace(found, stability=stability(found.energy, found.point) if judged else None), of)
         except SolveError as error:
             state = error.state
-            raise SolveError(
+            raise type(error)(
                 error.reason, restored(model, state, of) if isinstance(state, Equilibrium) else state
             ) from None
 
@@ -140,7 +140,7 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
     if not isinstance(point, Point) or not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
-    return None if found is None else SolveError(f"{found[0]}; {found[2]}", state)
+    return None if found is None else LeftField(f"{found[0]}; {found[2]}", state)
 
 
 def _settle(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -13,18 +15,23 @@ from magmpm.errors import InputError, SolveError
 from magmpm.precompile import prepare_kernels
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.remedies import Remedy
 from magmpm.simulate import run
+from studies.hard_cases.checks import checked
 
 CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"
 Outcome = dict[str, Any]
+Tell = Callable[[Outcome], None]
 
 
-def attempt(path: Path, folder: Path, limit: float) -> Outcome:
+def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     """Solve the scene of a file. limit: s of processor time, after which the process is ended (SIGPROF); folder: for what is saved.
 
+    tell(outcome): called before remedies are tried, with what is known until then.
     The outcome has `ended`, one of
-    converged: an answer that the independent checks confirm;
-    stopped: SolveError or BudgetError, with `reason` and `saved` (whether a last good state was there, saved and read back);
+    converged: an answer that the independent checks do not refute; `checks` names them, `branches` where another equilibrium was found;
+    stopped: SolveError or BudgetError, with `reason`, `saved` (whether a last good state was there, saved and read back), `remedies` that
+    were tried in turn, and `answered`, the one that brought an answer ("" if none did);
     wrong: an answer that a check refutes; `reason` says which;
     refused: InputError: the scene was not valid, a fault of the generator or of a rule;
     traceback: any other exception.
@@ -35,7 +42,7 @@ def attempt(path: Path, folder: Path, limit: float) -> Outcome:
         prepare_kernels(scene)
         begun = process_time()
         out_of_time(limit)
-        found = _solved(scene, folder)
+        found = _solved(scene, folder, int(path.stem), limit, tell)
     except InputError as error:
         found = {"ended": REFUSED, "reason": str(error)}
     except Exception as error:
@@ -52,12 +59,31 @@ def out_of_time(limit: float) -> None:
         signal.setitimer(signal.ITIMER_PROF, limit)
 
 
-def _solved(scene: Scene, folder: Path) -> Outcome:
+def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -> Outcome:
     try:
-        result = run(scene)
+        result = run(scene, folder=folder)
     except SolveError as error:
-        return {"ended": STOPPED, "kind": type(error).__name__, "reason": error.reason, "saved": _kept(error.state, folder)}
-    return {"ended": CONVERGED, "warnings": len(result.warnings)}
+        found: Outcome = {"ended": STOPPED, "kind": type(error).__name__, "reason": error.reason, "saved": _kept(error.state, folder)}
+        found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}
+        tell(found)
+        out_of_time(limit)
+        return found | {"answered": _remedied(scene, error.remedies)}
+    done = checked(scene, result, folder, number)
+    shutil.rmtree(folder)
+    found = {"warnings": result.warnings, "checks": done.done, "branches": done.branches, "solver": result.formulation}
+    return {"ended": WRONG if done.wrong else CONVERGED, "reason": "; ".join(done.wrong), **found}
+
+
+def _remedied(scene: Scene, remedies: tuple[Remedy, ...]) -> str:
+    """The first remedy that brings an answer: a converged result, finite and of positive det F."""
+    for remedy in remedies:
+        try:
+            result = run(remedy.applied(scene))
+        except SolveError:
+            continue
+        if result.converged and result.min_det_F > 0.0 and not result.not_finite():
+            return remedy.words
+    return ""
 
 
 def _kept(state: Any, folder: Path) -> bool:

@@ -7,6 +7,7 @@ process that waits for nothing is ended after PATIENCE times as long.
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -47,6 +48,7 @@ class _Process:
 
     def __init__(self, limit: float) -> None:
         self.limit, self.number, self.file, self.begun = limit, -1, "", 0.0
+        self.known: Outcome | None = None  # of the scene at work, before remedies are tried
         self._start()
 
     def _start(self) -> None:
@@ -65,7 +67,7 @@ class _Process:
         if job is None:
             return False
         self.number, path, _ = job
-        self.file, self.begun = path.name, time.monotonic()
+        self.file, self.begun, self.known = path.name, time.monotonic(), None
         self.pipe.send(job)
         return True
 
@@ -73,12 +75,13 @@ class _Process:
         """Of the job, once it has one. A process that ended or hung is replaced."""
         if ready:
             try:
-                found: Outcome = self.pipe.recv()
-                return found
+                done, found = self.pipe.recv()
+                if done:
+                    return found  # type: ignore[no-any-return]
+                self.known = found
+                return None
             except (EOFError, OSError):
-                status = self.process.wait()
-                reason = f"the process ended with status {status}" + (f" after {self.limit:g} s of processor time" if status == -27 else "")
-                found = {"ended": HUNG if status == -27 else TRACEBACK, "reason": reason}
+                found = self._died(self.process.wait())
         elif time.monotonic() - self.begun > PATIENCE * self.limit + COMPILING:
             found = {"ended": HUNG, "reason": f"no answer within {PATIENCE * self.limit + COMPILING:.0f} s"}
         else:
@@ -86,6 +89,14 @@ class _Process:
         self.end()
         self._start()
         return {"file": self.file, "seconds": time.monotonic() - self.begun, **found}
+
+    def _died(self, status: int) -> Outcome:
+        """The outcome where the process ended on its own: out of time (in a remedy, which then brought no answer), or otherwise."""
+        late = status == -signal.SIGPROF
+        if late and self.known is not None:
+            return self.known
+        why = f" after {self.limit:g} s of processor time" if late else ""
+        return {"ended": HUNG if late else TRACEBACK, "reason": f"the process ended with status {status}{why}"}
 
     def end(self) -> None:
         """End the process."""
@@ -102,4 +113,4 @@ def serve(descriptor: int, limit: float) -> None:
             _, path, folder = pipe.recv()
         except EOFError:
             return
-        pipe.send(attempt(path, folder, limit))
+        pipe.send((True, attempt(path, folder, limit, lambda known: pipe.send((False, known)))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -54,12 +55,26 @@ def summary_of(outcomes: list[Outcome], seconds: float, folder: Path) -> dict[st
         for outcome in outcomes
         if outcome["ended"] != CONVERGED
     ]
-    return {"scenes": len(outcomes), **counts, "seconds": seconds, "folder": str(folder), "not_converged": others}
+    stopped = [outcome for outcome in outcomes if outcome["ended"] == STOPPED]
+    return {
+        "scenes": len(outcomes),
+        **counts,
+        "answered": sum(bool(outcome["answered"]) for outcome in stopped),
+        "state_saved": sum(outcome["saved"] for outcome in stopped),
+        "checks": dict(Counter(name for outcome in outcomes for name in outcome.get("checks", ()))),
+        "other_branch": sum(bool(outcome.get("branches")) for outcome in outcomes),
+        "seconds": seconds,
+        "folder": str(folder),
+        "not_converged": others,
+    }
 
 
 def random_table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     lines = [f"{summary['scenes']} scenes: " + ", ".join(f"{summary[end]} {end}" for end in ENDS) + f"; {summary['seconds']:.0f} s"]
+    saved, answered = summary["state_saved"], summary["answered"]
+    lines.append(f"of {summary['stopped']} stopped, {saved} with a state saved, {answered} answered by a remedy")
+    lines.append("checks: " + ", ".join(f"{count} {name}" for name, count in summary["checks"].items()))
     for one in summary["not_converged"]:
         lines.append(f"  {one['number']:>5} {one['ended']:<10} {one['reason'].splitlines()[0][:160]}  {one['file']}")
     return "\n".join(lines)

@@ -1,0 +1,227 @@
+"""Independent checks of an answer: what must hold of it, whatever the solver did. `refuted` returns what does not.
+
+A static equilibrium is compared with that of its mirror image, with that of its quarter turn, with the rod, with a finer grid, with a load
+ramped in another way; equilibria along time with the equilibrium at their end; a motion with its mirror image, with half the time step,
+with the other formulation, and with its own energy. Where two answers differ, both may be right: a body far from its unloaded shape often
+has several stable equilibria. That counts as an explanation only if both are shown to be equilibria of one and the same discrete body.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.errors import SolveError
+from magmpm.results.file_names import ENERGIES
+from magmpm.results.result import Result
+from magmpm.rod.cosserat import solve_rod
+from magmpm.scene import Scene
+from magmpm.simulate import run
+from studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
+
+# Equilibria of the same body on the same grid: the solve stops where a step could win 1e-11 of the energy, so the error of the softest
+# motion is sqrt(1e-11 / stability) of what the load has moved it; ten times that, for loads whose energy is a hundred times the body's.
+SOLVED = 1e-4
+TABLE = 0.02  # more where magnets or coils are on a table, whose error is 0.002 of the field, about another box
+BRINK = 0.02  # of stability: below, runs warn that a small change may move the body far, and nothing is compared
+FINER = 0.06  # of the length: two or three cells across against one more; errors at two cells are 1 to 2 % (docs/accuracy)
+ROD = 0.06  # of the length, for L/D >= 10: two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %
+SLENDER = 10.0
+SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the mirror image
+HALF_STEP = 0.02  # of the largest displacement: second order, and what contact and friction choose by single steps
+OTHER_FORMULATION = 0.35  # of the largest displacement: the updated one loses up to a fifth of its energy in a quarter swing
+GAINED = 0.05  # of the largest kinetic energy, as the watchdog allows
+
+
+SAME = np.eye(3)
+
+
+@dataclass
+class Checked:
+    """What was checked; wrong: checks that refute the answer, in words; branches: checks that found another equilibrium."""
+
+    done: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+    branches: list[str] = field(default_factory=list)
+
+
+def checked(scene: Scene, result: Result, folder: Path, number: int) -> Checked:
+    """The checks of a scene's answer. folder: of the run's files; number: of the scene, which chooses among the costly checks."""
+    found = Checked()
+    _sane(result, found)
+    if scene.solver.dynamic is not None:
+        _moved(scene, result, folder, number, found)
+    elif scene.solver.quasi_static is not None:
+        _followed(scene, result, found)
+    else:
+        _at_rest(scene, result, number, found)
+    return found
+
+
+def _sane(result: Result, found: Checked) -> None:
+    found.done.append("sane")
+    if result.not_finite():
+        found.wrong.append(f"not finite: {', '.join(result.not_finite())}")
+    if not (result.converged and float(result.particle_det_F.min()) > 0.0):
+        found.wrong.append(f"det F {result.particle_det_F.min():.3g}, converged {result.converged}")
+    if result.stability is not None and not result.stability > -1e-3:
+        found.wrong.append(f"unstable equilibrium: stability {result.stability:.3g}")
+
+
+def _apart(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> float:
+    """Largest distance, over L, of the middles of the regions and of the tip: `one` as R maps it, from `other`."""
+    first, second = (np.vstack([result.segment_center, result.tip]) for result in (one, other))
+    return float(np.linalg.norm(first @ R.T - second, axis=1).max()) / scene.length
+
+
+def _soft(result: Result) -> bool:
+    """Whether the result itself tells that a small change of the load may move it far."""
+    return result.stability is None or result.stability < BRINK
+
+
+def _solved_as(scene: Scene, **static: Any) -> Scene:
+    """The scene's equilibrium, at the end of its schedule, sought with these options."""
+    data = scene.to_si()
+    return Scene.from_si({**data, "solver": {"anti_locking": data["solver"]["anti_locking"], "static": static}})
+
+
+def _try(scene: Scene) -> Result | None:
+    try:
+        return run(scene)
+    except SolveError:
+        return None
+
+
+def _compare(scene: Scene, name: str, one: Result, other: Result, found: Checked, R: np.ndarray = SAME) -> None:
+    """Two solves of one discrete problem. They may end on two branches: both stable, far apart, and of clearly different energies."""
+    found.done.append(name)
+    apart, bound = _apart(scene, one, other, R), _tolerance(scene, one)
+    if apart <= bound or _soft(one) or _soft(other):
+        return
+    scale = max(abs(one.energy), abs(other.energy))
+    mirrored = abs(one.energy - other.energy) <= 1e-6 * scale  # two images of one symmetric shape
+    if apart > 0.01 and (mirrored or abs(one.energy - other.energy) > 1e-4 * scale):
+        found.branches.append(f"{name}: {apart:.3g} L apart, stabilities {one.stability:.3g}, {other.stability:.3g}")
+    else:
+        found.wrong.append(f"{name}: {apart:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g}, {other.energy:.9g} J")
+
+
+def _tolerance(scene: Scene, result: Result) -> float:
+    table = TABLE if scene.field.magnet or scene.field.coils else 0.0
+    return (SOLVED + table) / math.sqrt(max(result.stability or 0.0, BRINK))
+
+
+def _twins(scene: Scene, result: Result, found: Checked) -> None:
+    for name, R in (("mirror image", MIRROR), ("quarter turn", QUARTER)):
+        if R is QUARTER and not can_turn(scene):
+            continue
+        other = _try(twin(scene, R))
+        if other is None:
+            found.branches.append(f"{name}: stopped")
+        else:
+            _compare(scene, name, result, other, found, R)
+
+
+def _at_rest(scene: Scene, result: Result, number: int, found: Checked) -> None:
+    _twins(scene, result, found)
+    _rod(scene, result, found)
+    if number % 3 == 0:
+        other = _try(_solved_as(scene, field_steps=6, max_steps=200))
+        if other is not None:
+            _compare(scene, "ramped", result, other, found)
+    elif number % 3 == 1 and scene.resolution.cells_across < 4:
+        _finer(scene, result, found)
+
+
+def _finer(scene: Scene, result: Result, found: Checked) -> None:
+    """One more cell across; where the finer answer is far away, it must be near an equilibrium of the coarse grid, found in another way."""
+    other = _try(scene.with_cells(scene.resolution.cells_across + 1))
+    if other is None or _soft(result) or _soft(other) or result.warnings or other.warnings:
+        return
+    found.done.append("finer grid")
+    apart = _apart(scene, result, other)
+    if apart <= FINER:
+        return
+    for steps in (8, 30):
+        again = _try(_solved_as(scene, field_steps=steps, max_steps=200))
+        if again is not None and _apart(scene, again, other) <= FINER:
+            found.branches.append(f"finer grid: {apart:.3g} L apart; a ramp of {steps} steps finds its branch on this grid")
+            return
+    found.wrong.append(f"finer grid: {apart:.3g} L apart, bound {FINER}")
+
+
+def _rod(scene: Scene, result: Result, found: Checked) -> None:
+    """A slender body is near the rod where the rod holds: no strain beyond the model's limits, no wall below a cell (both warn)."""
+    if scene.body.shape.line is None or scene.length < SLENDER * scene.thickness or result.warnings or _soft(result):
+        return
+    if scene.body.shape.clamp != "base" or scene.effects.magnetic_interaction is not None:
+        return
+    stiff = [scene.region_material(k).shear_modulus for k in range(len(scene.regions()))]
+    strip = scene.body.strip
+    wide = strip is not None and strip.bends_as_plate and not strip.plane_strain  # between beam and plate
+    if max(stiff) > 20 * min(stiff) or wide:
+        return
+    try:
+        rod = solve_rod(scene)
+    except SolveError:
+        return
+    found.done.append("rod")
+    apart = float(np.linalg.norm(rod.position[-1] - (result.tip - np.array(scene.body.shape.line.base)))) / scene.length
+    if apart > ROD:
+        found.wrong.append(f"rod: tips {apart:.3g} L apart, bound {ROD}")
+
+
+def _followed(scene: Scene, result: Result, found: Checked) -> None:
+    """Equilibria along time: the mirror image, and the equilibrium at the end, which the last of them must be unless there are several."""
+    _twins(scene, result, found)
+    if scene.field.over_time is None or scene.field.over_time.endless is not None or scene.effects.feed is not None:
+        return
+    other = _try(_solved_as(scene))
+    if other is not None:
+        _compare(scene, "statics at the end", result, other, found)
+
+
+def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Checked) -> None:
+    largest = float(np.linalg.norm(result.particle_position - result.particle_reference, axis=1).max()) / scene.length
+    _energy(scene, folder, found)
+    other = _try(twin(scene, MIRROR))
+    if other is not None:
+        found.done.append("mirror image")
+        apart, table = _apart(scene, result, other, MIRROR), TABLE if scene.field.magnet or scene.field.coils else 0.0
+        if apart > SAME_MOTION + table:
+            found.wrong.append(f"mirror image: {apart:.3g} L apart, bound {SAME_MOTION + table:.3g}")
+    options = scene.to_si()["solver"]["dynamic"]
+    if number % 2 == 0:
+        changed, name, bound = {**options, "safety": 0.4}, "half the step", HALF_STEP * largest + 1e-5
+        if result.formulation == "updated" or scene.effects.ground or scene.effects.walls:
+            bound = 5 * HALF_STEP * largest + 1e-3  # transfers lose energy by their number
+    elif scene.effects.self_contact is None:
+        changed = {**options, "formulation": "updated" if result.formulation == "total" else "total"}
+        name, bound = "other formulation", OTHER_FORMULATION * largest + 0.01
+    else:
+        return
+    other = _try(Scene.from_si({**scene.to_si(), "solver": {**scene.to_si()["solver"], "dynamic": changed}}))
+    if other is not None:
+        found.done.append(name)
+        if (apart := _apart(scene, result, other)) > bound:
+            found.wrong.append(f"{name}: {apart:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L")
+
+
+def _energy(scene: Scene, folder: Path, found: Checked) -> None:
+    """Where no load does work in time, the sum of all energies never exceeds that at first."""
+    if scene.field.over_time is not None or scene.effects.feed is not None or scene.effects.magnetic_interaction is not None:
+        return
+    if scene.field.varies and scene.effects.magnetic_force is None:
+        return
+    with (folder / ENERGIES).open(encoding="utf-8", newline="") as stream:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+    found.done.append("energy")
+    most = max(row["kinetic"] + row["elastic"] for row in rows)
+    gained = max(row["total"] for row in rows) - rows[0]["total"]
+    if gained > GAINED * most:
+        found.wrong.append(f"energy: {gained:.3g} J gained, kinetic and elastic are {most:.3g} J at most")
