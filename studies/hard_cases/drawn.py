@@ -21,7 +21,7 @@ from studies.hard_cases import drawn_fields as fields
 STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
 KINDS = (STATIC, QUASI_STATIC, DYNAMIC)
 SHARES = (0.6, 0.18, 0.22)  # of the scenes
-COMBINATIONS, RENEWED = 6, 300  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
+COMBINATIONS, RENEWED = 4, 400  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
 MOST_STEPS = 5000  # of a motion, by an estimate
 FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
 Content = dict[str, Any]
@@ -76,7 +76,7 @@ def drawn(seed: int, number: int) -> Content:
     named: Content = {"magnetic_torque": {}}
     steps = (sizes.across / cells) / math.sqrt((sizes.ratio + 4 / 3) * sizes.shear / sizes.density)
     end = 1.0 if kind != DYNAMIC else min(float(rng.uniform(0.1, 1.0)) * sizes.period, 0.4 * steps * MOST_STEPS)
-    content["field"], varies = fields.drawn_field(rng, sizes, min(sizes.flux(load), 5.0), kind, end, "uniform" in effects)
+    content["field"], varies = fields.drawn_field(rng, sizes, min(sizes.flux(load), 5.0), kind, end, effects)
     if varies:
         named["magnetic_force"] = {}
     if kind != DYNAMIC:

@@ -22,12 +22,17 @@ def _unit(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(v / np.linalg.norm(v))
 
 
-def drawn_field(rng: np.random.Generator, sizes: Any, flux: float, kind: str, end: float, uniform_only: bool) -> tuple[Content, bool]:
-    """A field of about this size (T) at the body's center, and whether it varies in space. end: s, of its schedule."""
+def drawn_field(rng: np.random.Generator, sizes: Any, flux: float, kind: str, end: float, effects: list[str]) -> tuple[Content, bool]:
+    """A field of about this size (T) at the body's center, and whether it varies in space. end: s, of its schedule; effects: of motion,
+    which say whether it varies, since kernels differ.
+    """
     way = _unit(rng)
     if rng.random() < 0.15:  # exactly along the undeformed axis, or against it
         way = np.array([rng.choice([-1.0, 1.0]), 0.0, 0.0])
-    source = "uniform" if uniform_only else str(rng.choice(["uniform", "dipole", "magnet", "coils"], p=[0.72, 0.17, 0.07, 0.04]))
+    shares = [0.72, 0.17, 0.07, 0.04]
+    if kind == "dynamic":
+        shares = [1.0, 0.0, 0.0, 0.0] if "uniform" in effects else [0.0, 0.7, 0.2, 0.1]
+    source = str(rng.choice(["uniform", "dipole", "magnet", "coils"], p=shares))
     found: Content = {}
     if source == "uniform" or rng.random() < 0.2:
         found["uniform"] = [f"{1e3 * flux * x:.9g} mT" for x in way]
