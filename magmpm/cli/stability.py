@@ -9,7 +9,7 @@ from pathlib import Path
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError, report
-from studies.hard_cases import BROKEN, CASES, random_table, run_random, table
+from studies.hard_cases import BROKEN, CASES, Outcome, controls_table, random_table, run_random, table
 
 
 def command(options: argparse.Namespace) -> int:
@@ -24,13 +24,25 @@ def command(options: argparse.Namespace) -> int:
     with Progress("hard cases") as progress:
         for k, case in enumerate(chosen):
             progress.at(k, len(chosen), case.name)
-            outcomes.append(case.run())
+            outcomes.append(case.run_control() if options.controls else case.run())
+    if options.controls:
+        return _controls(options, outcomes)
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     summary = {"cases": [outcome.summary() for outcome in outcomes], "failed": failed}
     print_summary(options, summary, table(outcomes))
     if failed:
         print(f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}", file=sys.stderr)
     return 3 if failed else 0
+
+
+def _controls(options: argparse.Namespace, outcomes: list[Outcome]) -> int:
+    """Tell how the controls ended. Returns the exit status: 3 if a case passes with its remedy switched off."""
+    passed = [outcome.name for outcome in outcomes if outcome.passed]
+    summary = {"controls": [outcome.summary() for outcome in outcomes], "passed_all_the_same": passed}
+    print_summary(options, summary, controls_table(outcomes))
+    if passed:
+        print(f"magmpm: {len(passed)} of {len(outcomes)} cases pass with their remedy switched off: {', '.join(passed)}", file=sys.stderr)
+    return 3 if passed else 0
 
 
 def _random(options: argparse.Namespace) -> int:

@@ -7,10 +7,14 @@ What they find is repaired in the solver, not in the case.
         print(case.run().summary())
 """
 
-from studies.hard_cases import equilibria, loads, shapes, stepping
-from studies.hard_cases.case import Case, Outcome, table
+from dataclasses import replace
+
+from studies.hard_cases import bodies, branches, equilibria, loads, shapes, stepping, upkeep
+from studies.hard_cases.case import Case, Outcome, controls_table, table
+from studies.hard_cases.controls import control_of
 from studies.hard_cases.random_suite import BROKEN, random_table, run_random
 
-CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *loads.CASES, *shapes.CASES)
+_FAMILIES = (equilibria, branches, bodies, stepping, loads, shapes, upkeep)
+CASES: tuple[Case, ...] = tuple(replace(case, control=control_of(case.name)) for family in _FAMILIES for case in family.CASES)
 
-__all__ = ["BROKEN", "CASES", "Case", "Outcome", "random_table", "run_random", "table"]
+__all__ = ["BROKEN", "CASES", "Case", "Outcome", "controls_table", "random_table", "run_random", "table"]

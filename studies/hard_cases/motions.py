@@ -19,12 +19,13 @@ from magmpm.scene import Scene
 
 Motion = TotalMotion | UpdatedMotion
 Affine = Callable[[Array], Array]
+FACTOR = 1.0  # of the chosen step and of the stable one: controls raise it
 
 
 def at_rest(scene: Scene) -> tuple[Motion, float, float]:
     """The undeformed body, its chosen time step and the largest stable one, s."""
     moved = begin(build(scene))
-    return moved.motion, moved.control.step, moved.stable.largest
+    return moved.motion, FACTOR * moved.control.step, FACTOR * moved.stable.largest
 
 
 def throw(motion: Motion, velocity: Affine) -> None:
@@ -54,15 +55,18 @@ def advance(motion: Motion, steps: int, dt: float, start: float = 0.0) -> None:
     """Take so many steps of dt (s) from time `start` (s). Raises SolveError where the motion breaks."""
     named = effects.collect(motion.model.scene, times=start + dt * np.arange(steps, dtype=float))
     taken, broken = take(motion, named, steps, dt)
-    if broken:
-        raise SolveError(f"the motion broke at step {taken} of {steps}")
+    if broken or taken < steps:  # a step in which the body moves too far, or grows too stiff, is the last one
+        raise SolveError(f"the motion {'broke' if broken else 'was stopped'} at step {taken} of {steps}")
 
 
 def energy(motion: Motion, time: float = 0.0) -> float:
-    """Kinetic, elastic and the effects' potential energies together, J, of one moment."""
+    """Kinetic, elastic and the effects' potential energies together, J, of one moment. Raises SolveError where they are not finite."""
     now, model = motion.kinematics(), motion.model
     elastic = energies.elastic_energy(model, now.F, isinstance(motion, TotalMotion))
-    return now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())
+    found = now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())
+    if not np.isfinite(found):
+        raise SolveError("the energy of the motion is not finite")
+    return found
 
 
 def spin(motion: Motion) -> Array:

@@ -6,8 +6,11 @@ import json
 
 import pytest
 
+from magmpm.bodies.catheter import Catheter
 from magmpm.cli import main
+from magmpm.statics import equilibrium, newton
 from studies.hard_cases import CASES, Case
+from studies.hard_cases.controls import control_of
 
 
 def marks(case: Case) -> list[pytest.MarkDecorator]:
@@ -25,8 +28,30 @@ def test_hard_case(case: Case) -> None:
     assert outcome.passed, f"{outcome.quantity}: {outcome.measure:.3g}, at most {outcome.bound:.3g}; {outcome.reason}"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_control_fails(case: Case) -> None:
+    """With the remedy switched off that it is about, a case fails: otherwise it would tell nothing. The switch is back afterwards."""
+    outcome = case.run_control()
+    assert not outcome.passed, f"{outcome.control}: {outcome.measure:.3g}, at most {outcome.bound:.3g} all the same"
+
+
+def test_switches_go_back() -> None:
+    """What a control replaces is there again after it, also after an error."""
+    replaced = ((newton, "_search"), (equilibrium, "solve_rod"), (Catheter, "discretize"))
+    before = [(owner, name, getattr(owner, name)) for owner, name in replaced]
+    [one] = [case for case in CASES if case.name == "no load, begun from a loaded neighbor"]
+    for begun in ("needle, L/D 200", "8 offsets", "antiparallel field through buckling"):
+        with pytest.raises(ZeroDivisionError), control_of(begun).off():
+            raise ZeroDivisionError
+    assert all(getattr(owner, name) is value for owner, name, value in before)
+    assert one.run().passed
+    assert not one.run_control().passed
+    assert one.run().passed
+
+
 def test_names_tell_cases_apart() -> None:
-    assert len({case.name for case in CASES}) == len(CASES)
+    assert len({case.name for case in CASES}) == len(CASES) >= 40
 
 
 def test_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,6 +61,10 @@ def test_command(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(capsys.readouterr().out)
     assert [case["name"] for case in found["cases"]] == [quick]
     assert found["failed"] == []
+    assert main(["stability", "--case", quick, "--controls", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [control["name"] for control in found["controls"]] == [f"{quick}, without"]
+    assert found["passed_all_the_same"] == []
     assert main(["stability", "--case", "perpetual motion"]) == 2
     assert quick in capsys.readouterr().err
 
