@@ -27,6 +27,7 @@ FEWEST = 4  # steps from one depth to the next
 REPAIRS = 4  # of a design that its rods leave on the way
 FIT, AGAIN = 20, 30  # steps of least squares: a field on the way, and the design after it
 STRAY = 0.01  # of the length: a shape farther than this from the design's has left its branch
+BRINK, RISKY = 0.1, 3.0  # stability on the way below which a design counts so many times as much
 LEAST = 1.0  # diameters: where the way begins, straight
 
 
@@ -82,6 +83,15 @@ class RodPath:
             found.append(went)
             last = went[-1]
         return found
+
+    def least_stability(self, design: RodDesign) -> float:
+        """The smallest stability (RodFamily.stability) of a design's rods on the way; 0 where one finds no equilibrium."""
+        try:
+            ways = self.stops(design.directions, design.fields)
+        except SolveError:
+            return 0.0
+        stops = [stop for stops in ways for stop in stops]
+        return min(stop.depth.rod.stability(stop.q, design.directions[stop.depth.segments], stop.field) for stop in stops)
 
     def mended(self, design: RodDesign, *, turning: bool = True) -> RodDesign | None:
         """The design as its rods find it on the way, changed where they left it. None where they find no equilibrium.
@@ -159,15 +169,18 @@ def _longer(last: Stop, depth: Depth) -> Array:
 
 
 def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:
-    """Designs that grew from random starts, best first, judged on the way. Ends once `wanted` are within `enough` (m). May be empty."""
+    """Designs that grew from random starts, best first, judged on the way. Ends once `wanted` are within `enough` (m). May be empty.
+
+    A design whose way comes near the end of a branch counts RISKY times as much: the body, or a slightly other design, may fall there.
+    """
     rng = np.random.default_rng(seed)
-    found: list[RodDesign] = []
+    found: list[tuple[float, RodDesign]] = []
     for _ in range(starts):
         grown = way.rods.grown(path, rng)
         design = None if grown is None else way.mended(grown)
         if design is None:
             continue
-        found.append(design)
-        if sum(each.value <= enough for each in found) >= wanted:
+        found.append((design.value * (1.0 if way.least_stability(design) > BRINK else RISKY), design))
+        if sum(counts <= enough for counts, _ in found) >= wanted:
             break
-    return sorted(found, key=lambda each: each.value)
+    return [design for _, design in sorted(found, key=lambda each: each[0])]

@@ -7,7 +7,7 @@ import pytest
 from test_insertion import MAX, insertion
 
 from magmpm.errors import SolveError
-from studies.rod_path import RodPath, search
+from studies.rod_path import BRINK, RodPath, search
 from studies.rod_trajectory import RodDesign
 
 
@@ -72,6 +72,7 @@ def test_search_judges_on_the_way():
     """The best design's value is that of its rods on the way, and the arc is followed within a hundredth of the length."""
     found = insertion()
     best = search(found.rods, found.path, seed=1, starts=20, wanted=1, enough=0.01 * 30e-3)[0]
+    assert found.rods.least_stability(best) > BRINK
     squares = [stops[-1].squares for stops in found.rods.stops(best.directions, best.fields)]
     assert np.sqrt(sum(squares)) == pytest.approx(best.value, rel=1e-6)
     assert best.value < 0.01 * 30e-3
