@@ -169,9 +169,10 @@ def _longer(last: Stop, depth: Depth) -> Array:
 
 
 def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:
-    """Designs that grew from random starts, best first, judged on the way. Ends once `wanted` are within `enough` (m). May be empty.
+    """Designs that grew from random starts, best first, judged on the way. May be empty.
 
-    A design whose way comes near the end of a branch counts RISKY times as much: the body, or a slightly other design, may fall there.
+    Ends once `wanted` are within `enough` (m). A design whose way comes near the end of a branch counts RISKY times as much: the body,
+    or a slightly other design, may fall there; it ends the search only with one more of its kind.
     """
     rng = np.random.default_rng(seed)
     found: list[tuple[float, RodDesign]] = []
@@ -181,6 +182,6 @@ def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, 
         if design is None:
             continue
         found.append((design.value * (1.0 if way.least_stability(design) > BRINK else RISKY), design))
-        if sum(counts <= enough for counts, _ in found) >= wanted:
+        if sum(counts <= enough for counts, _ in found) >= wanted or sum(each.value <= enough for _, each in found) > wanted:
             break
     return [design for _, design in sorted(found, key=lambda each: each[0])]
