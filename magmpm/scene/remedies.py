@@ -14,6 +14,7 @@ RAMPED = {"field_steps": 40, "max_steps": 500}  # of statics: small steps, each 
 FOLLOWED = 60  # equilibria along a ramp of the field
 GENTLE = (0.4, 0.1)  # of the stable step
 SHARE = 0.9  # of the load or the time that was reached
+WEAKER = (0.5, 0.1)  # of the field, where it is not known how much was borne
 
 
 @dataclass(frozen=True)
@@ -47,30 +48,39 @@ def named(scene: Scene) -> Iterator[None]:
 
 def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
-    if isinstance(error, LeftField):
-        return _weaker(scene, error)
+    if isinstance(error, LeftField):  # smaller steps would go the same way
+        return _until(scene, error) if scene.in_time else _weaker(scene, error)
     if scene.solver.dynamic is not None:
         return _of_motion(scene, error)
-    return _of_equilibria(scene)
+    return _of_equilibria(scene, error)
 
 
 def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     assert scene.solver.dynamic is not None
     given = {"solver.dynamic.time_step": None}
-    found = [
+    gentler = [
         Remedy(f"solver.dynamic.safety: {part:g}", {**given, "solver.dynamic.safety": part})
         for part in GENTLE
         if part < scene.solver.dynamic.safety
     ]
+    return (*gentler, *_until(scene, error))
+
+
+def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
+    """To end what happens along time before the moment at which it went wrong."""
     reached = getattr(error.state, "time", 0.0)
-    if reached > 0.0:
-        until = float(f"{SHARE * reached:.3g}")
-        more = {"solver.dynamic.duration": until, "solver.dynamic.output_every": until / 10}
-        found.append(Remedy(f"solver.dynamic.duration: {until:g} s, up to which it went well", more))
-    return tuple(found)
+    until = float(f"{SHARE * reached:.3g}")
+    if not until > 0.0:
+        return ()
+    if scene.solver.dynamic is not None:
+        more: dict[str, Any] = {"solver.dynamic.duration": until, "solver.dynamic.output_every": until / 10}
+        return (Remedy(f"solver.dynamic.duration: {until:g} s, up to which it went well", more),)
+    shorter = {"steps": len(scene.path_times()), "duration": until}
+    words = f"solver.quasi_static: {{steps: {shorter['steps']}, duration: {until:g} s}}, up to which it went well"
+    return (Remedy(words, {"solver.quasi_static": shorter}),)
 
 
-def _of_equilibria(scene: Scene) -> tuple[Remedy, ...]:
+def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     static = Remedy(
         f"solver.static: {{field_steps: {RAMPED['field_steps']}, max_steps: {RAMPED['max_steps']}}}",
         {"solver.quasi_static": None, "solver.static": {**scene.to_si()["solver"]["static"], **RAMPED}},
@@ -78,16 +88,27 @@ def _of_equilibria(scene: Scene) -> tuple[Remedy, ...]:
     if scene.solver.quasi_static is not None:
         times = scene.path_times()
         steps = {"steps": 4 * (len(times) - 1), "duration": times[-1]}
-        return Remedy(f"solver.quasi_static: {{steps: {steps['steps']}}}", {"solver.quasi_static": steps}), static
+        finer = Remedy(f"solver.quasi_static: {{steps: {steps['steps']}}}", {"solver.quasi_static": steps})
+        return finer, *_until(scene, error)
     ramp = {} if scene.field.over_time is not None else {"field.over_time": {"ramp": {"duration": 1.0}}}
     followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
     words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (" with field.over_time: {ramp: {duration: 1 s}}" if ramp else "")
-    return static, Remedy(words, followed)
+    return static, Remedy(words, followed), *_weaker(scene, error)
 
 
 def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
-    """A body that is pulled into a magnet has no equilibrium before it: the load that it can bear is what can be asked for."""
-    return ()
+    """A weaker field, where the body finds no rest in the whole one: as much of it as was borne, or a half and a tenth."""
+    if scene.field.over_time is not None:
+        return ()
+    share = getattr(error.state, "load_share", 1.0)
+    parts = (float(f"{SHARE * share:.3g}"),) if 0.0 < share < 1.0 else WEAKER
+    return tuple(
+        Remedy(
+            f"a weaker field, field.over_time: {{ramp: {{duration: 1 s, begin: {part:g}, end: {part:g}}}}}",
+            {"field.over_time": {"ramp": {"duration": 1.0, "begin": part, "end": part}}},
+        )
+        for part in parts
+    )
 
 
 def _put(data: Any, at: Key, value: Any) -> None:

@@ -1,0 +1,61 @@
+"""Remedies that a failed run names: typed, valid changes of the scene, and they work."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference.scenes import rod_scene
+
+from magmpm.errors import LeftField, SolveError
+from magmpm.scene import Scene
+from magmpm.scene.remedies import remedies
+from magmpm.simulate import run
+
+
+def starved() -> Scene:
+    """A bent rod that is given a single Newton step."""
+    data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
+    return Scene.from_si({**data, "solver": {"static": {"max_steps": 1}}})
+
+
+def test_the_named_remedy_brings_the_answer() -> None:
+    with pytest.raises(SolveError, match=r"to try: solver.static: {field_steps: 40") as caught:
+        run(starved())
+    first, *others = caught.value.remedies
+    healed = run(first.applied(starved()))
+    data = starved().to_si()
+    usual = run(Scene.from_si({**data, "solver": {"static": {}}}))
+    assert np.linalg.norm(healed.tip - usual.tip) < 1e-5 * usual.centreline[-1, 0]
+    assert any("quasi_static" in remedy.words for remedy in others)
+    for remedy in others:  # each gives a valid scene, whose load ends as the words say
+        assert remedy.applied(starved()) != starved()
+
+
+class Reached:
+    """A last good state, as remedies look at it."""
+
+    def __init__(self, time: float = 0.0, load_share: float = 1.0) -> None:
+        self.time, self.load_share = time, load_share
+
+
+def test_motions_get_shorter_steps_or_end_before_the_trouble() -> None:
+    scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
+    data = scene.to_si()
+    moving = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.5}}})
+    found = remedies(moving, SolveError("broken", Reached(0.2)))
+    assert [remedy.applied(moving).solver.dynamic.safety for remedy in found[:2]] == [0.4, 0.1]
+    assert found[-1].applied(moving).duration == pytest.approx(0.18)
+    assert not any("duration" in remedy.words for remedy in remedies(moving, SolveError("broken")))
+    [only] = remedies(moving, LeftField("inside", Reached(0.1)))
+    assert only.applied(moving).duration == pytest.approx(0.09)
+
+
+def test_a_body_that_is_pulled_away_gets_a_weaker_field() -> None:
+    """As much of it as was borne, where that is known."""
+    scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
+    strengths = []
+    for state in (None, Reached(load_share=0.6)):
+        for remedy in remedies(scene, LeftField("inside", state)):
+            weaker = remedy.applied(scene)
+            strengths.append(float(weaker.outside_field().at(np.zeros(3))[0][2]) / 8e-3)
+    assert strengths == pytest.approx([0.5, 0.1, 0.54])
