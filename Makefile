@@ -18,7 +18,7 @@ help:
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
-	@echo "make stability  the hard cases, each with its measure and bound"
+	@echo "make stability  the hard cases, each with its measure and bound; CONTROLS=1: each with its remedy off; RANDOM=300 SEED=1: random scenes"
 	@echo "make clean      remove the virtual environment and caches"
 
 # A virtual environment of its own. Debian ships venv apart from python3; virtualenv does as well.
@@ -90,7 +90,7 @@ validate: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/validate.py
 
 stability: $(VENV)/.ready
-	$(BIN)/magmpm stability
+	$(BIN)/magmpm stability $(if $(CONTROLS),--controls) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0))
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.scene.json_schema

@@ -195,6 +195,7 @@ CASES = (
         _past_a_bifurcation,
         1e-3,
         "one buckled shape, turned about the axis as it may: 1e-4 L along a neutral direction, ten times that",
+        slow=True,
     ),
     Case(
         "magnet passed at one diameter",
@@ -204,5 +205,6 @@ CASES = (
         _passed,
         1e-4,
         "the way of the magnet is its own mirror image; tolerance 1e-11 of the energy",
+        slow=True,
     ),
 )

@@ -144,6 +144,7 @@ CASES = (
         _crosses,
         1e-9,
         "a free body keeps its momentum: rounding of 1e-16 in some thousand steps, a million times that",
+        slow=True,
     ),
     Case(
         "drift in 10^6 steps",

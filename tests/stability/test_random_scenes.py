@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from reference.scenes import rod_scene
 
 from magmpm.cli import main
 from magmpm.scene import Scene, load_scene
+from magmpm.simulate import run
+from studies.hard_cases.checks import checked
 from studies.hard_cases.drawn import drawn
+from studies.hard_cases.pool import solved
 from studies.hard_cases.random_suite import BROKEN
+from studies.hard_cases.twins import MIRROR, twin
 
 
 def as_file(folder: Path, seed: int, number: int) -> Scene:
@@ -41,11 +48,52 @@ def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not broken
     assert status == 0
     assert all(Path(one["file"]).exists() and one["reason"] for one in found["not_converged"])
+    outcomes = (tmp_path / "random/outcomes.jsonl").read_text(encoding="utf-8")
+    assert len(outcomes.splitlines()) == 300
     assert main(order) == 0
-    assert json.loads(capsys.readouterr().out)["seconds"] < 0.1 * found["seconds"]
+    assert (tmp_path / "random/outcomes.jsonl").read_text(encoding="utf-8") == outcomes
 
 
 @pytest.mark.parametrize(("given", "named"), [(["--random", "0"], "--random"), (["--random", "3", "--seed", "-1"], "--seed")])
 def test_orders_that_make_no_sense_are_refused(given: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stability", *given]) == 2
     assert named in capsys.readouterr().err
+
+
+def test_twins_are_told_apart(tmp_path: Path) -> None:
+    """A mirror image of a scene is another scene, of which the mirror image is the first again; its field is the mirrored axial vector."""
+    for number in range(12):
+        scene = as_file(tmp_path, 7, number)
+        image = twin(scene, MIRROR)
+        again = twin(image, MIRROR)
+        assert np.allclose(again.region_remanence(), scene.region_remanence(), atol=1e-12)
+        point = scene.box()[1] + np.array([0.1, 0.2, 0.3]) * scene.thickness
+        if not scene.field.coils and not scene.field.magnet:  # those are on tables, which are made again
+            there = scene.outside_field().at(point)[0]
+            assert np.allclose(image.outside_field().at(MIRROR @ point)[0], -(MIRROR @ there), rtol=1e-9, atol=1e-15)
+            assert np.allclose(again.outside_field().at(point)[0], there, rtol=1e-9, atol=1e-15)
+
+
+def test_a_wrong_answer_is_found(tmp_path: Path) -> None:
+    """A check refutes an equilibrium that was moved by a part in a thousand; the answer itself passes."""
+    scene = rod_scene(length=16e-3, directions=[(1, 0, 0), (0.7, 0.6, 0.4)], field=(1e-3, 4e-3, 6e-3), cells=2)
+    result = run(scene)
+    assert checked(scene, result, tmp_path, 2).wrong == []
+    off = replace(result, tip=result.tip + np.array([0.0, 1e-3 * scene.length, 0.0]))
+    found = checked(scene, off, tmp_path, 2)
+    assert any("mirror image" in text for text in found.wrong)
+    assert checked(scene, replace(result, stability=-0.1), tmp_path, 2).wrong
+    assert checked(scene, replace(result, tip=np.full(3, np.nan)), tmp_path, 2).wrong
+
+
+@pytest.mark.slow
+def test_ends_of_processes(tmp_path: Path) -> None:
+    """A scene that takes too long ends its process, which is replaced; the next one, which is not valid, is refused."""
+    good = next(drawn(7, k) for k in range(40) if "static" in drawn(7, k)["solver"] and "uniform" in drawn(7, k)["field"])
+    for number, content in enumerate((good, {**good, "materials": {}})):
+        (tmp_path / f"{number:06d}.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    jobs = [(number, tmp_path / f"{number:06d}.yaml", tmp_path / f"state{number}") for number in (0, 1)]
+    (first, late), (second, refused) = solved(jobs, 1, 0.001)
+    assert (first, late["ended"]) == (0, "hung")
+    assert (second, refused["ended"]) == (1, "refused")
+    assert "materials" in refused["reason"]
