@@ -148,7 +148,7 @@ def _stability(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="leave out the cases that take long")
     parser.add_argument("--controls", action="store_true", help="each case with its remedy switched off instead: all must fail")
     parser.add_argument("--random", type=int, metavar="N", help="in place of the cases: N scenes drawn at random, each checked")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the random scenes; the same seed draws the same ones [0]")
+    parser.add_argument("--seed", type=int, metavar="S", help="of the random scenes; the same seed draws the same ones [0]")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the random scenes; begun again, it goes on [runs/random-S]")
     _json(parser)
     return parser

@@ -14,6 +14,7 @@ from studies.hard_cases import BROKEN, CASES, Outcome, controls_table, random_ta
 
 def command(options: argparse.Namespace) -> int:
     """Run the chosen cases, or scenes drawn at random, and print their table. Returns the exit status: 3 if one fails."""
+    _refuse_mixed(options)
     if options.random is not None:
         return _random(options)
     named = [case for case in CASES if options.case is None or options.case.lower() in case.name.lower()]
@@ -45,15 +46,30 @@ def _controls(options: argparse.Namespace, outcomes: list[Outcome]) -> int:
     return 3 if passed else 0
 
 
+def _refuse_mixed(options: argparse.Namespace) -> None:
+    """Raises InputError where options of the cases and of random scenes are given together."""
+    if options.random is None:
+        alone = [f"--{name}" for name in ("seed", "out") if getattr(options, name) is not None]
+        if alone:
+            rule, remedy = "belongs to random scenes", "add, say, --random 300, or leave it out"
+            raise InputError(report(alone[0], rule=rule, remedy=remedy, received="no --random"))
+        return
+    cases = [f"--{name}" for name in ("case", "quick", "controls") if getattr(options, name)]
+    if cases:
+        rule, remedy = "chooses among the cases, and --random draws scenes in their place", "leave out one of the two"
+        raise InputError(report(cases[0], rule=rule, remedy=remedy, received=f"--random {options.random}"))
+
+
 def _random(options: argparse.Namespace) -> int:
     """Scenes drawn at random. Returns the exit status: 3 if one of them is wrong, hangs, is refused or ends with a traceback."""
-    if options.random < 1 or options.seed < 0:
-        given, rule = (options.random, "1 or more") if options.random < 1 else (options.seed, "0 or more")
+    seed = 0 if options.seed is None else options.seed
+    if options.random < 1 or seed < 0:
+        given, rule = (options.random, "1 or more") if options.random < 1 else (seed, "0 or more")
         key = "--random" if options.random < 1 else "--seed"
         raise InputError(report(key, received=str(given), rule=f"must be {rule}", remedy="write, say, --random 300 --seed 1"))
-    folder = options.out or Path("runs") / f"random-{options.seed}"
+    folder = options.out or Path("runs") / f"random-{seed}"
     with Progress("random scenes") as progress:
-        summary = run_random(options.random, options.seed, folder, on_done=lambda k, n: progress.at(k, n))
+        summary = run_random(options.random, seed, folder, on_done=lambda k, n: progress.at(k, n))
     print_summary(options, summary, random_table(summary))
     broken = sum(summary[end] for end in BROKEN)
     if broken:
