@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long test-gp lint bench claims bench-sampler bench-design bench-robust validate stability schema gallery clean
+.PHONY: help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -15,6 +15,7 @@ help:
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
+	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
@@ -73,6 +74,9 @@ bench-sampler: $(VENV)/.ready-test
 
 bench-insertion: $(VENV)/.ready-test
 	PYTHONPATH=. $(BIN)/python tests/benchmarks/insertion_paths.py runs/bench-insertion $(if $(QUICK),--rods)
+
+bench-accuracy: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/promised_error.py
 
 bench-robust: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/robust.py

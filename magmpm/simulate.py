@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,10 +112,14 @@ def simulated(
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
     """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does."""
+    on_grid = partial(simulated, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.effects.auto:
         choice = choose_effects(scene)
-        result = simulated(choice.scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
-        return replace(result, effects_chosen=choice.told)
+        return replace(on_grid(choice.scene, start=start), effects_chosen=choice.told)
+    if scene.resolution.asked and scene.in_time:
+        from magmpm.dynamics.judged_loads import resolved  # equilibria need neither it nor HDF5
+
+        return resolved(scene, on_grid, prepare_kernels, None)
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
             return _path(scene, folder, resume, on_progress, on_begin)
@@ -180,22 +185,20 @@ def _at_rest(
     return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
 
 
-def _resolved(
-    scene: Scene, start: Result | RodShape | None, on_progress: Progress | None, uses: Sequence[str]
-) -> tuple[Result, Equilibrium]:
+def _resolved(scene: Scene, start: object, on_progress: Progress | None, uses: Sequence[str]) -> tuple[Result, Equilibrium]:
     """As _at_rest, on the grid that is chosen for the error or the time that the scene asks for."""
     if start is not None:
         raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
     begun = time.perf_counter()
     compiled = prepare_kernels(scene.with_cells(2), uses=uses)
-    choice = choose(scene, on_progress)
+    choice = choose(scene, on_step=on_progress)
     seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
-    result = _result(choice.model, choice.found, seconds)
-    return _sound(replace(result, scene_hash=scene.hash(), error_estimate=choice.error, resolution=choice.told)), choice.found
+    told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.told}
+    return _sound(replace(_result(choice.models[-1], choice.found[-1], seconds), **told)), choice.found[-1]
 
 
 def _sound(result: Result) -> Result:
-    """The result, if all its numbers are finite. Raises SolveError otherwise: such numbers are no answer and belong in no file."""
+    """The result, if all its numbers are finite, as files need them. Raises SolveError otherwise."""
     if wrong := result.not_finite():
         raise SolveError(
             f"the solve ended with numbers that are not finite (in {', '.join(wrong)}), so there is no result; "
@@ -219,11 +222,7 @@ def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
 
 
 def _motion(
-    scene: Scene,
-    folder: Path | str | None,
-    resume: bool,
-    on_progress: Progress | None,
-    on_begin: Callable[[], None] | None,
+    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None
 ) -> Result:
     from magmpm.dynamics import (
         time_loop as dynamics,  # a study of static designs needs neither it nor HDF5: 20 MB
@@ -248,11 +247,7 @@ def _motion(
 
 
 def _path(
-    scene: Scene,
-    folder: Path | str | None,
-    resume: bool,
-    on_progress: Progress | None,
-    on_begin: Callable[[], None] | None,
+    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None
 ) -> Result:
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
@@ -335,7 +330,7 @@ def _neighbor(model: StaticModel, start: Result | RodShape | None) -> NDArray[np
 
 
 def _warnings(scene: Scene) -> list[str]:
-    """Warnings: what the author of the scene may not have meant, and about the field's map."""
+    """What the author of the scene may not have meant, and about the field's map."""
     return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
 
 

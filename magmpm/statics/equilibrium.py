@@ -256,3 +256,21 @@ def _ramp(
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
     assert last is not None  # the loop ran at least once
     return Equilibrium(last, steps, True, np.zeros_like(last.grid), warnings, energy=energy)
+
+
+def solve_from(
+    model: StaticModel, start: Array, *, tolerance: float | None = None, on_step: Callable[[int, float], None] | None = None
+) -> Equilibrium:
+    """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
+
+    tolerance: in place of the scene's. Its stability is not judged. Raises SolveError.
+    """
+    options = model.scene.solver.static
+    energy = Energy(model)
+    with one_blas_thread():
+        found = minimize(energy, start, tolerance=tolerance or options.tolerance, max_steps=options.max_steps, on_step=on_step)
+    reached = Equilibrium(found.point, found.steps, True, np.zeros_like(start), energy=energy)
+    outside = _outside_domain(model, found.point, replace(reached, converged=False))
+    if outside is not None:
+        raise outside
+    return reached

@@ -1,112 +1,133 @@
-"""The grid chosen for an error or a time that a scene asks for: coarse equilibria first, then the cheapest grid that will do, proven.
+"""The grid chosen for an error or a time that a scene asks for: the coarsest that will do, its error proven by a finer one.
 
-The error of each grid is told from it and the coarser ones (statics.error_estimate), on the centreline or at the tip. What the next grid
-costs is foretold from counted operations, calibrated by the grids that are already solved.
+Equilibria on coarse grids first (statics.ladder); the error of a grid is told by a grid half as coarse again or more
+(statics.error_estimate), on the centreline or at the tip. What the next grids will take is foretold from counted operations, at the pace of
+those solved.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from magmpm.errors import SceneError
+from magmpm.errors import SceneError, SolveError
 from magmpm.model import build
 from magmpm.scene import Scene, memory
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
-from magmpm.statics.error_estimate import Rung, error_at, error_of_finest
+from magmpm.statics.error_estimate import ALGEBRAIC, FASTEST, PROOF, factor, foretold, observed_order
+from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnStep, operations
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
 
-LADDER = (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16)  # cells across
-STATIONS = 41  # along the body, where axes are compared
-PATIENCE = 3600.0  # s: an error that would take longer can't be reached
+FIRST = 2  # cells across: the coarsest grid
+PATIENCE = 3600.0  # s: an error that would take longer is out of reach
 FLOOR = 1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
 SHARE = 0.5  # of the machine's memory that a grid may take
+LATE = 1.15  # of the time asked for: a grid that takes longer is given up
+RESERVE = 0.9  # of the time left that a grid may be foretold to take
+HOPE = 0.5  # errors may fall by this order faster than they did
+FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
+LEAST_ORDER = 1.0  # at which errors fall in the asymptotic range; it is 1.5 at the least, less what the cut of the grid does
 
 
 @dataclass
 class Choice:
-    """The chosen grid's solution. error: bound of its error, m; told: what results say of the choice (`resolution`)."""
+    """The chosen grid. models and found: of its equilibria, one a load; error: bound, m; told: what results say of it (`resolution`)."""
 
     scene: Scene
-    model: StaticModel
-    found: Equilibrium
+    models: list[StaticModel]
+    found: list[Equilibrium]
     error: float
     told: dict[str, Any]
 
 
-@dataclass
-class _Solved:
-    scene: Scene
-    model: StaticModel
-    found: Equilibrium
-    rung: Rung
-    seconds: float
-    operations: float
+class _Late(Exception):
+    """The time that the scene asks for is over."""
 
 
 @dataclass
-class _Ladder:
-    asked: Scene
-    on_step: Callable[[int, float], None] | None
-    begun: float = field(default_factory=time.perf_counter)
-    solved: list[_Solved] = field(default_factory=list)
+class _Search:
+    ladder: Ladder
+    begun: float
+    errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
 
     @property
-    def rungs(self) -> list[Rung]:
-        return [one.rung for one in self.solved]
+    def scene(self) -> Scene:
+        return self.ladder.asked
 
-    def solve(self, cells: int) -> None:
-        """Add the equilibrium with so many cells across. Raises as solve_static does."""
-        begun = time.perf_counter()
-        scene = self.asked.with_cells(cells)
-        with memory.within(scene):
-            model = static_model(build(scene))
-        found = solve_static(model, on_step=self.on_step, judged=False)
-        rung = Rung(cells, model.grid.spacing[0], self._points(model, found))
-        self.solved.append(_Solved(scene, model, found, rung, time.perf_counter() - begun, operations(scene)[0]))
+    def prove(self, cells: int) -> None:
+        """Solve a grid, and the finer one that tells its error."""
+        finer = PROOF[cells]
+        self.ladder.solve(cells)
+        self.ladder.prove(finer, cells)
+        self.errors[cells] = factor(cells, finer) * self.ladder.apart(cells, finer) + self.algebraic()
 
-    def _points(self, model: StaticModel, found: Equilibrium) -> np.ndarray:
-        grid = found.point.grid
-        if self.asked.resolution.of == "tip":
-            return axis.tip(model, grid)[None]
-        s = np.linspace(0.0, model.grid.spacing[0] * model.grid.cells[0], STATIONS)
-        return axis.along_axis(model, grid, axis.section_weights(model), s)
+    def algebraic(self) -> float:
+        """What the solves themselves leave, m: they end at a share of the energy."""
+        tolerance = self.scene.solver.static.tolerance
+        first = next(iter(self.ladder.solved.values()))
+        moved = max(float(np.abs(grid).max()) for grid in first.grids)
+        return float(ALGEBRAIC * np.sqrt(tolerance) * moved)
 
-    def seconds_at(self, cells: int) -> float:
-        """What a grid will take, s, foretold from those solved."""
-        last = self.solved[-1]
-        return last.seconds * operations(self.asked.with_cells(cells))[0] / last.operations
+    def takes(self, cells: int) -> float:
+        """What it will take to prove a grid's error, s."""
+        ladder, finer = self.ladder, PROOF[cells]
+        known = ladder.solved.get(cells)
+        solve = 0.0 if known is not None and known.exact else ladder.seconds_at(cells, PER_SOLVE)
+        return solve + (0.0 if finer in ladder.solved else ladder.seconds_at(finer, PER_PROOF))
 
-
-def operations(scene: Scene) -> tuple[float, float]:
-    """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
-    grid = scene.body.shape.grid(scene.resolution.cells_across)
-    along, *across = grid.cells
-    m = 3.0 * np.prod([n + 2.0 for n in across])
-    return float(19 / 3 * along * m**3), float(8.0 * 3 * (along + 2) * m**2)
+    def fits(self, cells: int) -> bool:
+        """Whether a grid and its proof fit into memory."""
+        return operations(self.scene.with_cells(PROOF[cells]))[1] <= SHARE * memory.machine()
 
 
-def choose(scene: Scene, on_step: Callable[[int, float], None] | None = None) -> Choice:
-    """The cheapest grid that meets the error, or the best within the time, that a static scene asks for; solved, and its error proven.
+def choose(scene: Scene, loads: Loads | None = None, on_step: OnStep | None = None) -> Choice:
+    """The coarsest grid that meets the error, or the best within the time, that a scene asks for; solved, and its error proven.
 
+    loads: those of the scene on a grid that are judged; the one of its equilibrium unless given.
     Raises SceneError where no grid can: with what it would take. Raises as solve_static does.
     """
-    _possible(scene)
-    ladder = _Ladder(scene, on_step)
-    ladder.solve(LADDER[0])
-    while (cells := _next(ladder)) is not None:
-        ladder.solve(cells)
-    return _chosen(ladder)
+    check_possible(scene)
+    begun = time.perf_counter()
+    limit = scene.resolution.seconds
+
+    def tell(step: int, number: float) -> None:
+        if limit is not None and search.errors and time.perf_counter() - begun > LATE * limit:
+            raise _Late
+        if on_step is not None:
+            on_step(step, number)
+
+    search = _Search(Ladder(scene, loads or at_rest, tell), begun)
+    cells: int | None = FIRST
+    failure: SolveError | None = None
+    while cells is not None:
+        try:
+            search.prove(cells)
+            failure = None
+        except SolveError as error:  # some bodies need finer cells to be solved at all
+            failure = error
+        except _Late:
+            break
+        cells = _next(search, cells, failure)
+    if not search.errors:
+        assert failure is not None
+        raise failure
+    return _chosen(search)
 
 
-def _possible(scene: Scene) -> None:
-    """Raises SceneError where the choice can't be made at all."""
+def at_rest(scene: Scene) -> list[Load]:
+    """The load of a scene's equilibrium."""
+    with memory.within(scene):
+        model = static_model(build(scene))
+    return [Load(model, lambda on_step: solve_static(model, on_step=on_step, judged=False))]
+
+
+def check_possible(scene: Scene) -> None:
+    """Raises SceneError where no choice can be made, before anything is solved."""
     wanted = scene.resolution.allowed(scene.length)
     key = "resolution.error" if wanted is not None else "resolution.seconds"
     if scene.body.shape.line is None:
@@ -114,8 +135,8 @@ def _possible(scene: Scene) -> None:
             key, rule="errors are those of a centreline, and a body of STL parts has none", remedy="give `cells_across` instead, say 4"
         )
     if wanted is not None and wanted > 0.5 * scene.length:
-        raise SceneError(key, received=f"{1e3 * wanted:g} mm", rule=f"must be at most half of the length, {500 * scene.length:g} mm",
-                         remedy="check number and unit")  # fmt: skip
+        rule = f"must be at most half of the length, {500 * scene.length:g} mm"
+        raise SceneError(key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit")
     if wanted is not None and wanted < FLOOR * scene.length:
         raise SceneError(
             key,
@@ -125,54 +146,97 @@ def _possible(scene: Scene) -> None:
         )
 
 
-def _next(ladder: _Ladder) -> int | None:
-    """The cells to solve next; None where the last grid will do. Raises SceneError where none can."""
-    scene, rungs = ladder.asked, ladder.rungs
-    finer = [n for n in LADDER if n > rungs[-1].cells]
-    if len(rungs) < 2:
-        return finer[0]
-    wanted = scene.resolution.allowed(scene.length)
+def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None:
+    """The grid to prove next; None where the last one will do. Raises SceneError where none can."""
+    finer = [n for n in PROOF if n > tried]
+    if failure is not None:
+        return finer[0] if finer and finer[0] <= FIRST + 2 else None
+    wanted = search.scene.resolution.allowed(search.scene.length)
     if wanted is None:
-        left = (scene.resolution.seconds or 0.0) - (time.perf_counter() - ladder.begun)
-        return max((n for n in finer if ladder.seconds_at(n) <= left), default=None)
-    if error_of_finest(rungs) <= wanted:
+        return _next_in_time(search, finer)
+    if search.errors[tried] <= wanted:
         return None
-    will_do = [n for n in finer if error_at(rungs, n) <= wanted]
-    for cells in will_do[:1]:
-        needed, seconds = operations(scene.with_cells(cells))[1], ladder.seconds_at(cells)
-        if needed <= SHARE * memory.machine() and seconds <= PATIENCE:
-            return cells
-    raise _out_of_reach(ladder, wanted)
+    order = observed_order(search.errors)
+    hoped = FASTEST if order is None else min(max(order, LEAST_ORDER) + HOPE, FASTEST)
+    if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
+        raise _out_of_reach(search, wanted)
+    if order is None:  # one grid says little of how errors fall here: no leap on its word
+        finer = [n for n in finer if n <= FIRST_LEAP]
+    cells = next((n for n in finer if foretold(search.errors, n) <= wanted), finer[-1])
+    if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
+        raise _out_of_reach(search, wanted, cells)
+    return cells
 
 
-def _out_of_reach(ladder: _Ladder, wanted: float) -> SceneError:
-    scene, rungs = ladder.asked, ladder.rungs
-    length = scene.length
-    cells = next((n for n in LADDER if n > rungs[-1].cells and error_at(rungs, n) <= wanted), LADDER[-1])
-    least, bytes_needed, seconds = error_at(rungs, LADDER[-1]), operations(scene.with_cells(cells))[1], ladder.seconds_at(cells)
-    if error_at(rungs, cells) > wanted:
-        why = f"{LADDER[-1]} cells across, the most there are, are off by {100 * least / length:.2g} %, as {rungs[-1].cells} cells tell"
+def _next_in_time(search: _Search, finer: list[int]) -> int | None:
+    limit = search.scene.resolution.seconds
+    assert limit is not None
+    gone = time.perf_counter() - search.begun
+    if gone > LATE * limit and len(search.errors) == 1:
+        raise SceneError(
+            "resolution.seconds",
+            received=f"{limit:g} s",
+            rule=f"must be enough for the coarsest grid and the proof of its error, {gone:.2g} s here",
+            remedy=f"allow {1.2 * gone:.2g} s or more",
+        )
+    if len(search.errors) == 1:  # whose pace says little: it was the first to run
+        finer = [n for n in finer if n <= FIRST_LEAP]
+    return max((n for n in finer if search.fits(n) and search.takes(n) <= RESERVE * (limit - gone)), default=None)
+
+
+def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> SceneError:
+    """cells: the grid that would do, but for memory or time."""
+    length, tried = search.scene.length, max(search.errors)
+    if cells is None:
+        most = max(PROOF)
+        least = foretold(search.errors, most)
+        why = f"{most} cells across, the most whose error can be proven, are off by {100 * least / length:.2g} %, as {tried} cells tell"
     else:
-        why = f"it takes {cells} cells across, {bytes_needed / 1e9:.2g} GB and {seconds:.2g} s"
+        needed, seconds = operations(search.scene.with_cells(PROOF[cells]))[1], search.takes(cells)
+        why = f"{cells} cells across and their proof by {PROOF[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     return SceneError(
         "resolution.error",
         received=f"{100 * wanted / length:.3g} % of the length",
         rule=f"must be within reach of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s: {why}",
-        remedy=f"ask for {100 * error_of_finest(rungs) / length:.2g} % or more, which {rungs[-1].cells} cells give",
+        remedy=f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give",
     )
 
 
-def _chosen(ladder: _Ladder) -> Choice:
-    last, asked, length = ladder.solved[-1], ladder.asked.resolution, ladder.asked.length
-    error = error_of_finest(ladder.rungs)
+def _chosen(search: _Search) -> Choice:
+    cells = min(search.errors, key=lambda n: search.errors[n]) if search.scene.resolution.error is None else max(search.errors)
+    ladder, asked, length = search.ladder, search.scene.resolution, search.scene.length
+    last, finer, error = ladder.solved[cells], ladder.solved[PROOF[cells]], search.errors[cells]
+    order, spent = observed_order(search.errors), sum(one.seconds for one in ladder.solved.values())
     told = {
-        "cells_across": last.rung.cells,
+        "cells_across": cells,
         "particles_per_cell": asked.particles_per_cell,
         "asked": {key: value for key, value in asked.model_dump().items() if key in ("error", "of", "seconds")},
         "error_of_length": error / length,
-        "tried": [{"cells_across": one.rung.cells, "dof": one.model.dof, "seconds": one.seconds} for one in ladder.solved],
+        "algebraic_error": search.algebraic(),
+        "order": order,
+        "asymptotic": None if order is None else order >= LEAST_ORDER,
+        "tried": [
+            {
+                "cells_across": n,
+                "dof": one.loads[0].model.dof,
+                "seconds": one.seconds,
+                "factorizations": one.steps,
+                "error": search.errors.get(n),
+            }
+            for n, one in sorted(ladder.solved.items())
+        ],
+        "seconds_of_answer": last.seconds,
+        "seconds_of_proof": spent - last.seconds,
+        "finer": {
+            "cells_across": finer.cells,
+            "tip": axis.tip(finer.loads[-1].model, finer.grids[-1]).tolist(),
+            "centreline": axis.centreline(finer.loads[-1].model, finer.grids[-1]).tolist(),
+        },
     }
-    assert last.found.energy is not None
+    found = list(last.found)
+    assert found[-1].energy is not None
     with one_blas_thread():
-        found = replace(last.found, stability=stability(last.found.energy, last.found.point))
-    return Choice(last.scene, last.model, found, error, told)
+        found[-1] = replace(found[-1], stability=stability(found[-1].energy, found[-1].point))
+    return Choice(search.scene.with_cells(cells), [load.model for load in last.loads], found, error, told)
+
+

@@ -1,0 +1,106 @@
+"""True error over promised error, for scenes drawn at random: is `resolution: {error: ...}` true?
+
+    python tests/benchmarks/promised_error.py [--first SEED] [--scenes N] [--out FILE]
+
+Each scene (drawn_scenes.py; seeds from 1000, none of which set any constant) is asked for an error of 0.02 to 2 % of the length, on the
+centreline or at the tip, and solved again with twice as many cells, from its rod, as if nothing had been asked. Printed: the ratio of the
+difference to the error_estimate, where the answer is not within the error asked for, what failed and why, and seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from drawn_scenes import drawn
+
+from magmpm import run
+from magmpm.errors import MagmpmError
+from magmpm.results.measures import largest_distance
+from magmpm.scene import Scene
+from magmpm.statics.ladder import operations
+
+FIRST, SCENES = 1000, 100
+MOST_OPERATIONS = 1.5e11  # of a factorization of the reference: minutes
+BOUNDS, WORST = (0.3, 1.0), 1.5
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=FIRST)
+    parser.add_argument("--scenes", type=int, default=SCENES)
+    parser.add_argument("--out", type=Path, default=Path("runs/bench/promised_error.json"))
+    options = parser.parse_args()
+    rows = json.loads(options.out.read_text()) if options.out.exists() else []
+    done = {row["seed"] for row in rows}
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    for seed in range(options.first, options.first + options.scenes):
+        if seed not in done:
+            rows.append(judged(seed))
+            options.out.write_text(json.dumps(rows, indent=1) + "\n")
+            print(told(rows[-1]), flush=True)
+    print(summary(rows))
+
+
+def asked(seed: int) -> Scene:
+    """The scene of a seed, with the error it is asked for."""
+    draw = np.random.default_rng([7, seed])
+    share, of = float(np.exp(draw.uniform(np.log(2e-4), np.log(2e-2)))), ("centreline", "tip")[int(draw.random() < 0.25)]
+    return Scene.from_si({**drawn(seed).to_si(), "resolution": {"error": share, "of": of}})
+
+
+def judged(seed: int) -> dict[str, Any]:
+    """One scene: asked, promised and true error (m), or why there is none."""
+    scene = asked(seed)
+    row: dict[str, Any] = {"seed": seed, "name": scene.name, "slenderness": scene.length / scene.thickness, "asked": scene.resolution.error}
+    begun = perf_counter()
+    try:
+        result = run(scene)
+    except MagmpmError as error:
+        return {**row, "failed": str(error)}
+    assert result.resolution is not None
+    cells = result.resolution["cells_across"]
+    row |= {"cells": cells, "promised": result.error_estimate, "length": scene.length, "of": scene.resolution.of}
+    row |= {"seconds": perf_counter() - begun - result.seconds["compile"], "proof": result.resolution["seconds_of_proof"]}
+    row |= {"answer": result.resolution["seconds_of_answer"]}
+    finer = scene.with_cells(min(2 * cells, 16))
+    if operations(finer)[0] > MOST_OPERATIONS:
+        return {**row, "failed": "no reference: twice the resolution takes too long"}
+    try:
+        truth = run(finer)
+    except MagmpmError as error:
+        return {**row, "failed": f"no reference: {error}"}
+    tip = float(np.linalg.norm(result.tip - truth.tip))
+    row["true"] = tip if scene.resolution.of == "tip" else largest_distance(truth, result.centreline)
+    return {**row, "ratio": row["true"] / row["promised"]}
+
+
+def told(row: dict[str, Any]) -> str:
+    """A scene in a line."""
+    begin = f"{row['name']:26s} L/D {row['slenderness']:4.1f}, asked {100 * row['asked']:.3f} %"
+    if "failed" in row:
+        return f"{begin}: {row['failed'][:300]}"
+    promised = 100 * row["promised"] / row["length"]
+    return f"{begin}: {row['cells']} cells, promised {promised:.4f} %, true/promised {row['ratio']:.2f}, {row['seconds']:.2f} s"
+
+
+def summary(rows: list[dict[str, Any]]) -> str:
+    """What all scenes say together."""
+    known = [row for row in rows if "ratio" in row]
+    ratio = np.array([row["ratio"] for row in known])
+    inside = (ratio >= BOUNDS[0]) & (ratio <= BOUNDS[1])
+    kept = sum(row["true"] <= row["asked"] * row["length"] for row in known)
+    low = (ratio < BOUNDS[0]).sum()
+    return (
+        f"{len(rows)} scenes, {len(known)} judged: true/promised in {BOUNDS} in {100 * inside.mean():.0f} %, above {WORST}: "
+        f"{(ratio > WORST).sum()}, above 1: {(ratio > 1).sum()}, below {BOUNDS[0]}: {low}, median {np.median(ratio):.2f}, "
+        f"largest {ratio.max():.2f}; within the error asked for: {kept} of {len(known)}"
+    )
+
+
+if __name__ == "__main__":
+    main()
