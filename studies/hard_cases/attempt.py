@@ -25,7 +25,8 @@ Tell = Callable[[Outcome], None]
 
 
 def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
-    """Solve the scene of a file. limit: s of processor time, after which the process is ended (SIGPROF); folder: for what is saved.
+    """Solve the scene of a file. limit: s of processor time for the run, and as much for its checks or remedies, after
+    which the process is ended (SIGPROF); folder: for what is saved.
 
     tell(outcome): called before remedies are tried, with what is known until then.
     The outcome has `ended`, one of
@@ -68,6 +69,7 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
         tell(found)
         out_of_time(limit)
         return found | {"answered": _remedied(scene, error.remedies)}
+    out_of_time(limit)  # the checks are several more runs
     done = checked(scene, result, folder, number)
     shutil.rmtree(folder)
     found = {"warnings": result.warnings, "checks": done.done, "branches": done.branches, "solver": result.formulation}

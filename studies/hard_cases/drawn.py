@@ -89,6 +89,8 @@ def drawn(seed: int, number: int) -> Content:
     content["effects"] = named
     content["solver"] = _solver(rng, kind, end, effects)
     content["resolution"] = {"cells_across": cells, "particles_per_cell": int(rng.choice([2, 3], p=[0.95, 0.05]))}
+    if "parts" in body:  # wide sections: three cells across would take minutes along a path
+        content["resolution"] = {"cells_across": 2}
     return content
 
 
