@@ -5,22 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from time import thread_time
 from typing import Any
 
-import numba
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics.apic import UpdatedMotion
-from magmpm.dynamics.time_loop import formulation
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import ONLY_IN_MOTION, Effects
 from magmpm.effects.base import Effect
 from magmpm.effects.estimates import MEASURE, no_rest
 from magmpm.errors import MagmpmError, SolveError
-from magmpm.inputs.settings import validate
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
 from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, variants, verdict
@@ -28,6 +22,7 @@ from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
 from magmpm.simulate import choose_effects, run
+from studies.effects_costs import counted
 from studies.field_moment import stopped
 
 Progress = Callable[[int, int, str], None]
@@ -162,72 +157,8 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
 
-def costs(scene: Scene, on_progress: Progress | None = None, *, only: str | None = None) -> dict[str, float]:
-    """Per cent that each effect by itself adds to a step of the scene's body, at the settings the scene or else its key's example has.
-
-    In the formulation that the scene would use; kernels are compiled or loaded first. An effect that takes no part in a step is left out.
-    only: this effect alone.
-    """
-    data = at_rest(scene).to_si()
-    dynamic = getattr(scene.solver, "dynamic", None)
-    motion = {"duration": 1.0} if dynamic is None else dynamic.model_dump(mode="json")
-    data["solver"] = {"anti_locking": scene.solver.anti_locking, "dynamic": motion}
-    for material in data[
-        "materials"
-    ].values():  # motion asks for densities; steps of no length do not care which
-        material["density"] = material["density"] or 1000.0
-    bare = Scene.from_si({**data, "effects": {}})
-    model = build(bare)
-    parts: dict[str, tuple[Array, ...]] = {}
-    for key in effects.every():
-        if only not in (None, key):
-            continue
-        named = getattr(scene.effects, key)
-        try:
-            if named is None:
-                example = {key: (Effects.model_fields[key].examples or [{}])[0]}
-                named = getattr(validate(Effects, example, "example"), key)
-            alone = scene.model_copy(update={"effects": Effects(**{key: named})})
-            found = named.records(alone, 1.0, np.zeros(1))
-        except MagmpmError:
-            continue
-        if found:
-            parts[key] = tuple(found)
-    kind = TotalMotion if formulation(scene if dynamic is not None else bare) == "total" else UpdatedMotion
-    unloaded, spent = kind(replace(model, effects=())), {}
-    for k, (key, found) in enumerate(parts.items()):
-        if on_progress is not None:
-            on_progress(k, len(parts), key)
-        spent[key] = 100 * (_ratio(kind(replace(model, effects=found)), found, unloaded) - 1)
-    return spent
-
-
-def _ratio(motion: TotalMotion | UpdatedMotion, found: tuple[Array, ...], bare: TotalMotion | UpdatedMotion) -> float:
-    """Time of a step with an effect over one without: the median over REPEATS pairs of short runs, one right after the other.
-
-    Other work on the machine slows both runs of a pair alike. The steps are too short to move anything; the first ones, which may compile,
-    do not count.
-    """
-    motion.advance(1, STILL, found)
-    bare.advance(1, STILL, ())
-    steps = int(np.clip(RUN / _seconds(bare, 1, ()), 2, 1000))
-    return float(np.median([_seconds(motion, steps, found) / _seconds(bare, steps, ()) for _ in range(REPEATS)]))
-
-
-def _seconds(motion: TotalMotion | UpdatedMotion, steps: int, found: tuple[Array, ...]) -> float:
-    """Processor time on one thread: what a step needs, however busy the machine is."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        begun = thread_time()
-        motion.advance(steps, STILL, found)
-        return thread_time() - begun
-    finally:
-        numba.set_num_threads(before)
-
-
 def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on_progress: Progress | None = None) -> Table:
-    """Every available effect, in this scene. measure: costs too; otherwise cost_percent is None. error: m, what the answer may be off by;
+    """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off by;
     what the scene's resolution asks for, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
@@ -237,7 +168,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
     _refuse_bad_beginning(scene)
     body, answers, rows = Estimates(scene), RodAnswers(scene), []
     error = error or allowed_error(scene)
-    spent = costs(scene, on_progress) if measure else {}
+    spent = counted(scene) if measure else {}
     for key, kind in effects.every().items():
         named = getattr(scene.effects, key) is not None
         at_rest_m, says = _judged(scene, body, key, kind) if is_rod(scene) or not scene.in_time else (None, "none of its parts is a rod")

@@ -26,6 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
@@ -49,7 +50,7 @@ class RodShape:
 
     s (n + 1,) m; position (n + 1, 3) m; frames (n + 1, 3, 3), columns tangent and section axes; curvature (n + 1, 3) 1/m in the
     frame (twist, two bendings); stretch (n + 1, 3): material strain v (1 and 0, 0 when unloaded); iterations; stable: whether the
-    energy has a minimum there.
+    energy has a minimum there. quaternions (n + 1, 4) of the frames, and the field (n + 1, 3) T and weight (n + 1, 3) N they are in.
     """
 
     s: Array
@@ -60,6 +61,9 @@ class RodShape:
     iterations: int
     stable: bool
     energy: float
+    quaternions: Array
+    field: Array
+    weight: Array
 
     def at(self, s: Array) -> Array:
         """Positions (k, 3) m at arc lengths s (k,) m of the undeformed rod."""
@@ -90,8 +94,7 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     body = scene.body.shape
     if not isinstance(body, StraightBody):
         raise SolveError("a body made of parts is not a rod")
-    lengths = np.array(body.segment_lengths())
-    counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(int), 2)
+    lengths, counts = np.array(body.segment_lengths()), segment_counts(body, elements)
     of = np.repeat(np.arange(len(lengths)), counts)
     materials = [scene.materials[region.material_name] for region in body.regions()]
     G = np.array([material.shear_modulus for material in materials])
@@ -114,6 +117,12 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
         weight=beyond[:, None] * acceleration,
         field=np.tile(fields.places(scene.field, times)[0]["uniform"], (len(of) + 1, 1)),
     )
+
+
+def segment_counts(body: StraightBody, elements: int) -> NDArray[np.int64]:
+    """Number of elements in each segment of a body that has about so many: two or more."""
+    lengths = np.array(body.segment_lengths())
+    return np.maximum(np.round(elements * lengths / lengths.sum()).astype(np.int64), 2)
 
 
 def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodShape:
@@ -184,7 +193,8 @@ def solve_rod_model(
         quaternions, rod.length, rod.compliance, rod.moment, loads[-1] * rod.field, loads[-1] * rod.weight
     )
     s = np.concatenate([[0.0], np.cumsum(rod.length)])
-    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)
+    loaded = quaternions, loads[-1] * rod.field, loads[-1] * rod.weight
+    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy, *loaded)
 
 
 def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
@@ -219,7 +229,7 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
             status = 1
         if status != 0:
             raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies")
-    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy)
+    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy, quaternions, here.field, here.weight)
 
 
 def _beyond(force: Array) -> Array:

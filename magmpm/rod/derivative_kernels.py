@@ -14,15 +14,15 @@ import numpy as np
 
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.rod.kernels import (
-    _derivatives,
     _dot,
-    _factor,
     _matrix,
     _scaled,
-    _solve,
     _to_frame,
+    derivatives,
+    factor,
     frames_of,
     relax,
+    solve,
 )
 
 
@@ -199,15 +199,15 @@ def _slopes(q, length, D, C, moment, field, weight, sizes, shares, frames, slope
     n = len(length)
     g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
     Ld, Lo = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-    _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
-    if not _factor(Hd, Ho, 0.0, Ld, Lo):
+    derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+    if not factor(Hd, Ho, 0.0, Ld, Lo):
         return False
     A, P, Q = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3, 3)), np.empty((n, 3))
     for e in range(n):
         _element(q, e, length[e], C[e], moment[e, 0], field, weight, A[e], P[e], Q[e])
     for column in range(len(slopes)):
         _right_side(frames, length, C, moment, field, weight, sizes, shares, column, slopes[column, 0])
-        _solve(Ld, Lo, slopes[column, 0])
+        solve(Ld, Lo, slopes[column, 0])
         _add_column((A, P, Q), moment, sizes, shares, column, slopes[column])
     return True
 
@@ -255,15 +255,15 @@ def softest(q, length, D, C, moment, field, weight):
     for k in range(n + 1):
         _matrix(q[k], frames[k])
         x[k, 0], x[k, 1], x[k, 2] = 0.1, 1.0, 0.6
-    _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
-    if not _factor(Hd, Ho, 0.0, Ld, Lo):
+    derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+    if not factor(Hd, Ho, 0.0, Ld, Lo):
         return 0.0
     value = 0.0
     for _ in range(60):
         _inertia(frames, length, x, moved, Mx)
         mass = _dot(x, Mx)
         _scaled(Mx, 1.0, x)
-        _solve(Ld, Lo, x)
+        solve(Ld, Lo, x)
         before, value = value, mass / _dot(x, Mx)  # Rayleigh's quotient of the iteration before, from below its error squared
         if abs(value - before) < 1e-4 * value:
             break

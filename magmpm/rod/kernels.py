@@ -140,7 +140,7 @@ def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
 
 
 @compiled
-def _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
+def derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
     """Gradient g (n + 1, 3), Hessian blocks Hd (n + 1, 3, 3) and Ho (n, 3, 3): row frame e, column frame e + 1."""
     R, z, b, w, work = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3), np.empty((3, 3, 3))
     g[:], Hd[:], Ho[:] = 0.0, 0.0, 0.0
@@ -172,7 +172,7 @@ def _cholesky3(A):
 
 
 @compiled
-def _factor(Hd, Ho, shift, Ld, Lo):
+def factor(Hd, Ho, shift, Ld, Lo):
     """Block Cholesky of the Hessian of frames 1 .. n plus shift: Ld (n + 1, 3, 3) lower, Lo (n, 3, 3). False: not positive definite."""
     n = len(Ho)
     for k in range(1, n + 1):
@@ -197,7 +197,7 @@ def _factor(Hd, Ho, shift, Ld, Lo):
 
 
 @compiled
-def _solve(Ld, Lo, x):
+def solve(Ld, Lo, x):
     """x (n + 1, 3) in place: right-hand side -> solution; frame 0 stays at rest."""
     n = len(Lo)
     x[0] = 0.0
@@ -252,7 +252,7 @@ def _softest(Ld, Lo, d):
     for k in range(len(d)):
         d[k, 0], d[k, 1], d[k, 2] = 1e-5, -1.0, 1e-5  # a rotation about -y: a straight rod buckles toward +z
     for _ in range(60):
-        _solve(Ld, Lo, d)
+        solve(Ld, Lo, d)
         _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
 
 
@@ -275,12 +275,12 @@ def relax(q, length, D, C, moment, field, weight):
     scale /= total**2  # energy of bending by one radian
     noise = 1e-14 * (abs(energy) + scale)  # rounding error of the sum: smaller differences of energies mean nothing
     for step in range(MAX_STEPS):
-        _derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
+        derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
         shift, least = 0.0, 1e-4 * scale / n
-        while not _factor(Hd, Ho, shift, Ld, Lo):
+        while not factor(Hd, Ho, shift, Ld, Lo):
             shift = max(least, 4.0 * shift)
         _scaled(g, -1.0, d)
-        _solve(Ld, Lo, d)
+        solve(Ld, Lo, d)
         decrement = -_dot(g, d)
         if decrement < 1e-14 * scale:
             if shift == 0.0:

@@ -23,7 +23,7 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.fields.schedule import places
-from magmpm.rod.cosserat import RodModel, rod_model
+from magmpm.rod.cosserat import RodModel, rod_model, segment_counts
 from magmpm.rod.motion_kernels import ELEMENT, SURROUNDINGS, advance
 from magmpm.rod.mutual import MutualField
 from magmpm.scene import Scene
@@ -61,28 +61,27 @@ def move_rod(scene: Scene, *, coarser: int = 0) -> RodPath:
     allows.
     """
     for count in range(MOST, FEWEST - 1, -4):
-        parts, dt = _elements(scene, count)
+        parts, counts, dt = _elements(scene, count)
         steps = int(np.ceil(scene.duration / dt / LOOKS))
         if steps * LOOKS * len(parts) <= BUDGET:
             break
     else:
         raise SolveError(f"a motion of {steps * LOOKS} steps is too long to be estimated")
     if coarser:
-        parts, dt = _elements(scene, count // 2**coarser)
+        parts, counts, dt = _elements(scene, count // 2**coarser)
         steps = int(np.ceil(scene.duration / dt / LOOKS))
-    return _follow(scene, parts, scene.duration / LOOKS / steps, steps)
+    return _follow(scene, parts, counts, scene.duration / LOOKS / steps, steps)
 
 
-def _elements(scene: Scene, count: int) -> tuple[NDArray[np.void], float]:
-    """The elements, and the largest step, s."""
+def _elements(scene: Scene, count: int) -> tuple[NDArray[np.void], NDArray[np.int64], float]:
+    """The elements, how many of each segment, and the largest step, s."""
     shape = scene.body.shape
     if not isinstance(shape, StraightBody):
         raise SolveError("a body made of parts is not a rod")
     # with moments and weight, whether the scene has an outside field turn them and gravity act on it or not
     heavy = scene.with_effects(gravity={"acceleration": [0.0, 0.0, -1.0]}, magnetic_torque={})
     rod: RodModel = rod_model(heavy, count)
-    regions = shape.regions()
-    counts = np.maximum(np.round(count * np.array(shape.segment_lengths()) / shape.length).astype(int), 2)
+    regions, counts = shape.regions(), segment_counts(shape, count)
     softest = np.repeat([scene.materials[region.material_name].shear_modulus for region in regions], counts)
     viscosity = scene.effects.viscosity
     out = np.zeros(len(rod.length), ELEMENT)
@@ -97,7 +96,7 @@ def _elements(scene: Scene, count: int) -> tuple[NDArray[np.void], float]:
     turns = (out["stretch"][:, 1:].max(axis=1) * rod.length)[:, None] + 8.0 * rod.twist_bend / rod.length[:, None]
     highest = float(np.sqrt((moves + (turns / out["inertia"]).max(axis=1)).max()))
     lost = float(out["loss"].max()) * highest / 2
-    return out, SHARE * 2.0 * (np.sqrt(1.0 + lost**2) - lost) / highest
+    return out, counts, SHARE * 2.0 * (np.sqrt(1.0 + lost**2) - lost) / highest
 
 
 def _surroundings(scene: Scene, dt: float) -> tuple[NDArray[np.void], Array]:
@@ -122,7 +121,7 @@ def _surroundings(scene: Scene, dt: float) -> tuple[NDArray[np.void], Array]:
     return out, table
 
 
-def _follow(scene: Scene, elements: NDArray[np.void], dt: float, steps: int) -> RodPath:
+def _follow(scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64], dt: float, steps: int) -> RodPath:
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
     n = len(elements)
@@ -131,7 +130,7 @@ def _follow(scene: Scene, elements: NDArray[np.void], dt: float, steps: int) -> 
     x = np.array(line.base) + s[:, None] * [1.0, 0.0, 0.0]
     state = _State(x, np.zeros((n + 1, 3)), quaternions, np.zeros((n, 3)), np.zeros((n + 2, 6)))
     around, table = _surroundings(scene, dt)
-    outside = _Outside(scene, elements)
+    outside = _Outside(scene, elements, counts)
     times = np.linspace(0.0, LOOKS * steps * dt, LOOKS + 1)
     position = np.empty((LOOKS + 1, n + 1, 3))
     position[0] = state.x
@@ -148,7 +147,7 @@ def _follow(scene: Scene, elements: NDArray[np.void], dt: float, steps: int) -> 
 class _Outside:
     """Loads along the rod: the outside field, what it pulls, weight, and the segments on each other."""
 
-    def __init__(self, scene: Scene, elements: NDArray[np.void]) -> None:
+    def __init__(self, scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64]) -> None:
         self.scene, self.elements = scene, elements
         named = scene.effects
         weight = np.zeros(3) if named.gravity is None else np.array(named.gravity.acceleration)
@@ -159,29 +158,26 @@ class _Outside:
         self.acts = scene.effects.in_a_field and scene.field.acts
         self.source = scene.outside_field() if self.acts and scene.field.varies else None
         several = named.magnetic_interaction is not None and len(scene.magnetized_regions()) > 1
-        self.mutual = MutualField(scene) if several else None
-        ends = np.concatenate([[0.0], np.cumsum(elements["length"])])
-        self.middle = (ends[1:] + ends[:-1]) / 2
-        line = scene.body.shape.line
-        assert line is not None  # only straight bodies are rods
-        self.base = np.array(line.base)
+        self.mutual = MutualField(scene, counts, elements["length"]) if several else None
 
     def at(self, state: _State, time: float) -> tuple[Array, Array]:
-        """Field (n, 3) T on the elements and force (n + 1, 3) N on the nodes."""
+        """Field (n, 3) T on the elements; force (n + 1, 3) N on the nodes, and below it couple (n, 3) N m on the elements."""
         named, middle = self.scene.effects, (state.x[1:] + state.x[:-1]) / 2
         field, pull = np.zeros_like(middle), np.zeros_like(middle)  # pull: N/m
+        couple = np.zeros_like(middle)  # N
         if self.acts and named.magnetic_torque is not None:
             uniform = places(self.scene.field, np.array([time]))[0]["uniform"]
             field = field + (uniform if self.source is None else self.source.at(middle, time))
         if self.source is not None and named.magnetic_force is not None:
             pull = np.einsum("kji,kj->ki", self.source.gradient(middle, time), self._moments(state))
         if self.mutual is not None:
-            own, force = self.mutual.at(self.middle, middle - self.base, frames_of(state.q))
+            own, force, couple = self.mutual.at(middle, frames_of(state.q), self.elements["moment"])
             field, pull = field + own, pull + force
-        load = self.weight.copy()
+        load = np.concatenate([self.weight, couple * self.elements["length"][:, None]])
         half = pull * self.elements["length"][:, None] / 2
-        load[:-1] += half
-        load[1:] += half
+        n = len(half)
+        load[:n] += half
+        load[1 : n + 1] += half
         return field, load
 
     def _moments(self, state: _State) -> Array:

@@ -154,9 +154,9 @@ def _forces(x, v, q, old, elements, field, load, around, table, dt, f, torque):
         for i in range(3):
             f[k, i] = load[k, i]
     for e in range(n):
-        for i in range(3):
-            torque[e, i] = 0.0
         _frame(q[e], R)
+        for i in range(3):
+            torque[e, i] = R[0, i] * load[n + 1 + e, 0] + R[1, i] * load[n + 1 + e, 1] + R[2, i] * load[n + 1 + e, 2]
         _stretch(e, x, R, elements[e], field[e], old, dt, f, torque)
         if p.ground == 1 or p.walls == 1:
             for i in range(3):
@@ -180,7 +180,8 @@ def _forces(x, v, q, old, elements, field, load, around, table, dt, f, torque):
 
 @compiled
 def advance(x, v, q, w, old, elements, field, load, around, table, dt, steps):
-    """`steps` steps of dt (s), in place. field (2, n, 3) T: on the elements, at the first and after the last step; load (n + 1, 3) N;
+    """`steps` steps of dt (s), in place. field (2, n, 3) T: on the elements, at the first and after the last step; load (2 n + 1, 3): N on
+    the nodes, then N m on the elements;
     old (n + 2, 6): strains of the last step, for losses, of each element, then of the two clamps; around: SURROUNDINGS (1,)."""
     n, p = len(elements), around[0]
     f, torque, now = np.empty((n + 1, 3)), np.empty((n, 3)), np.empty((n, 3))

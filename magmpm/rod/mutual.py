@@ -1,75 +1,102 @@
 """The magnetized segments' field on each other along a rod, for estimates of `effects.magnetic_interaction`.
 
-The blocks of that effect, found once in the undeformed body on a coarse grid, move and turn with the rod's sections. They act as dipoles;
-field and force are averaged over the sections.
+Each segment is divided into blocks, ACROSS in its section's width and as long as they are wide. A block acts as a dipole at its mean place,
+with the moment of its elements; its elements feel the field, and carry equal parts of the force, that the other segments' dipoles make
+there, at the block's place in the section. These are the derivatives of one energy, so that forces and torques inside the body cancel: what
+they bend is the small rest of large terms.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import NDArray
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.fields.dipole import MU0, K
+from magmpm.fields.dipole import K
 from magmpm.scene import Scene
 
-CELLS, ACROSS = 2, 1  # of the grid; blocks across: on the axis, where no force has a lever arm
+CELLS, ACROSS = 4, 2  # of the grid that gives the section; blocks across its width
+TOUCHING, NEAR = 0.151, 1.35  # of cubes: magmpm.effects.magnetic_interaction has the sources
 
 
 class MutualField:
-    """What the segments of a straight body do to each other. Raises AttributeError where the scene does not name magnetic_interaction."""
+    """What the segments of a straight body do to each other. counts: number of elements of each segment; length (n,) m: of each element."""
 
-    def __init__(self, scene: Scene) -> None:
-        shape, effect = scene.body.shape, scene.effects.magnetic_interaction
-        assert effect is not None
-        made = shape.discretize(CELLS, 2)
-        particles: Any = made.particles
-        remanence = scene.region_remanence()[particles.segment]
-        block = effect.model_copy(update={"blocks_across": ACROSS}).marks(particles, remanence)
-        on = np.flatnonzero(block >= 0)
-        number = block[on].astype(int)
-        self.volume = np.bincount(number, particles.volume[on])
-        places = [np.bincount(number, particles.volume[on] * particles.position[on, i]) / self.volume for i in range(3)]
-        assert shape.line is not None  # only straight bodies are rods
-        self.place = np.stack(places, axis=1) - np.array(shape.line.base)
-        self.of = np.zeros(len(self.volume), int)
-        self.of[number] = particles.segment[on]
-        self.moment = self.volume[:, None] * scene.region_remanence()[self.of] / MU0
-        self.same = self.of[:, None] == self.of[None, :]
-        self.ends = np.concatenate([[0.0], np.cumsum(shape.segment_lengths())])  # type: ignore[attr-defined]
+    def __init__(self, scene: Scene, counts: NDArray[np.int64], length: Array, across: int = ACROSS) -> None:
+        shape = scene.body.shape
+        assert isinstance(shape, StraightBody)
+        places, share, area = _section(shape, across)
+        self.length, wide = length, float(np.sqrt(area / len(places)))
+        layer, of, first, number = np.zeros(len(length), int), [], 0, 0
+        for k, (count, size) in enumerate(zip(counts, shape.segment_lengths(), strict=True)):
+            pieces = max(1, min(int(count), round(size / wide)))
+            layer[first : first + count] = number + np.arange(count) * pieces // count
+            of += [k] * pieces
+            first, number = first + count, number + pieces
+        self.layer, self.layers, self.places, self.share = layer, number, places, share
+        owner = np.repeat(of, len(places))
+        self.same = owner[:, None] == owner[None, :]
+        self.sizes = np.bincount(layer, length)
+        self.edges = np.cbrt((self.sizes[:, None] * area * share).ravel())
 
-    def at(self, s: Array, position: Array, frames: Array) -> tuple[Array, Array]:
-        """Field (m, 3) T at the stations s (m,) m of the undeformed rod, and force per length (m, 3) N/m; position (m, 3) m, frames
-        (m, 3, 3) with the tangent and the section's axes as columns."""
-        along = self.place[:, 0]
-        R = np.stack([np.interp(along, s, frames[:, i, j]) for i in range(3) for j in range(3)], axis=1).reshape(-1, 3, 3)
-        x = np.stack([np.interp(along, s, position[:, i]) for i in range(3)], axis=1)
-        x = x + R[:, :, 1] * self.place[:, 1:2] + R[:, :, 2] * self.place[:, 2:3]
-        m = np.einsum("kij,kj->ki", R, self.moment)
-        field, force = _dipoles(x, m, self.same)
-        out, pull = np.zeros_like(position), np.zeros_like(position)
-        for k in np.unique(self.of):
-            own = np.flatnonzero(self.of == k)
-            inside = np.flatnonzero((s >= self.ends[k] - 1e-12) & (s <= self.ends[k + 1] + 1e-12))
-            layers, which = np.unique(np.round(along[own], 9), return_inverse=True)
-            count = np.bincount(which)
-            thick = (self.ends[k + 1] - self.ends[k]) / len(layers)
-            for i in range(3):
-                out[inside, i] = np.interp(s[inside], layers, np.bincount(which, field[own, i]) / count)
-                pull[inside, i] = np.interp(s[inside], layers, np.bincount(which, force[own, i]) / thick)
-        return out, pull
+    def at(self, middle: Array, frames: Array, moment: Array) -> tuple[Array, Array, Array]:
+        """Field (n, 3) T, force (n, 3) N/m and couple (n, 3) N per length on elements.
+
+        middle (n, 3) m: their middles; frames (n, 3, 3), the tangent and the section's axes in columns; moment (n, 3) A m, per length, in
+        the frames.
+        """
+        m = self._sum(np.einsum("kij,kj->ki", frames, moment))
+        center = self._sum(middle) / self.sizes[:, None]
+        arms = np.einsum("kij,bj->kbi", self._sum(frames.reshape(-1, 9)).reshape(-1, 3, 3)[:, :, 1:], self.places)
+        arms /= self.sizes[:, None, None]
+        x, moments = center[:, None] + arms, m[:, None] * self.share[:, None]
+        field, force = _dipoles(x.reshape(-1, 3), moments.reshape(-1, 3), self.same, self.edges)
+        field, force = (values.reshape(arms.shape) for values in (field, force))
+        mean = np.einsum("kbi,b->ki", field, self.share)
+        total, couple = force.sum(axis=1), np.cross(arms, force).sum(axis=1)
+        return mean[self.layer], (total / self.sizes[:, None])[self.layer], (couple / self.sizes[:, None])[self.layer]
+
+    def _sum(self, values: Array) -> Array:
+        """Integral of a quantity (n, k) over the elements of each layer."""
+        return np.stack([np.bincount(self.layer, self.length * column, self.layers) for column in values.T], axis=1)
 
 
-def _dipoles(x: Array, m: Array, same: Array) -> tuple[Array, Array]:
-    """Field (k, 3) T at, and force (k, 3) N on, dipoles m (k, 3) A m^2 at x (k, 3) m of other segments. Jackson, 3rd ed., section 5.6."""
+def _section(shape: StraightBody, across: int) -> tuple[Array, Array, float]:
+    """Places (b, 2) m of blocks in the section, from its axis, their shares (b,) of its area, and the area, m^2."""
+    particles = shape.discretize(CELLS, 2).particles
+    slice_of = particles.cell[:, 0] == particles.cell[0, 0]
+    assert shape.line is not None  # only straight bodies are rods
+    yz = particles.position[slice_of, 1:] - np.array(shape.line.base)[1:]
+    volume = particles.volume[slice_of]
+    width = 2 * np.abs(yz).max(axis=0)
+    number = np.zeros(len(yz), int)
+    for axis in range(2):
+        pieces = max(1, round(across * width[axis] / width.max()))
+        number = number * pieces + np.clip(((yz[:, axis] / width[axis] + 0.5) * pieces).astype(int), 0, pieces - 1)
+    _, which = np.unique(number, return_inverse=True)
+    total = np.bincount(which, volume)
+    places = np.stack([np.bincount(which, volume * yz[:, axis]) / total for axis in range(2)], axis=1)
+    area = float(particles.volume.sum()) / shape.length
+    return places, total / total.sum(), area
+
+
+def _dipoles(x: Array, m: Array, same: Array, edges: Array) -> tuple[Array, Array]:
+    """Field (k, 3) T at, and force (k, 3) N on, dipoles m (k, 3) A m^2 at x (k, 3) m, of cubes of these edges (k,) m, of other segments.
+
+    The derivatives of -sum g(r) m_a.B_b(x_a) over pairs, g as in magmpm.effects.magnetic_interaction. Jackson, 3rd ed., section 5.6.
+    """
     d = x[:, None, :] - x[None, :, :]
     r2 = np.einsum("abi,abi->ab", d, d)
     r2[same] = np.inf
+    r, edge = np.sqrt(r2), (edges[:, None] + edges[None, :]) / 2
+    t = np.clip((NEAR - r / edge) / (NEAR - 1.0), 0.0, 1.0)
+    g, slope = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t), TOUCHING * 6.0 * t * (1.0 - t) / ((NEAR - 1.0) * edge)
     scale = K / r2**2.5
     nd, md, mn = np.einsum("bi,abi->ab", m, d), np.einsum("ai,abi->ab", m, d), m @ m.T
     near = np.where(same, 0.0, r2)
-    field = np.einsum("ab,abi->ai", 3.0 * scale * nd, d) - (scale * near) @ m
-    along = mn - 5.0 * md * nd / r2
-    force = 3.0 * ((scale * md) @ m + (scale * nd).sum(axis=1)[:, None] * m + np.einsum("ab,abi->ai", scale * along, d))
+    field = np.einsum("ab,abi->ai", 3.0 * g * scale * nd, d) - (g * scale * near) @ m
+    pair = scale * (3.0 * md * nd - mn * near)
+    along = 3.0 * g * scale * (mn - 5.0 * md * nd / r2) + slope * pair / r
+    force = 3.0 * ((g * scale * md) @ m + (g * scale * nd).sum(axis=1)[:, None] * m) + np.einsum("ab,abi->ai", along, d)
     return field, force

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, SolveError
-from magmpm.rod.cosserat import RodShape, Surroundings, along_rod, rod_model, solve_rod, solve_rod_model
+from magmpm.errors import SolveError
+from magmpm.rod.cosserat import RodShape, rod_model, segment_counts, solve_rod
+from magmpm.rod.kernels import derivatives, factor, solve
 from magmpm.rod.motion import move_rod
 from magmpm.rod.mutual import MutualField
 from magmpm.scene import Scene
@@ -19,7 +19,6 @@ ELEMENTS = 60  # of a rod at rest: 1e-3 of the deflection
 STATIONS = 81  # along the axis, at which shapes are compared
 MOMENTS = 9  # along equilibria in time
 MODEL = 0.05  # of a shift: what rod and body differ by, from tests/benchmarks/advice.py
-TURNS = 30  # of the fixed point of segments that act on each other
 
 
 @dataclass(frozen=True)
@@ -101,27 +100,50 @@ def _at_stations(s: Array, position: Array) -> Array:
 
 
 def rest(scene: Scene, elements: int = ELEMENTS, time: float | None = None) -> RodShape:
-    """The rod of a scene at rest, with the segments' field on each other if the scene names magnetic_interaction.
+    """The rod of a scene at rest; where it names magnetic_interaction, moved on by what that does to first order.
 
     time: s, of the field's schedule; its end unless given. Raises SolveError.
     """
+    shape = solve_rod(scene, elements, time=time)
     if scene.effects.magnetic_interaction is None or len(scene.magnetized_regions()) < 2:
-        return solve_rod(scene, elements, time=time)
-    mutual = MutualField(scene)
-    alone = scene.effects.magnetic_torque is None
-    turned: Any = scene.with_effects(magnetic_torque={}) if alone else scene
-    rod = rod_model(turned, elements, time=time)
-    uniform = 0.0 * rod.field if alone else rod.field
-    outside = along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
-    s = np.concatenate([[0.0], np.cumsum(rod.length)])
-
-    def around(position: Array, frames: Array) -> tuple[Array, Array]:
-        field, force = (uniform, np.zeros((len(rod.length), 3))) if outside is None else outside(position, frames)
-        own, pull = mutual.at(s, position, frames)
-        return field + own, force + (pull[1:] + pull[:-1]) / 2 * rod.length[:, None]
-
-    found: Surroundings = around
-    return solve_rod_model(rod, surroundings=found)
+        return shape
+    return replace(shape, position=shape.position + mutual_shift(scene, shape, elements))
 
 
-__all__ = ["InputError", "RodAnswers", "Shift", "SolveError", "is_rod", "rest"]
+def mutual_shift(scene: Scene, shape: RodShape, elements: int, across: int = 2) -> Array:
+    """How far (n + 1, 3) m the segments' field on each other moves a rod's frames, to first order: by its stiffness under its load.
+
+    The generalized force on the turn of a frame is the torque on its moments, and of the force in the section on its arm.
+    """
+    body = scene.body.shape
+    assert isinstance(body, StraightBody)
+    rod = rod_model(scene.with_effects(magnetic_torque={}), elements)  # its moments, whether an outside field turns them or not
+    named = rod.moment if scene.effects.magnetic_torque is not None else 0.0 * rod.moment
+    n = len(rod.length)
+    x, R = shape.position, shape.frames
+    middle, turned = (x[1:] + x[:-1]) / 2, (R[1:] + R[:-1]) / 2
+    mutual = MutualField(scene, segment_counts(body, elements), rod.length, across)
+    field, pull, couple = mutual.at(middle, turned, rod.moment)
+    beyond = np.concatenate([np.cumsum((pull * rod.length[:, None])[::-1], axis=0)[::-1], np.zeros((1, 3))])
+    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    derivatives(shape.quaternions, rod.length, rod.twist_bend, rod.compliance, named, shape.field, shape.weight, g, Hd, Ho)
+    force, half, tangent = np.zeros((n + 1, 3)), rod.length[:, None] / 2, np.array([1.0, 0.0, 0.0])
+    for side in (slice(None, -1), slice(1, None)):
+        b, w, c = (np.einsum("kji,kj->ki", R[side], load) for load in (field, (beyond[1:] + beyond[:-1]) / 2, couple))
+        force[side] += half * (np.cross(rod.moment, b) + np.cross(tangent, w) + c)
+    Ld, Lo = np.empty_like(Hd), np.empty_like(Ho)
+    if not factor(Hd, Ho, 0.0, Ld, Lo):
+        raise SolveError("the rod is at a critical load, where the segments' field on each other may move it anywhere")
+    solve(Ld, Lo, force)
+    slope = np.einsum("kij,kj->ki", R, np.cross(force, shape.strain))
+    moved = np.zeros_like(x)
+    np.cumsum(half * (slope[1:] + slope[:-1]), axis=0, out=moved[1:])
+    return moved
+
+
+def without_motion(scene: Scene) -> Scene:
+    """The scene as an equilibrium: without the effects that only act in motion. A field without end stays, which no solve takes."""
+    named = {key: None for key, kind in scene.effects.every().items() if kind.ONLY_IN_MOTION}
+    solver = scene.solver.model_copy(update={"dynamic": None, "quasi_static": None})
+    kept = scene.effects.model_copy(update=named)
+    return scene.model_copy(update={"solver": solver, "effects": kept, "reference": None})

@@ -1,0 +1,239 @@
+"""What each effect adds to the cost of a scene, from counted operations: the same on a busy machine as on an idle one.
+
+The hooks of an effect (effects.hooks) are run once in Python, on numbers that count what is done with them, for some of the scene's own
+particles: so a wall is counted where the body is near it, and a magnet's field with all its terms. What an operation takes compared with a
+whole step of a particle without effects is measured once, for hooks that serve eight particles at a time, for those that are called for
+each, and for nodes: tests/benchmarks/advice.py `costs` does it again, by short runs in pairs.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from functools import cache
+from types import FunctionType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
+
+from magmpm.compiled.arrays import Array
+from magmpm.effects import hooks
+from magmpm.effects.acting import Effects
+from magmpm.effects.base import Effect, Records
+from magmpm.effects.hooks import pairs
+from magmpm.errors import MagmpmError
+from magmpm.inputs.settings import validate
+from magmpm.model import Model, build
+from magmpm.rod.shifts import without_motion
+from magmpm.scene import Scene
+
+SAMPLE = 16  # particles on which hooks are counted
+# Per cent of a step of a particle without effects. Measured by tests/benchmarks/advice.py costs.
+WIDE, NARROW, LANES, NODE = 0.3, 0.5, 60.0, 0.35  # of an operation for eight, for one, of going through eight, of a node's
+# Of an equilibrium: operations in a solve with one particle's share of it, and passes over the particles in one.
+SOLVE, PASSES = 60_000.0, 10
+TOGETHER = 30  # gradients that a body needs more which acts on itself (statics.interacting)
+PAIR = 60  # operations of a pair of blocks
+SQUARE_ROOT = 6  # operations
+
+
+class Counted:
+    """A number that counts the operations on it, and on what comes of it."""
+
+    done = 0
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+
+    def _with(self, value: Any, operations: int = 1) -> Counted:
+        Counted.done += operations
+        return Counted(value)
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __int__(self) -> int:
+        return int(self.value)
+
+    __index__ = __trunc__ = __int__
+
+    def sqrt(self) -> Counted:
+        """Its root."""
+        return self._with(math.sqrt(self.value), SQUARE_ROOT)
+
+    def __neg__(self) -> Counted:
+        return self._with(-self.value, 0)
+
+    def __abs__(self) -> Counted:
+        return self._with(abs(self.value), 0)
+
+    def __hash__(self) -> int:
+        return hash(self.value)
+
+
+def _operators() -> None:
+    """Arithmetic and comparisons of Counted, with numbers on either side."""
+    for name in ("add", "sub", "mul", "truediv", "pow"):
+        plain = getattr(operator, name)
+        cost = {"truediv": 4, "pow": 2}.get(name, 1)
+        setattr(Counted, f"__{name}__", lambda a, b, f=plain, n=cost: a._with(f(a.value, getattr(b, "value", b)), n))
+        setattr(Counted, f"__r{name}__", lambda a, b, f=plain, n=cost: a._with(f(getattr(b, "value", b), a.value), n))
+    for name in ("lt", "le", "gt", "ge", "eq", "ne"):
+        plain = getattr(operator, name)
+        setattr(Counted, f"__{name}__", lambda a, b, f=plain: f(a.value, getattr(b, "value", b)))
+
+
+_operators()
+
+
+class _Math:
+    """The functions of `math` on Counted numbers."""
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        def call(*given: Any) -> Any:
+            if name == "sqrt" and isinstance(given[0], Counted):
+                return given[0].sqrt()
+            found = getattr(math, name)(*(float(one) for one in given))
+            return given[0]._with(found, 2 * SQUARE_ROOT) if isinstance(given[0], Counted) else found
+
+        return call
+
+
+# What eight numbers at a time are made of: an operation on all of them counts as one.
+_LANES: dict[str, Callable[..., Any]] = {
+    "splat": lambda value: Counted(0.0),
+    "load": lambda array, index: Counted(0.0),
+    "halves": lambda low, high: Counted(0.0),
+    "folded": lambda value: tuple(value._with(0.0) for _ in range(3)),
+}
+
+
+@cache
+def plain(function: Any) -> Callable[..., Any]:
+    """A compiled function, with all that it calls, as it is written in Python."""
+    source = function.py_func if isinstance(function, Dispatcher) else function
+    space = dict(source.__globals__)
+    for name in source.__code__.co_names:
+        if isinstance(space.get(name), Dispatcher):
+            space[name] = plain(space[name])
+        elif isinstance(space.get(name), _Intrinsic):
+            space[name] = _LANES[name]
+    if space.get("math") is math:
+        space["math"] = _Math()
+    return FunctionType(source.__code__, space, source.__name__, source.__defaults__, source.__closure__)
+
+
+def _numbers(values: Any) -> Any:
+    """An array of Counted."""
+    flat = np.empty(np.size(values), object)
+    flat[:] = [Counted(float(value)) for value in np.ravel(values)]
+    return flat.reshape(np.shape(values))
+
+
+def _record(records: Any) -> SimpleNamespace:
+    """A record's fields by their names."""
+    return SimpleNamespace(**{name: records[0][name] for name in records.dtype.names})
+
+
+def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
+    """Operations of one call of an effect's hook; 0 if it has none."""
+    function = hooks._registry[hook].get(records.dtype.names)
+    if function is None:
+        return 0
+    Counted.done = 0
+    plain(function)(_record(records), data, *arguments)
+    return Counted.done
+
+
+def counted(scene: Scene) -> dict[str, float]:
+    """Per cent that each effect by itself adds to the cost of a scene: of a motion's steps, or of an equilibrium's solve.
+
+    At the settings that the scene has, or else at its key's example. An effect that takes no part in it is left out.
+    """
+    model, found = build(without_motion(scene).with_effects(magnetic_interaction={})), {}
+    for key, kind in Effects.every().items():
+        try:
+            records = _records(scene, key)
+        except MagmpmError:
+            continue
+        if not records:
+            continue
+        found[key] = _step(model, records) if scene.solver.dynamic is not None else _solve(model, records, kind)
+    return found
+
+
+def _records(scene: Scene, key: str) -> Records:
+    """What kernels would take of one effect."""
+    named = getattr(scene.effects, key)
+    if named is None:
+        named = getattr(validate(Effects, {key: (Effects.model_fields[key].examples or [{}])[0]}, "example"), key)
+    alone = scene.model_copy(update={"effects": Effects(**{key: named})})
+    return tuple(named.records(alone, 1.0, np.zeros(1)))
+
+
+def _sampled(model: Model) -> Any:
+    return np.linspace(0, len(model.density) - 1, min(SAMPLE, len(model.density))).astype(int)
+
+
+def _step(model: Model, named: Records) -> float:
+    """Per cent of a motion's step: hooks on particles, and on nodes."""
+    chosen, total = _sampled(model), 0.0
+    nodes = float(np.prod([cells + 2 for cells in model.grid.cells])) / len(model.density)
+    for records, data in pairs(named):
+        names, called = records.dtype.names, False
+        for hook in ("stress", "force", "rate_stress", "near", "contact", "node"):
+            if names not in hooks._registry[hook]:
+                continue
+            acted = [p for p in chosen if hook != "contact" or _near(model, p, records, data)]
+            each = [operations(records, data, hook, *_given(model, p, hook)) for p in acted]
+            mean = sum(each) / len(chosen)
+            if hook == "node":
+                total += NODE * mean * nodes
+            elif names in hooks._wide[hook]:
+                total += WIDE * mean
+            else:
+                total += NARROW * mean
+                called = called or bool(each)
+        total += LANES if called else 0.0
+    return total
+
+
+def _near(model: Model, p: int, records: Any, data: Array) -> bool:
+    """Whether a particle is so near that contact is computed."""
+    function = hooks._registry["near"].get(records.dtype.names)
+    return function is None or bool(plain(function)(_record(records), data, model.particles.position[p]) > 0.0)
+
+
+def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
+    """Arguments of a hook for a particle at rest."""
+    x, F = _numbers(model.particles.position[p]), _numbers(np.eye(3))
+    magnet, rho = _numbers(model.remanence[p]), Counted(float(model.density[p]))
+    if hook in ("stress", "force"):
+        return magnet, rho, x, F, _numbers(np.zeros((3, 3) if hook == "stress" else 3))
+    if hook == "rate_stress":
+        return rho, F, _numbers(np.zeros((3, 3))), _numbers(np.zeros((3, 3)))
+    if hook == "near":
+        return (x,)
+    if hook == "node":
+        return x, _numbers(np.zeros(3)), _numbers(np.zeros(3)), 1e-5
+    if hook == "contact":
+        return x, _numbers(np.full(3, 1e-3)), Counted(1e-9), 1e-5, _numbers(np.zeros(3))
+    if hook == "energy":
+        return magnet, rho, x, F
+    raise ValueError(f"no arguments for {hook}")
+
+
+def _solve(model: Model, named: Records, kind: type[Effect]) -> float:
+    """Per cent of an equilibrium's solve; of an effect between all particles, with the steps that it adds."""
+    chosen, total = _sampled(model), 0.0
+    for records, data in pairs(named):
+        for hook in ("energy", "stress", "force"):
+            each = [operations(records, data, hook, *_given(model, p, hook)) for p in chosen]
+            total += 100 * PASSES * sum(each) / len(chosen) / SOLVE
+    if kind.REFRESHED is not None:
+        blocks = float(model.remanence[:, -1].max() + 1) if model.remanence.shape[1] > 3 else 0.0
+        total += 100 * TOGETHER * (PAIR * blocks**2 / len(model.density) + SOLVE / 60) / SOLVE
+    return total

@@ -1,0 +1,192 @@
+"""Whether the advice of `magmpm effects` is right: against full runs with and without each effect, on scenes drawn at random.
+
+make bench-advice: 40 scenes, every effect that each could have. A call is right if it says of an effect that it moves the answer by more
+than the asked error, 1 % of the length, when the full runs say so too. Effects for which the scene has no data (a rate, a wall) are no
+calls. self_contact is not tried: its runs use another formulation, whose own difference is larger than what is asked.
+
+    python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
+    python tests/benchmarks/advice.py report           # what these say
+    python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.errors import MagmpmError
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
+from magmpm.model import build
+from magmpm.results import measures
+from magmpm.results.trajectory import Motion
+from magmpm.rod.advice import allowed_error, variants
+from magmpm.scene import Scene
+from magmpm.simulate import run
+from studies.effects_costs import _records, counted
+from studies.effects_table import survey
+
+SEED, SCENES = 20261122, 40  # fixed before the first run
+FOLDER = Path("runs/bench-advice")
+FRAMES = 25
+REPEATS, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
+
+
+def drawn(number: int) -> Scene:
+    """A scene of the benchmark: of four, one at rest, one along equilibria, two in motion, of these one that is fed into a vessel."""
+    draw = np.random.default_rng([SEED, number])
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(draw.uniform(np.log(low), np.log(high))))
+
+    kind = ("static", "quasi_static", "motion", "fed")[number % 4] if number % 8 != 5 else "static"
+    thickness, shear, density = between(1e-3, 4e-3), between(60e3, 400e3), between(1000.0, 2500.0)
+    length = thickness * between(8, 20)
+    remanence = 0.0 if kind == "fed" else between(0.02, 0.15)
+    bending = young_modulus(shear, 20 * shear) * thickness**2 / 16  # over the area
+    load = between(0.02, 3.0)
+    strength = load * bending * MU0 / (max(remanence, 0.02) * length**2)
+    direction = draw.normal(size=3)
+    field: dict[str, Any] = {"uniform": (strength * direction / np.linalg.norm(direction)).tolist()}
+    segments = [{"magnetization": draw.normal(size=3).tolist()} for _ in range(int(draw.integers(1, 4)))]
+    effects: dict[str, Any] = {"magnetic_torque": {}} if remanence else {}
+    first = 3.516 * np.sqrt(bending / (density * length**4))
+    solver: dict[str, Any] = {"static": {}}
+    if kind == "quasi_static":
+        field["over_time"] = {"ramp": {"duration": 0.1}}
+        solver = {"quasi_static": {"steps": 4}}
+    if kind in ("motion", "fed"):
+        solver = {"dynamic": {"duration": 2 * np.pi / first * between(0.3, 1.0), "output_every": None}}
+        effects["damping"] = {"rate": first * between(0.03, 3.0)}
+    gravity = bool(draw.random() < 0.4)
+    if gravity:
+        effects["gravity"] = {}
+    if kind == "motion" and draw.random() < 0.5:
+        effects["ground"] = {"point": [0.0, 0.0, -thickness * between(0.55, 6.0)], "friction": float(draw.uniform(0, 0.5))}
+    if kind == "fed":
+        duration, radius = solver["dynamic"]["duration"], thickness * between(0.8, 2.0)
+        field, exit_ = {"uniform": [0.0, 0.0, 0.0]}, 0.6 * length
+        side = between(0.02, 1.0) * length
+        effects["feed"] = {"speed": between(0.1, 0.5) * (exit_ - thickness) / duration, "exit": exit_}
+        path = [[-length, 0, 0], [0.5 * exit_, 0, 0], [exit_ + 0.3 * length, 0, 0.05 * side], [exit_ + length, 0, side]]
+        effects["walls"] = {"tube": {"radius": radius, "path": path}, "friction": float(draw.uniform(0, 0.3))}
+    material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": density, "remanence": remanence}
+    return Scene.from_si(
+        {
+            "name": f"advice {number} ({kind})", "materials": {"m": material}, "field": field, "effects": effects, "solver": solver,
+            "body": {"catheter": {"length": length, "diameter": thickness, "material": "m", "segments": segments}},
+            "resolution": {"cells_across": 2},
+        }
+    )  # fmt: skip
+
+
+def answer(scene: Scene) -> Any:
+    """Shapes (k, m, 3) m of the axis in the full run: at rest, or in every frame."""
+    if not scene.in_time:
+        return run(scene).centreline[None, :, 1:]
+    with tempfile.TemporaryDirectory() as folder:
+        if scene.solver.dynamic is not None:
+            options = scene.solver.dynamic.model_copy(update={"output_every": scene.duration / FRAMES})
+            scene = scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": options})})
+        run(scene, folder=folder)
+        motion, model = Motion.load(folder), build(scene, time=0.0 if scene.static else None)
+        return np.stack([measures.axis_of_particles(model, motion.position(k))[:, 1:] for k in range(len(motion))])
+
+
+def calls(number: int) -> list[dict[str, Any]]:
+    """One row for each effect that the scene could have: what was advised, and what the full runs say."""
+    scene, out = drawn(number), []
+    error = allowed_error(scene)
+    begun = time.perf_counter()
+    table = survey(scene)
+    seconds = time.perf_counter() - begun
+    whole: dict[str, Any] = {}
+    for row in table.effects:
+        both = variants(scene, row.effect)
+        if isinstance(both, str) or row.effect == "self_contact":
+            continue
+        about = {"scene": number, "name": scene.name, "effect": row.effect, "named": row.named, "error": error, "seconds": seconds}
+        about |= {"advice": row.advice, "shift": row.shift_m, "uncertainty": row.uncertainty_m, "length": scene.length}
+        try:
+            for one in both:
+                if one.hash() not in whole:
+                    whole[one.hash()] = answer(one)
+            first, second = (whole[one.hash()] for one in both)
+            frames = min(len(first), len(second))
+            true = float(np.linalg.norm(first[:frames] - second[:frames], axis=2).max())
+        except MagmpmError as trouble:
+            out.append({**about, "true": None, "why": str(trouble)[:200]})
+            continue
+        out.append({**about, "true": true, "right": (true > error) == (row.advice in ("keep", "add"))})
+    return out
+
+
+def report() -> None:
+    """What the calls so far say."""
+    rows = [json.loads(line) for line in (FOLDER / "calls.jsonl").read_text().splitlines()]
+    done = [row for row in rows if row["true"] is not None]
+    for row in done:
+        if not row["right"]:
+            given = "-" if row["shift"] is None else f"{1e3 * row['shift']:.3g} +- {1e3 * row['uncertainty']:.2g}"
+            print(f"wrong: {row['name']:24} {row['effect']:21} {row['advice']:10} {given} mm, full runs {1e3 * row['true']:.3g} mm, "
+                  f"asked {1e3 * row['error']:.3g} mm")  # fmt: skip
+    right = sum(row["right"] for row in done)
+    within = [row for row in done if row["shift"] is not None and abs(row["shift"] - row["true"]) <= row["uncertainty"] + 1e-3 * row["length"]]
+    print(f"{len({row['scene'] for row in rows})} scenes, {len(done)} calls, {len(rows) - len(done)} without a full run")
+    print(f"right: {right} = {100 * right / max(len(done), 1):.1f} %; true shift within the uncertainty: {100 * len(within) / max(len(done), 1):.0f} %")
+
+
+def costs() -> None:
+    """Counted costs of a step beside those measured by short runs in pairs on one thread, of a catheter in motion."""
+    scene = drawn(2)
+    found, model = counted(scene), build(scene)
+    bare = TotalMotion(replace(model, effects=()))
+    numba.set_num_threads(1)
+    for key, guess in found.items():
+        try:
+            records = _records(scene, key)
+            motion = TotalMotion(replace(model, effects=records))
+            motion.advance(1, STILL, records)
+            bare.advance(1, STILL, ())
+        except MagmpmError:
+            continue
+        steps = int(np.clip(PART / _seconds(bare, 1, ()), 2, 1000))
+        pairs = [_seconds(motion, steps, records) / _seconds(bare, steps, ()) for _ in range(REPEATS)]
+        print(f"{key:22} counted {guess:6.1f} %  measured {100 * (float(np.median(pairs)) - 1):6.1f} %")
+
+
+def _seconds(motion: TotalMotion, steps: int, records: Any) -> float:
+    begun = time.thread_time()
+    motion.advance(steps, STILL, records)
+    return time.thread_time() - begun
+
+
+def main() -> None:
+    """As the first lines of this file say."""
+    given = sys.argv[1:]
+    if given == ["costs"]:
+        costs()
+    elif given == ["report"]:
+        report()
+    else:
+        first, last = (int(one) for one in given) if given else (0, SCENES)
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        for number in range(first, last):
+            with (FOLDER / "calls.jsonl").open("a") as stream:
+                for row in calls(number):
+                    stream.write(json.dumps(row) + "\n")
+            print(number, flush=True)
+        report()
+
+
+if __name__ == "__main__":
+    main()
