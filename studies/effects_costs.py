@@ -32,7 +32,8 @@ from magmpm.scene import Scene
 
 SAMPLE = 16  # particles on which hooks are counted
 # Per cent of a step of a particle without effects. Measured by tests/benchmarks/advice.py costs.
-WIDE, NARROW, LANES, NODE = 0.3, 0.5, 60.0, 0.35  # of an operation for eight, for one, of going through eight, of a node's
+WIDE, NARROW, LANES, NODE = 0.27, 0.5, 80.0, 0.6  # of an operation for eight, for one, of going through eight, of a node's
+ANY = 1.5  # of having any effect
 # Of an equilibrium: operations in a solve with one particle's share of it, and passes over the particles in one.
 SOLVE, PASSES = 60_000.0, 10
 TOGETHER = 30  # gradients that a body needs more which acts on itself (statics.interacting)
@@ -180,7 +181,7 @@ def _sampled(model: Model) -> Any:
 
 def _step(model: Model, named: Records) -> float:
     """Per cent of a motion's step: hooks on particles, and on nodes."""
-    chosen, total = _sampled(model), 0.0
+    chosen, total = _sampled(model), ANY
     nodes = float(np.prod([cells + 2 for cells in model.grid.cells])) / len(model.density)
     for records, data in pairs(named):
         names, called = records.dtype.names, False

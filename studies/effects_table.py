@@ -158,8 +158,8 @@ def at_rest(scene: Scene) -> Scene:
 
 
 def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on_progress: Progress | None = None) -> Table:
-    """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off by;
-    what the scene's resolution asks for, or 1 % of the length, unless given.
+    """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
+    by; what the scene's resolution asks for, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """

@@ -6,8 +6,7 @@ does not name is tried with its usual settings, where it has them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +19,7 @@ from magmpm.scene import Scene
 USUAL = 0.01  # of the length: the error meant where a scene asks for none
 APART = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 FINE = 4  # points between two stations, where a body may touch itself
+MUTUAL = 0.6  # of a shift by the segments' field on each other, in large blocks: its uncertainty
 Word = Literal["keep", "drop", "add", "irrelevant"]
 
 
@@ -46,16 +46,33 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
     along_time = scene.solver.quasi_static is not None and kind.ALONG_TIME
     if scene.solver.dynamic is None and kind.ONLY_IN_MOTION and not along_time:
         return "it acts in motion only"
+    needed = [name for name, field in kind.model_fields.items() if field.is_required()]
+    if named is None and needed:
+        return f"the scene does not say its {' and '.join(needed)}"
+    if key in _WHERE and named is None:
+        return f"the scene does not say its {_WHERE[key]}"
     try:
         if key == "magnetic_force" and scene.effects.magnetic_torque is None:
             scene = scene.with_effects(magnetic_torque={})  # the two have one energy
-        having = scene if named is not None else scene.with_effects(**{key: {}})
+        having = scene if named is not None else _naming(scene, key, kind)
         if key != "self_contact" and not getattr(having.effects, key).records(having, 1.0, np.zeros(1) if scene.in_time else None):
             return "nothing here that it could act on"
-        return having, scene.with_effects(**{key: None})
+        return having, scene.model_copy(update={"effects": scene.effects.model_copy(update={key: None})})
     except InputError as error:
-        needed = [name for name, field in kind.model_fields.items() if field.is_required()]
-        return f"the scene does not say its {' and '.join(needed)}" if needed and named is None else reason(error)
+        return reason(error)
+
+
+_WHERE = {"walls": "tube or surface"}  # settings of which one is needed
+
+
+def _naming(scene: Scene, key: str, kind: Any) -> Scene:
+    """The scene with an effect named by its usual settings. Raises InputError where it lacks what the effect needs: a density, say.
+
+    Without the other rules of scenes, which take a millisecond and which the scene has passed.
+    """
+    if key == "gravity" and any(scene.materials[region.material_name].density is None for region in scene.regions()):
+        raise SceneError("materials", found="a material has no density", rule="gravity needs one", remedy="add it")
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update={key: kind()})})
 
 
 def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment:
@@ -66,6 +83,8 @@ def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment
         return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
     try:
         moved = _touches(answers, both) if key == "self_contact" else answers.shift(*both)
+        if key == "magnetic_interaction":
+            moved = replace(moved, uncertainty=max(moved.uncertainty, MUTUAL * moved.value))
     except SolveError as trouble:
         return unknown(key, named, trouble.reason)
     except MagmpmError as trouble:
@@ -87,14 +106,16 @@ def unknown(key: str, named: bool, why: str) -> Judgment:
     return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
 
 
-def worth_naming(scene: Scene, only: Iterable[str] | None = None) -> list[Judgment]:
-    """The effects that a scene does not name and that would move its answer by more than the error it asks for."""
+def worth_naming(scene: Scene) -> list[Judgment]:
+    """The effects that a scene does not name and that would move its answer by more than the error it asks for, found quickly.
+
+    Only those of which that is certain: by more than the estimate may be off.
+    """
     if not is_rod(scene):
         return []
-    answers, error = RodAnswers(scene), allowed_error(scene)
-    keys = [key for key in only or scene.effects.every() if getattr(scene.effects, key) is None]
-    found = [judge(scene, key, answers, error) for key in keys]
-    return [one for one in found if one.advice == "add"]
+    answers, error = RodAnswers(scene, quick=True), allowed_error(scene)
+    found = [judge(scene, key, answers, error) for key in scene.effects.every() if getattr(scene.effects, key) is None]
+    return [one for one in found if one.shift is not None and one.uncertainty is not None and one.shift - one.uncertainty > error]
 
 
 def _touches(answers: RodAnswers, both: tuple[Scene, Scene]) -> Shift:

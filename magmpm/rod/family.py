@@ -62,7 +62,7 @@ class RodFamily:
         _, steps, energy, stable = relax(q, rod.length, rod.twist_bend, rod.compliance, moment, around, rod.weight)
         position, frames, curvature, strain = frames_of(q, rod.length, rod.compliance, moment, around, rod.weight)
         s = np.concatenate([[0.0], np.cumsum(rod.length)])
-        return RodShape(s, position, frames, curvature, strain, steps, bool(stable), energy)
+        return RodShape(s, position, frames, curvature, strain, steps, bool(stable), energy, q, around, rod.weight)
 
     def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
         """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""

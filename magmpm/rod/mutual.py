@@ -16,7 +16,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.fields.dipole import K
 from magmpm.scene import Scene
 
-CELLS, ACROSS = 4, 2  # of the grid that gives the section; blocks across its width
+CELLS, ACROSS = 2, 2  # of the grid that gives the section; blocks across its width
 TOUCHING, NEAR = 0.151, 1.35  # of cubes: magmpm.effects.magnetic_interaction has the sources
 
 

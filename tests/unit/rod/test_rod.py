@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from magmpm.fields.dipole import MU0
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod.cosserat import RodModel, rod_model, solve_rod, solve_rod_model
-from magmpm.rod.kernels import _derivatives, _energy, _turn
+from magmpm.rod.kernels import _energy, _turn, derivatives
 from magmpm.scene import Scene
 
 L, D = 40e-3, 1e-3
@@ -64,7 +64,7 @@ class Chain:
         """Gradient (n + 1, 3) and the dense Hessian."""
         n = len(self.rod.length)
         g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-        _derivatives(self.q, *self.arguments, g, Hd, Ho)
+        derivatives(self.q, *self.arguments, g, Hd, Ho)
         H = np.zeros((n + 1, 3, n + 1, 3))
         for k in range(n + 1):
             H[k, :, k, :] = Hd[k]

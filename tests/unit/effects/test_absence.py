@@ -1,0 +1,147 @@
+"""What a scene does not name is not there: not in the machine code of its kernels, not in what they are given, not in memory."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from reference.moving import moving_scene
+from reference.scenes import rod_scene
+
+from magmpm.compiled.jit import FASTMATH
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.effects import acting, gravity
+from magmpm.effects.acting import Effects
+from magmpm.effects.hooks import (
+    add_energy,
+    add_force,
+    add_stress,
+    add_tangent,
+    change_node,
+    has_contact,
+    has_node,
+)
+from magmpm.inputs.settings import validate
+from magmpm.kernels import total_lagrangian_step as steps
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.simulate import run
+
+BODY = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
+WEIGHT = gravity.parameters(acceleration=np.array([0.0, 0.0, -9.81]))
+
+
+def test_a_bare_scene_gives_its_kernels_nothing() -> None:
+    """No record, no table, no column of marks: the arguments of a bare scene's kernels hold no byte of an effect."""
+    for scene in (rod_scene(), moving_scene(BODY, {})):
+        model = build(scene)
+        assert model.effects == ()
+        assert model.remanence.shape[1] == 3
+    named = build(moving_scene(BODY, {"gravity": {}}))  # one effect: its record, and no table where it has none
+    assert [part.nbytes for part in named.effects] == [24, 0]
+    assert build(moving_scene(BODY, {})).particles.position.nbytes == named.particles.position.nbytes
+
+
+def with_hooks(effects, magnet, rho, x, F, P, f, A):
+    """A loop that asks effects for all that kernels ask of them."""
+    total = 0.0
+    for _ in range(100):
+        total += P[0, 0] * F[0, 0] + add_energy(effects, 0, magnet, rho, x, F)
+        add_stress(effects, 0, magnet, rho, x, F, P)
+        add_force(effects, 0, magnet, rho, x, F, f)
+        add_tangent(effects, 0, magnet, rho, x, F, A)
+        if has_contact(effects):
+            total += 1.0
+        if has_node(effects):
+            change_node(effects, 0, x, x, f, 1e-5)
+    return total
+
+
+def without_hooks(effects, magnet, rho, x, F, P, f, A):
+    """The same loop, in which nobody asks."""
+    total = 0.0
+    for _ in range(100):
+        total += P[0, 0] * F[0, 0]
+    return total
+
+
+def opcodes(code: str) -> Counter[str]:
+    """The instructions of LLVM code, by their names: names of variables and of functions apart."""
+    return Counter(re.findall(r"(?:=|^) *(?:tail )?([a-z]+) ", code, flags=re.MULTILINE))
+
+
+def fresh(function: Any, *given: Any) -> str:
+    """The optimized LLVM code of a function for these arguments, compiled here and now."""
+    compiled = numba.njit(fastmath=FASTMATH, error_model="numpy")(function)
+    compiled(*given)
+    whole = str(next(iter(compiled.inspect_llvm().values())))
+    return next(part for part in whole.split("define ")[1:] if "%retptr" in part).partition("\n}")[0]  # not what wraps it for Python
+
+
+def test_without_effects_the_code_is_that_of_a_loop_that_never_heard_of_them() -> None:
+    """The same instructions, in number and kind, and nothing allocated; with gravity there are more, so the look can fail."""
+    given = (np.ones(3), 1.0, np.ones(3), np.ones((3, 3)), np.ones((3, 3)), np.ones(3), np.ones((9, 9)))
+    bare, plain, heavy = fresh(with_hooks, (), *given), fresh(without_hooks, (), *given), fresh(with_hooks, WEIGHT, *given)
+    assert opcodes(bare) == opcodes(plain)
+    assert opcodes(heavy)["fmul"] > opcodes(bare)["fmul"]
+    assert "NRT" not in bare  # Numba's functions that allocate
+
+
+@pytest.mark.slow
+def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real one, compiled here and now: for a bare scene it has as many operations on numbers (within 1 %) as its twin without effects,
+    and no symbol of any effect; for weight it has gravity's and no other's."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+    twin = __import__("plain_total")
+    seen: list[tuple[Any, ...]] = []
+
+    def advance(*given: Any) -> int:
+        seen.append(given)
+        return 1
+
+    monkeypatch.setattr(steps, "advance", advance)
+    for effects in ((), WEIGHT):
+        TotalMotion(build(moving_scene(BODY, {}))).advance(1, 1e-9, effects)
+    monkeypatch.undo()
+    bare, heavy = (compiled_code(steps.advance, given) for given in seen)
+    plain = compiled_code(twin.advance, (*seen[0][:6], *seen[0][7:]))
+    for key in Effects.every():
+        assert key not in bare, key
+        assert (key in heavy) == (key == "gravity"), key
+    for one in ("fadd", "fmul", "fdiv", "fsub"):  # not the same number: LLVM unrolls what it inlines by how much there is around it
+        assert opcodes(bare)[one] == pytest.approx(opcodes(plain)[one], rel=0.01), one
+    assert opcodes(heavy)["fmul"] > opcodes(bare)["fmul"]
+
+
+def compiled_code(function: Any, given: tuple[Any, ...]) -> str:
+    """Optimized LLVM code of a compiled function for these arguments, not from the cache."""
+    found = numba.njit(parallel=True, fastmath=FASTMATH, error_model="numpy", nogil=True)(function.py_func)
+    found.compile(tuple(numba.typeof(one) for one in given))
+    return str(next(iter(found.inspect_llvm().values())))
+
+
+def named_in_turn(names: tuple[str, ...]) -> dict[str, Any]:
+    return {key: (Effects.model_fields[key].examples or [{}])[0] for key in names}
+
+
+def test_the_order_in_the_file_never_matters() -> None:
+    """Records come in the order of the phases, whatever the file's; an equilibrium is the same to the last bit."""
+    names = ("gravity", "damping", "magnetic_torque", "ground", "viscosity")
+    scene = moving_scene(BODY, {}, field={"uniform": [0.0, 0.0, 5e-3]})
+    first: list[bytes] | None = None
+    for order in permutations(names):
+        named = validate(Effects, named_in_turn(order), "example.yaml")
+        found = [part.tobytes() for part in acting.collect(scene.model_copy(update={"effects": named}), times=np.zeros(1))]
+        first = first or found
+        assert found == first, order
+    data = rod_scene(length=12e-3, field=(0.0, 0.0, 3e-3), gravity=(0.0, 0.0, -9.81)).to_si()
+    effects = {key: value for key, value in data["effects"].items() if value is not None}
+    shapes = [run(Scene.from_si({**data, "effects": dict(turn)})).particle_position.tobytes() for turn in permutations(effects.items())]
+    assert len(shapes) == 2
+    assert shapes[0] == shapes[1]
