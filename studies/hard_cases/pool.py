@@ -95,8 +95,8 @@ class _Process:
         late = status == -signal.SIGPROF
         if late and self.known is not None:
             return self.known
-        why = f" after {self.limit:g} s of processor time" if late else ""
-        return {"ended": HUNG if late else TRACEBACK, "reason": f"the process ended with status {status}{why}"}
+        reason = f"no answer within {self.limit:g} s of processor time" if late else f"the process ended with status {status}"
+        return {"ended": HUNG if late else TRACEBACK, "reason": reason}
 
     def end(self) -> None:
         """End the process."""
