@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections import Counter
@@ -17,6 +18,7 @@ from studies.hard_cases.drawn import drawn
 from studies.hard_cases.pool import solved
 
 OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
+FIRST = 20  # scenes by which another version of the generator is noticed
 LIMIT = 120.0  # s of processor time for a scene with its checks
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
@@ -82,11 +84,13 @@ def random_table(summary: dict[str, Any]) -> str:
 
 def _known(folder: Path, seed: int) -> dict[int, Outcome]:
     """Outcomes that a folder holds, by number."""
-    order = folder / ORDER
-    if order.exists() and (held := json.loads(order.read_text(encoding="utf-8"))["seed"]) != seed:
-        raise InputError(f"--out: {folder} holds the scenes of seed {held}, and this is seed {seed}; give another folder")
+    order, now = folder / ORDER, {"seed": seed, "first_scenes": _mark(seed)}
+    held = json.loads(order.read_text(encoding="utf-8")) if order.exists() else now
+    if held != now:
+        what = f"of seed {held['seed']}, and this is seed {seed}" if held["seed"] != seed else "drawn by another version"
+        raise InputError(f"--out: {folder} holds the scenes {what}; give another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    order.write_text(json.dumps({"seed": seed}), encoding="utf-8")
+    order.write_text(json.dumps(now), encoding="utf-8")
     found = {}
     if (folder / OUTCOMES).exists():
         for line in (folder / OUTCOMES).read_text(encoding="utf-8").splitlines():
@@ -96,6 +100,12 @@ def _known(folder: Path, seed: int) -> dict[int, Outcome]:
                 continue
             found[outcome["number"]] = outcome
     return found
+
+
+def _mark(seed: int) -> str:
+    """Tells whether a seed's scenes are drawn as before: SHA-256 of the first of them, in hex."""
+    first = json.dumps([drawn(seed, number) for number in range(FIRST)], sort_keys=True)
+    return hashlib.sha256(first.encode()).hexdigest()
 
 
 def _path(folder: Path, number: int) -> Path:
