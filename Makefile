@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean
+.PHONY: bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -74,6 +74,9 @@ bench-sampler: $(VENV)/.ready-test
 
 bench-insertion: $(VENV)/.ready-test
 	PYTHONPATH=. $(BIN)/python tests/benchmarks/insertion_paths.py runs/bench-insertion $(if $(QUICK),--rods)
+
+bench-advice: $(VENV)/.ready-test
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/advice.py
 
 bench-accuracy: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/promised_error.py

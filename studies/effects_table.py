@@ -22,6 +22,7 @@ from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
 from magmpm.simulate import choose_effects, run
+from studies.beyond_effects import Need, needs
 from studies.effects_costs import counted
 from studies.field_moment import stopped
 
@@ -59,13 +60,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """All effects, in the order of their phases. length_m: the body's; error_m: the error that advice is for; moment: at which an endless
-    field is evaluated at rest, in words."""
+    """All effects, in the order of their phases. length_m: the body's, m; error_m: the error that advice is for; needs: beyond effects;
+    moment: at which an endless field is evaluated at rest, in words."""
 
     scene: str
     length_m: float
     error_m: float
     effects: list[Row]
+    needs: list[Need]
     moment: str | None = None
 
     def summary(self) -> dict[str, Any]:
@@ -88,9 +90,18 @@ class Table:
                 *lines,
                 "* named in the scene; mm: how far the axis moves with the effect against without it; +-: uncertainty; advice: for an "
                 f"error of {_mm(self.error_m)} mm, {share} % of the length",
+                *(f"  {need.question:21} {_needed(need)}" for need in self.needs),
                 *([] if self.moment is None else [f"  at rest {self.moment}"]),
             ]
         )
+
+
+def _needed(need: Need) -> str:
+    """A row of what the scene needs beyond effects."""
+    word = {True: "needed", False: "not needed", None: "not known"}[need.needed]
+    saved = f"; without it some {significant(need.seconds_saved)} s less" if need.seconds_saved else ""
+    added = f", {_mm(need.error_added_m)} mm more error" if saved and need.error_added_m is not None else ""
+    return f"{word}: {need.why}{saved}{added}"
 
 
 def _mm(way: float | None) -> str:
@@ -185,7 +196,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         moment = stopped(scene)[1]
     except MagmpmError:  # the rows say why
         moment = None
-    return Table(scene.name, scene.length, error, rows, moment)
+    return Table(scene.name, scene.length, error, rows, needs(scene, answers, error), moment)
 
 
 def _coarse(scene: Scene, key: str, moved: float | None, says: str, error: float) -> Judgment:

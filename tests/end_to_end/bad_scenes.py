@@ -205,6 +205,8 @@ SHAPES = [
     edit("list for a part", "  uniform: [0 mT, 6 mT, 8 mT]", "  - 0 mT", "field", '["0 mT"]', "must be a mapping of keys", line=21),
     edit("text for an effect", "gravity: {}", "gravity: on", "effects.gravity", '"on"', "a mapping of keys", "`gravity: {}`"),
     edit("no as an effect", "gravity: {}", "gravity: no", "effects.gravity", '"no"', "must be a mapping of keys"),
+    edit("effects and auto", "  gravity: {}", "  gravity: {}\n  auto: true", "effects.auto", "true", "leaves the choice to the program",
+         "write `effects: auto`"),
     edit("effects as a list", "  magnetic_torque: {}\n  gravity: {}", "  - gravity", "effects", '["gravity"]', "a mapping of keys", line=23),
     edit("number as a name", "name: probe", "name: 12", "name", "12", "must be text", 'put it in quotes: "12"'),
     edit("empty name", "name: probe", 'name: ""', "name", '""', "must not be empty", "`name: five-segment catheter`"),
