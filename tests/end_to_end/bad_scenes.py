@@ -206,7 +206,7 @@ SHAPES = [
     edit("text for an effect", "gravity: {}", "gravity: on", "effects.gravity", '"on"', "a mapping of keys", "`gravity: {}`"),
     edit("no as an effect", "gravity: {}", "gravity: no", "effects.gravity", '"no"', "must be a mapping of keys"),
     edit("effects and auto", "  gravity: {}", "  gravity: {}\n  auto: true", "effects.auto", "true", "leaves the choice to the program",
-         "write `effects: auto`"),
+         "write `effects: auto`", line=26),
     edit("effects as a list", "  magnetic_torque: {}\n  gravity: {}", "  - gravity", "effects", '["gravity"]', "a mapping of keys", line=23),
     edit("number as a name", "name: probe", "name: 12", "name", "12", "must be text", 'put it in quotes: "12"'),
     edit("empty name", "name: probe", 'name: ""', "name", '""', "must not be empty", "`name: five-segment catheter`"),
