@@ -38,8 +38,9 @@ from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
-from magmpm.rod.cosserat import RodModel, solve_rod
+from magmpm.rod.cosserat import RodModel
 from magmpm.rod.family import RodFamily
+from magmpm.rod.shifts import exercise
 from magmpm.scene import Scene
 from magmpm.scene.variables import variables
 from magmpm.statics.axis_order import arranged
@@ -250,7 +251,6 @@ class _Worker:
 
 # What the processes do: the parts of a scene's kernels.
 
-
 def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
     """Names of a scene's parts, longest first."""
     if use != SOLVE:
@@ -319,8 +319,7 @@ def _energy(small: Scene) -> None:
 
 
 def _rod(small: Scene) -> None:
-    if small.body.shape.clamp == "base":
-        solve_rod(small)
+    exercise(small)
 
 
 def _factorization(small: Scene) -> None:
@@ -394,7 +393,8 @@ def _measured(small: Scene) -> None:
 _STATIC: dict[str, Callable[[Scene], None]] = {
     "tangent": _tangent, "rod": _rod, "energy": _energy, "factorization": _factorization, "stability": _stability,
 }  # fmt: skip
-_TOTAL: dict[str, Callable[[Scene], None]] = {"total steps": _total_steps, "total rest": _total_rest, "measured": _measured}
-_UPDATED: dict[str, Callable[[Scene], None]] = {"updated steps": _updated_steps, "updated rest": _updated_rest, "measured": _measured}
+_TOTAL: dict[str, Callable[[Scene], None]] = {"total steps": _total_steps, "total rest": _total_rest, "measured": _measured, "rod": _rod}
+_UPDATED: dict[str, Callable[[Scene], None]] = {"updated steps": _updated_steps, "updated rest": _updated_rest, "measured": _measured,
+    "rod": _rod}
 _ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {DERIVATIVES: {"changes": _changes}, RODS: {"family": _rods}}
 _WHOLE: dict[str, Callable[[Scene], None]] = {SOLVE: solve_small, DERIVATIVES: differentiate_small, RODS: _rods}

@@ -153,3 +153,14 @@ def without_motion(scene: Scene) -> Scene:
     solver = scene.solver.model_copy(update={"dynamic": None, "quasi_static": None})
     kept = scene.effects.model_copy(update=named)
     return scene.model_copy(update={"solver": solver, "effects": kept, "reference": None})
+
+
+def exercise(scene: Scene) -> None:
+    """Call every compiled function that estimates of a scene need, so that they are compiled; what it finds is not used."""
+    if not isinstance(scene.body.shape, StraightBody):
+        return
+    if scene.solver.dynamic is not None:
+        move_rod(scene)
+    elif scene.body.shape.clamp == "base":
+        shape = solve_rod(scene, ELEMENTS)
+        mutual_shift(scene, shape, ELEMENTS)
