@@ -63,6 +63,8 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
         return reason(error)
 
 
+_LOADS = ("magnetic_torque", "magnetic_force", "magnetic_interaction", "gravity", "damping", "viscosity")
+IN_RODS = frozenset((*_LOADS, "ground", "walls", "self_contact", "feed"))  # what rods have of the effects; an effect that is added to the package is none of theirs at first
 _WHERE = {"walls": "tube or surface"}  # settings of which one is needed
 
 
@@ -82,6 +84,8 @@ def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment
     both = variants(scene, key)
     if isinstance(both, str):
         return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+    if key not in IN_RODS:
+        return unknown(key, named, "rods do not have this effect")
     try:
         moved = _touches(answers, both) if key == "self_contact" else answers.shift(*both)
         if key == "magnetic_interaction":
