@@ -64,7 +64,7 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
 
 
 _LOADS = ("magnetic_torque", "magnetic_force", "magnetic_interaction", "gravity", "damping", "viscosity")
-IN_RODS = frozenset((*_LOADS, "ground", "walls", "self_contact", "feed"))  # what rods have of the effects; an effect that is added to the package is none of theirs at first
+IN_RODS = frozenset((*_LOADS, "ground", "walls", "self_contact", "feed"))  # effects that rods have; not those that users add
 _WHERE = {"walls": "tube or surface"}  # settings of which one is needed
 
 

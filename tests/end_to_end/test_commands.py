@@ -231,7 +231,8 @@ def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
     assert main(["run", "scene.yaml", "--json", "--out", "half"]) == 3
     captured = capsys.readouterr()
     assert json.loads(captured.out)["converged"] is False
-    assert "of the load: no step lowers the energy; the last good state is in half" in captured.err
+    assert "of the load: no step lowers the energy; to try: solver.static: {field_steps: 40, max_steps: 500}" in captured.err
+    assert "; the last good state is in half" in captured.err
     kept = Result.load("half")
     assert not kept.converged
     assert 0 < np.linalg.norm(kept.tip - [0.02, 0, 0]) < 5e-4  # bent by about a quarter of the load
@@ -247,7 +248,9 @@ def test_an_unconverged_run_without_a_state_says_so(
 
     monkeypatch.setattr(equilibrium, "minimize", fails)
     assert main(["run", "scene.yaml", "--out", "none"]) == 3
-    assert "of the load: no step lowers the energy; no state to save: " in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "of the load: no step lowers the energy; to try: solver.static: {field_steps: 40, max_steps: 500}" in said
+    assert "; no state to save: " in said
     assert not (folder / "none" / "result.json").exists()
 
 

@@ -54,7 +54,7 @@ DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of stati
 def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Index (.nbi) and data (.nbc) of several kernels, with several kinds of damage, in a copy of the cache."""
     scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE)
+    scene.write_text(SCENE + "advice: off\n")  # what is on stderr is of the cache alone
     assert main(["run", str(scene), "--json", "--out", str(tmp_path / "good")]) == 0
     good = json.loads(capsys.readouterr().out)
     cache = tmp_path / "cache"
@@ -75,7 +75,7 @@ def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.Capture
 
 def test_without_the_compiler_it_is_said_at_once(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE)
+    scene.write_text(SCENE + "advice: off\n")  # what is on stderr is of the cache alone
     done = command("run", str(scene), "--out", str(tmp_path / "out"), NUMBA_DISABLE_JIT="1")
     assert done.returncode == 2
     assert done.stderr.startswith("magmpm: NUMBA_DISABLE_JIT: received 1\n  rule: ")
@@ -95,7 +95,7 @@ def test_without_the_compiler_it_is_said_at_once(tmp_path: Path) -> None:
 def test_unusable_threads_are_refused(variable: str, value: str, rule: str, tmp_path: Path) -> None:
     """They are refused before Numba reads them, which would end with a traceback."""
     scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE)
+    scene.write_text(SCENE + "advice: off\n")  # what is on stderr is of the cache alone
     done = command("run", str(scene), "--out", str(tmp_path / "out"), **{variable: value})
     assert done.returncode == 2
     assert done.stderr.startswith(f"magmpm: {variable}: received {value}\n  rule: {rule}")
