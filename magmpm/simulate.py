@@ -68,7 +68,7 @@ def run(
     file, line, key and value if scene is a path (otherwise SceneError names the key and value).
     Raises SolveError if no equilibrium is found or a motion fails; its state is the last good Result (converged False), or None; that of a
     motion is saved in folder. Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another
-    grid, or resume is asked without a folder; TypeError if start is no Result.
+    grid, or given for what moves, or resume is asked without a folder; TypeError if start is no Result.
     """
     if not isinstance(scene, Scene):
         with of_file(scene):
@@ -120,6 +120,8 @@ def simulated(
         from magmpm.dynamics.judged_loads import resolved  # equilibria need neither it nor HDF5
 
         return resolved(scene, on_grid, prepare_kernels, None)
+    if start is not None and scene.in_time:
+        raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
             return _path(scene, folder, resume, on_progress, on_begin)

@@ -73,7 +73,8 @@ def solve_static(
     judged: find its stability as well.
 
     Raises SolveError, with the last good Equilibrium (converged False) as its state, or where none is found near `rod`; InputError if
-    nothing holds the body; ValueError for a rod's shape if the body is no straight one that is held at its base alone.
+    nothing holds the body; ValueError for a rod's shape of another length, or if the body is no straight one that is held at
+    its base alone.
     """
     if model.free:
         raise InputError(
@@ -84,6 +85,9 @@ def solve_static(
     body = model.scene.body.shape
     if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody)):
         raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone")
+    if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
+        lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
+        raise ValueError(f"start: {lengths}; give a rod of its length")
     model, of = arranged(model)
     with one_blas_thread():
         try:

@@ -59,6 +59,18 @@ def test_a_rod_as_start_chooses_the_branch() -> None:
     np.testing.assert_allclose(down.tip, flip @ up.tip, atol=1e-6 * L)  # the solve's tolerance
 
 
+def test_a_rod_of_another_length_is_refused() -> None:
+    with pytest.raises(ValueError, match="the rod is 20 mm long, and the body 32 mm"):
+        run(buckled(), start=solve_rod(rod_scene(length=20e-3, field=FIELD)))
+
+
+def test_a_motion_takes_no_start() -> None:
+    scene = buckled()
+    moving = Scene.from_si({**scene.to_si(), "solver": {"dynamic": {"duration": 1e-3}}})
+    with pytest.raises(ValueError, match="a scene that moves"):
+        run(moving, start=solve_rod(scene))
+
+
 def test_no_equilibrium_near_a_rod_is_an_error() -> None:
     """A straight rod is no equilibrium in that field, and the solve leads far away: it says so, and goes to no other branch."""
     scene = buckled()
