@@ -380,6 +380,7 @@ class _Run:
             rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
             measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
+            reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
             limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
             front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
         )

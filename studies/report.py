@@ -52,6 +52,7 @@ class StudyReport:
     ended: Ended
     rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
     failed_trials: list[int]  # places of those in rms_m
+    reasons: list[str] = field(default_factory=list)  # why each of them failed, or was refused
     measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
     front: dict[str, Any] | None = None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
     warnings: list[str] = field(default_factory=list)  # what a user should know of the search

@@ -12,12 +12,14 @@ from magmpm.errors import InputError, NotThereYet, dotted, report
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
+from studies.path import Path as Curve
 from studies.sampler_names import TAKE_CHOICES
 from studies.scene_edits import MOST_ORDERS, numbers_of
 from studies.search_space import SearchSpace
 from studies.study_file import StudyFile
 
 FEWEST_POINTS = 2  # of a target, beyond the base
+AS_LONG, FINE = 0.05, 1001  # how far s_mm may be from the length of a path's curve, counted on so many points
 STRETCH = 1.1  # a target may be this much longer than the part of the catheter it belongs to
 
 
@@ -151,11 +153,31 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
         rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
         remedy = "smooth the path, or check its units; at s_mm = 0 it must leave the guide along +x"
         raise InputError(report(where, received=received, rule=rule, remedy=remedy))
+    _check_curve(rows, thickness, where)
     depths = file.insertion.depths if file.insertion is not None else 1
     if isinstance(depths, tuple) and depths[-1] > rows[-1, 0] * (1 + 1e-6):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = f"the path must reach as far as the depths: the last one is {1e3 * depths[-1]:g} mm"
         raise InputError(report(where, received=received, rule=rule, remedy="give shorter depths, or a longer path"))
+
+
+def _check_curve(rows: Array, thickness: float, where: str) -> None:
+    """The smooth curve through the points, which is what is followed: at least a diameter long, as long as s_mm says, and not sharper."""
+    if rows[-1, 0] < thickness * (1 - 1e-9):
+        received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
+        rule = f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a shorter piece is no rod"
+        raise InputError(report(where, received=received, rule=rule, remedy="give a longer path, and check its units"))
+    curve = Curve(rows)
+    if (radius := curve.smallest_radius()) < thickness:
+        received = f"points whose smooth curve, which leaves the guide along +x, has a radius of {1e3 * radius:.3g} mm"
+        rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
+        raise InputError(report(where, received=received, rule=rule, remedy="smooth the path, or give more points where it bends"))
+    points = curve.at(np.linspace(0.0, rows[-1, 0], FINE))
+    long = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if abs(long / rows[-1, 0] - 1.0) > AS_LONG:
+        received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
+        rule = f"s_mm is the length along the path, to {100 * AS_LONG:g} %"
+        raise InputError(report(where, received=received, rule=rule, remedy="count s_mm along the points, and check the units"))
 
 
 def _greatest_length(scene: Scene, file: StudyFile) -> float:
