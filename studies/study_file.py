@@ -295,6 +295,10 @@ class StudyFile(Settings):
             different = len(set(self.limits.directions))
             if different < len(self.limits.directions):
                 return "each direction must be there once", "remove those that repeat another", ("limits", "directions")
+            varied = [key for key in type(self.vary).model_fields if getattr(self.vary, key) is not None]
+            if different == 1 and varied == ["magnetization"]:
+                rule = "a set of one direction leaves one design, and nothing else varies"
+                return rule, "allow two directions or more, or vary the field as well", ("limits", "directions")
         return None
 
     def _of_the_objectives(self) -> tuple[str, str, Key] | None:

@@ -123,6 +123,7 @@ CASES = [
     BadStudy("margin of more than all", ("trials: 35", "stability: {margin: 1.5}\ntrials: 35"), ("stability.margin: received 1.5", "less than 1")),
     BadStudy("limits of nothing", ("trials: 35", "limits: {}\ntrials: 35"), ("study.yaml:7: limits", "must limit something")),
     BadStudy("limits that repeat", ("trials: 35", "limits: {directions: [[1, 0, 0], [2, 0, 0]]}\ntrials: 35"), ("limits.directions", "each direction must be there once")),
+    BadStudy("limits that leave one design", ("trials: 35", "limits: {directions: [[1, 0, 0]]}\ntrials: 35"), ("limits.directions", "leaves one design", "two directions or more"), study=GOOD.replace("  field: {max: 10 mT}\n", "")),
     BadStudy("a direction of zeros", ("trials: 35", "limits: {directions: [[0, 0, 0]]}\ntrials: 35"), ("limits.directions[0]", "must not be zero")),
     BadStudy("start from elsewhere", ("trials: 35", "start: beam\ntrials: 35"), ("start: received \"beam\"", "rod")),
     # the named scene
