@@ -15,12 +15,12 @@ import numpy as np
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.rod.kernels import (
     _dot,
-    _matrix,
     _scaled,
     _to_frame,
     derivatives,
     factor,
     frames_of,
+    matrix,
     relax,
     solve,
 )
@@ -105,7 +105,7 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
     _between(q[e], q[e + 1], ra, rb, mid)
     for part in range(3):
         first = 1.0 if part == 0 else (0.5 if part == 1 else 0.0)  # share of the first frame's field
-        _matrix(mid if part == 1 else q[e + part // 2], R)
+        matrix(mid if part == 1 else q[e + part // 2], R)
         for i in range(3):
             b[i] = w[i] = 0.0
             for j in range(3):
@@ -253,7 +253,7 @@ def softest(q, length, D, C, moment, field, weight):
     Ld, Lo, frames = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3)), np.empty((n + 1, 3, 3))
     x, Mx, moved = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3))
     for k in range(n + 1):
-        _matrix(q[k], frames[k])
+        matrix(q[k], frames[k])
         x[k, 0], x[k, 1], x[k, 2] = 0.1, 1.0, 0.6
     derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
     if not factor(Hd, Ho, 0.0, Ld, Lo):

@@ -15,7 +15,7 @@ LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
 
 
 @compiled
-def _matrix(q, R):
+def matrix(q, R):
     """Write the rotation matrix of a unit quaternion to R (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -66,7 +66,7 @@ def _energy(q, length, D, C, moment, field, weight):
         for i in range(3):
             total += 2.0 / length[e] * D[e, i] * z[i + 1] ** 2
         for side in range(2):
-            _matrix(q[e + side], R)
+            matrix(q[e + side], R)
             _to_frame(R, field[e + side], b)
             _to_frame(R, weight[e + side], w)
             density = b[0] * moment[e, 0] + b[1] * moment[e, 1] + b[2] * moment[e, 2] + w[0]
@@ -147,7 +147,7 @@ def derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
     for e in range(len(length)):
         _add_bending(q[e], q[e + 1], length[e], D[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e], work)
         for side in range(2):
-            _matrix(q[e + side], R)
+            matrix(q[e + side], R)
             _to_frame(R, field[e + side], b)
             _to_frame(R, weight[e + side], w)
             _add_potential(0.5 * length[e], b, w, moment[e], C[e], g[e + side], Hd[e + side])
@@ -328,7 +328,7 @@ def frames_of(q, length, C, moment, field, weight):
         np.empty(3),
     )
     for k in range(n + 1):
-        _matrix(q[k], frames[k])
+        matrix(q[k], frames[k])
     for e in range(n):
         _relative(q[e], q[e + 1], z)
         dot, size = 0.0, 0.0
@@ -341,7 +341,7 @@ def frames_of(q, length, C, moment, field, weight):
             mid[i] /= np.sqrt(size)
         for part in range(3):  # Simpson's rule along the element: its two frames and the one half-way
             if part == 1:
-                _matrix(mid, R)
+                matrix(mid, R)
                 side, other = e, e + 1
             else:
                 side = other = e + part // 2

@@ -12,6 +12,8 @@ import numpy as np
 
 from magmpm.bodies.signed_distance import value
 from magmpm.compiled.jit import compiled
+from magmpm.effects.contact_law import push
+from magmpm.rod.kernels import matrix
 
 # Of an element: length m; twist and bending N m^2; stretch and shear N; moment A m; loss s; masses of its halves kg; inertia kg m^2
 ELEMENT = np.dtype(
@@ -30,15 +32,6 @@ SURROUNDINGS = np.dtype(
         ("walls_friction", np.float64),
     ]
 )  # fmt: skip
-
-
-@compiled
-def _frame(q, R):
-    """Write the rotation matrix of a unit quaternion to R (3, 3): its columns are the element's axes."""
-    a, b, c, d = q[0], q[1], q[2], q[3]
-    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)
-    R[1, 0], R[1, 1], R[1, 2] = 2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)
-    R[2, 0], R[2, 1], R[2, 2] = 2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)
 
 
 @compiled
@@ -87,21 +80,6 @@ def _bend(a, b, length, D, loss, old, dt, ga, gb):
 
 
 @compiled
-def _push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):
-    """The law of magmpm.effects.contact_law: f += m w^2 depth n, and friction that never turns a motion round."""
-    normal = mass * stiffness * depth
-    along = v[0] * n0 + v[1] * n1 + v[2] * n2
-    t0, t1, t2 = v[0] - along * n0, v[1] - along * n1, v[2] - along * n2
-    speed = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
-    drag = 0.0
-    if speed > 0.0:
-        drag = min(friction * normal / speed, mass / dt)
-    f[0] += normal * n0 - drag * t0
-    f[1] += normal * n1 - drag * t1
-    f[2] += normal * n2 - drag * t2
-
-
-@compiled
 def _touch(p, table, x, v, t, mass, dt, f):
     """Contact of the disc around a node with ground and wall; t (3,): the rod's direction there. The rim of a disc that meets the wall
     head on is no nearer to it than its middle."""
@@ -112,7 +90,7 @@ def _touch(p, table, x, v, t, mass, dt, f):
         for i in range(3):
             below -= (x[i] - p.ground_point[i]) * n[i]
         if below > 0.0:
-            _push(below, n[0], n[1], n[2], v, mass, dt, p.stiffness, p.ground_friction, f)
+            push(below, n[0], n[1], n[2], v, mass, dt, p.stiffness, p.ground_friction, f)
     if p.walls == 1:
         s = p.walls_spacing
         a, b, c = (x[0] - p.walls_origin[0]) / s, (x[1] - p.walls_origin[1]) / s, (x[2] - p.walls_origin[2]) / s
@@ -125,7 +103,7 @@ def _touch(p, table, x, v, t, mass, dt, f):
                 cosine = t[0] * n0 + t[1] * n1 + t[2] * n2
                 beyond = p.half * math.sqrt(max(0.0, 1.0 - cosine * cosine)) - room
                 if beyond > 0.0:
-                    _push(beyond, n0, n1, n2, v, mass, dt, p.stiffness, p.walls_friction, f)
+                    push(beyond, n0, n1, n2, v, mass, dt, p.stiffness, p.walls_friction, f)
 
 
 @compiled
@@ -154,7 +132,7 @@ def _forces(x, v, q, old, elements, field, load, around, table, dt, f, torque):
         for i in range(3):
             f[k, i] = load[k, i]
     for e in range(n):
-        _frame(q[e], R)
+        matrix(q[e], R)
         for i in range(3):
             torque[e, i] = R[0, i] * load[n + 1 + e, 0] + R[1, i] * load[n + 1 + e, 1] + R[2, i] * load[n + 1 + e, 2]
         _stretch(e, x, R, elements[e], field[e], old, dt, f, torque)
