@@ -21,6 +21,7 @@ from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
+from magmpm.statics.resolution import FIRST
 from studies.sampler_names import SAMPLERS, check_sampler_name
 from studies.study import Keyframe, Study
 from studies.study_checks import check_file_name, check_numbers, check_scene, check_target, named_in, place
@@ -45,6 +46,9 @@ def load_study(path: Path | str) -> Study:
     except InputError as error:
         raise named_in(error, place(document, "scene")) from None
     check_scene(scene, file, document)
+    asked = scene.resolution if scene.resolution.asked else None
+    if asked is not None:
+        scene = scene.with_cells(FIRST)
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
     return Study(
@@ -66,6 +70,7 @@ def load_study(path: Path | str) -> Study:
         margin=None if file.stability is None else file.stability.margin,
         limits=file.limits,
         start=file.start,
+        asked=asked,
     )
 
 

@@ -23,6 +23,7 @@ from studies import records, report
 from studies.best_scene import write_best_scene
 from studies.definition import Study
 from studies.insertion import Insertion, shapes_of
+from studies.judged import judged
 from studies.limited_designs import improved
 from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
 from studies.objectives import pareto_report, trial_values
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from magmpm.scene import Scene
 
 FAILURES = "failures.log"
+JUDGED = "judged"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
 REMEMBERED = 50  # durations of trials by which the time left is guessed
 
@@ -325,11 +327,21 @@ class _Run:
         self.mend_improvements(solve)
         if not records.holds(self.out / records.BEST, best):
             self.replace_best(best, solve)
+        self.judge(solve)
         if records.holds(self.out / records.BEST, best):
             if isinstance(self.trajectory, Insertion):
                 self.trajectory.keep_best(self.out / records.BEST, solve, best.params)
                 return
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
+
+    def judge(self, solve: Solve) -> None:
+        """Runs the best designs with the error that the study's scene asks for, if it does. What is found is kept with the study."""
+        if self.study.asked is None:
+            return
+        with storage_faults(self.url, self.timeout):
+            known = self.kept.user_attrs.get(JUDGED, [])
+            found = judged(self.study, report.nearest_first(self.finished()), lambda trial: self.scene_of(trial.params), solve, known)
+            self.kept.set_user_attr(JUDGED, found)
 
     def mend_improvements(self, solve: Solve) -> None:
         """Solves again those designs among the best so far that can't be read."""
@@ -381,6 +393,7 @@ class _Run:
             measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
             reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
+            judged=self.kept.user_attrs.get(JUDGED, []),
             limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
             front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
         )

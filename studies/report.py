@@ -58,6 +58,8 @@ class StudyReport:
     warnings: list[str] = field(default_factory=list)  # what a user should know of the search
     limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
 
+    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
+
     @property
     def why(self) -> str:
         """Why the study has stopped, and how it is continued: one sentence."""
@@ -88,6 +90,11 @@ class StudyReport:
 def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     """The feasible trial nearest to the target; of equals, the first."""
     return min((t for t in trials if feasible(t)), key=_rms, default=None)
+
+
+def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """The feasible trials, nearest to the target first; of equals, the first."""
+    return sorted((t for t in trials if feasible(t)), key=_rms)
 
 
 def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial | None:

@@ -12,6 +12,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.scene import Scene
+from magmpm.scene.options import Resolution
 from studies.sampler_names import check_sampler_name
 from studies.study_file import MOST_TRIALS, Limits, Robust
 from studies.vary import Vary
@@ -33,7 +34,8 @@ class Study:
     [s, x, y, z], of an insertion its path, of a schedule the last shape; stop_rms m or None; scene_file: the file of the
     scene, None for a study made in Python; depths: inserted lengths, m, increasing, () without an insertion; keyframes: the
     shapes of a schedule, () without one; hold: how long its field stays at the end, s; minimize: what a trial's values are;
-    margin: least stability, or None; start: "rod" or None.
+    margin: least stability, or None; start: "rod" or None; asked: the error that the scene's file asks for, or None: `scene` then has
+    the coarsest grid, on which trials are compared (studies.judged).
     """
 
     path: Path
@@ -54,6 +56,7 @@ class Study:
     margin: float | None = None
     limits: Limits | None = None
     start: str | None = None
+    asked: Resolution | None = None
 
     @property
     def vary_magnetization(self) -> bool:
@@ -109,6 +112,8 @@ class Study:
             magnetized = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
             scene = scene.with_magnetizations(np.outer(magnetized, [1.0, 0.0, 0.0]))
         content: dict[str, Any] = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
+        if self.asked is not None:
+            content["resolution"] = self.asked.model_dump(mode="json")
         if self.vary.field is not None:
             content["field"] = "varied"
         body = content["body"][scene.body.kind]

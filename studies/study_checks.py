@@ -45,8 +45,11 @@ def place(document: Document, *key: str | int) -> str:
 
 def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
-    if scene.resolution.asked:
-        rule = "the scene of a study gives its cells: all trials are judged on one grid, not each on a grid chosen for an error or a time"
+    if scene.resolution.seconds is not None:
+        rule = "the scene of a study gives its cells or an error, not a time: trials are compared on one grid"
+        remedy = "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene"
+    elif scene.resolution.asked and (file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None):
+        rule = "an error can be asked for where a trial is an equilibrium, or equilibria along time; the best are judged on finer grids"
         remedy = "write `resolution: {cells_across: 4}` in the scene, and run the best design with `resolution: {error: 0.1 %}`"
     elif scene.body.shape.line is None:
         rule = "a study compares centrelines, and a body of STL parts has none"

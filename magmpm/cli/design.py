@@ -97,6 +97,7 @@ def _trial_picture(renderer: Renderer, smooth: bool, study: Study) -> DrawTrial:
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
     from studies.best_scene import SCENE
+    from studies.judged import said
     from studies.records import BEST
     from studies.search_space import FIELD
 
@@ -127,6 +128,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(
             f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
         )
+    lines += [f"  judged finer     {line}" for line in said(report.judged)]
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
         lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")

@@ -17,9 +17,9 @@ from magmpm.results.result import Result
 from magmpm.scene import Scene, memory
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium
-from magmpm.statics.ladder import Load, Loads, OnStep
+from magmpm.statics.ladder import Load, Loads, OnStep, particles, step_work
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.resolution import at_rest, check_possible, choose
+from magmpm.statics.resolution import FIRST, at_rest, check_possible, choose, nothing
 
 JUDGED = 3  # equilibria of a path: at equal parts of its times, the last one among them
 SETTLES = "a motion is judged at the equilibrium that it settles at"
@@ -81,39 +81,79 @@ def _refused(scene: Scene, rule: str, remedy: str) -> SceneError:
     return SceneError(f"resolution.{'error' if scene.resolution.error is not None else 'seconds'}", rule=rule, remedy=remedy)
 
 
-def resolved(scene: Scene, run: Callable[[Scene], Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
+def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
     """A path or a motion on the grid that is chosen for the error that its scene asks for, with that error.
 
     run: computes it on a grid; prepare: loads a scene's kernels, and returns the seconds it took. Raises SceneError, and as both do.
     """
     path = scene.solver.quasi_static is not None
-    if scene.resolution.seconds is not None:
-        why = "a time can be asked for a single equilibrium: what a path or a motion takes, its branch or its stable step decides"
-        raise _refused(scene, why, "ask for an error, or give `cells_across`")
     begun = time.perf_counter()
     check_possible(scene)
     loads, times = of_path(scene) if path else (of_motion(scene), [])
-    coarse = scene.with_cells(2)
+    coarse = scene.with_cells(FIRST)
     compiled = prepare(coarse if path else at_its_rest(coarse))
-    choice = choose(scene, loads, on_step)
+    known: dict[int, Result] = {}
+    beside: Callable[[int], float] = nothing
+    if scene.resolution.seconds is not None:  # the coarsest grid's run tells what finer ones take, and is the answer if none fits
+        compiled += prepare(coarse)
+        known[FIRST], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
+        beside = _longer(scene, seconds)
+    choice = choose(scene, loads, on_step, begun=begun + compiled, beside=beside)
+    cells = choice.scene.resolution.cells_across
     judging = time.perf_counter() - begun - compiled
-    result = run(choice.scene)
+    if cells in known:
+        judging -= sum(known[cells].seconds[key] for key in ("setup", "solve"))  # told as those of the run
+    result = known.get(cells) or run(choice.scene)
     told, error, warnings = dict(choice.told), choice.error, list(result.warnings)
     if path:
         told["judged_at"] = times
     else:
         rest = choice.models[-1]
-        wanted = scene.resolution.allowed(scene.length) or 0.0
+        wanted = scene.resolution.allowed(scene.length)
         told["from_rest"] = _from_rest(result, rest, choice.found[-1].point.grid, scene.resolution.of)
         error += told["from_rest"]
         told["error_of_length"] = error / scene.length
-        if error > wanted:
+        if wanted is not None and error > wanted:
             warnings.append(
                 f"resolution: the motion ends {1e3 * told['from_rest']:.3g} mm from its rest, so the error asked for, "
                 f"{1e3 * wanted:.3g} mm, is not met: let it last longer, or damp it more"
             )
-    seconds = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
-    return replace(result, scene_hash=scene.hash(), error_estimate=error, resolution=told, seconds=seconds, warnings=warnings)
+    spent = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
+    return replace(result, scene_hash=scene.hash(), error_estimate=error, resolution=told, seconds=spent, warnings=warnings)
+
+
+def _within(limit: float, begun: float, run: Callable[..., Result], coarse: Scene) -> tuple[Result, float]:
+    """The run on the coarsest grid and its seconds. Raises SceneError as soon as it takes longer than the time asked for."""
+    ran = time.perf_counter()
+
+    def watched(step: int, at: float) -> None:
+        if time.perf_counter() - begun > limit:
+            done = f", of whose {coarse.duration:g} s {100 * at / coarse.duration:.2g} % were done by then" if at > 0.0 else ""
+            raise SceneError(
+                "resolution.seconds",
+                received=f"{limit:g} s",
+                rule=f"must be enough for the coarsest grid, {FIRST} cells across{done}",
+                remedy=f"allow {1.5 * limit * coarse.duration / at:.2g} s or more" if at > 0.0 else "allow much more",
+            )
+
+    return run(coarse, on_progress=watched), time.perf_counter() - ran
+
+
+def _longer(scene: Scene, coarsest: float) -> Callable[[int], float]:
+    """Seconds of a run with so many cells across, from those of the coarsest grid.
+
+    Along a path they grow as a Newton step does; of a motion with particles and steps together, as the fourth power of the cells at most.
+    """
+
+    def takes(cells: int) -> float:
+        if cells == FIRST:
+            return 0.0  # it is done
+        fine, coarse = scene.with_cells(cells), scene.with_cells(FIRST)
+        if scene.solver.quasi_static is not None:
+            return coarsest * step_work(fine) / step_work(coarse)
+        return coarsest * particles(fine) / particles(coarse) * cells / FIRST
+
+    return takes
 
 
 def _from_rest(result: Result, model: StaticModel, grid: Array, of: str) -> float:

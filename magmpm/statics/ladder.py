@@ -121,23 +121,22 @@ class Ladder:
     def seconds_at(self, cells: int, factorizations: float) -> float:
         """What a grid will take, s: counted operations and particles, at the pace of the last grids solved."""
         paces = [self._pace(one) for one in list(self.solved.values())[-2:]]
-        operations, particles = self._counted(cells)
+        multiplied, points = self._counted(cells)
         count = len(next(iter(self.solved.values())).loads)
         return count * min(
-            rate * (factorizations * (operations + weight * particles) + BESIDE * weight * particles) for rate, weight in paces
+            rate * (factorizations * (multiplied + weight * points) + BESIDE * weight * points) for rate, weight in paces
         )
 
     def _pace(self, one: Solved) -> tuple[float, float]:
         """Seconds per multiply-add of a solved grid, and what a particle weighs in multiply-adds."""
-        operations, particles = self._counted(one.cells)
+        multiplied, points = self._counted(one.cells)
         weight = PARTICLE
-        counted = one.steps * (operations + weight * particles) + BESIDE * weight * particles
+        counted = one.steps * (multiplied + weight * points) + BESIDE * weight * points
         return one.seconds / (counted * len(one.loads)), weight
 
     def _counted(self, cells: int) -> tuple[float, float]:
         scene = self.asked.with_cells(cells)
-        resolution = scene.resolution
-        return operations(scene)[0], scene.body.shape.fewest_particles(cells, resolution.particles_per_cell)
+        return operations(scene)[0], particles(scene)
 
     def _loads(self, cells: int) -> Sequence[Load]:
         return self.solved[cells].loads if cells in self.solved else self.loads(self.asked.with_cells(cells))
@@ -185,6 +184,16 @@ class Ladder:
                 last = moved
                 residual = energy.residual(point)
         return None
+
+
+def particles(scene: Scene) -> float:
+    """Particles of the scene's grid, before anything is built."""
+    return float(scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell))
+
+
+def step_work(scene: Scene) -> float:
+    """Multiply-adds of a Newton step on the scene's grid, at the pace of its factorization."""
+    return operations(scene)[0] + PARTICLE * particles(scene)
 
 
 def operations(scene: Scene) -> tuple[float, float]:

@@ -8,6 +8,7 @@ those solved.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -49,10 +50,16 @@ class _Late(Exception):
     """The time that the scene asks for is over."""
 
 
+def nothing(cells: int) -> float:
+    """Seconds that a grid takes besides its equilibria and their proof, where nothing else is computed on it."""
+    return 0.0
+
+
 @dataclass
 class _Search:
     ladder: Ladder
     begun: float
+    beside: Callable[[int], float]
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
 
     @property
@@ -85,14 +92,21 @@ class _Search:
         return operations(self.scene.with_cells(PROOF[cells]))[1] <= SHARE * memory.machine()
 
 
-def choose(scene: Scene, loads: Loads | None = None, on_step: OnStep | None = None) -> Choice:
+def choose(
+    scene: Scene,
+    loads: Loads | None = None,
+    on_step: OnStep | None = None,
+    begun: float | None = None,
+    beside: Callable[[int], float] = nothing,
+) -> Choice:
     """The coarsest grid that meets the error, or the best within the time, that a scene asks for; solved, and its error proven.
 
-    loads: those of the scene on a grid that are judged; the one of its equilibrium unless given.
+    loads: those of the scene on a grid that are judged; the one of its equilibrium unless given. begun: when the time that is asked for
+    began (time.perf_counter), now unless given; beside: the seconds of it that a grid with so many cells across will take afterwards.
     Raises SceneError where no grid can: with what it would take. Raises as solve_static does.
     """
     check_possible(scene)
-    begun = time.perf_counter()
+    begun = time.perf_counter() if begun is None else begun
     limit = scene.resolution.seconds
 
     def tell(step: int, number: float) -> None:
@@ -101,7 +115,7 @@ def choose(scene: Scene, loads: Loads | None = None, on_step: OnStep | None = No
         if on_step is not None:
             on_step(step, number)
 
-    search = _Search(Ladder(scene, loads or at_rest, tell), begun)
+    search = _Search(Ladder(scene, loads or at_rest, tell), begun, beside)
     cells: int | None = FIRST
     failure: SolveError | None = None
     while cells is not None:
@@ -163,6 +177,9 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     if order is None:  # one grid says little of how errors fall here: no leap on its word
         finer = [n for n in finer if n <= FIRST_LEAP]
     cells = next((n for n in finer if foretold(search.errors, n) <= wanted), finer[-1])
+    solved = PROOF[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
+    if solved < cells and solved in PROOF and search.errors[tried] * (tried / solved) ** hoped <= wanted:
+        cells = solved
     if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
         raise _out_of_reach(search, wanted, cells)
     return cells
@@ -181,7 +198,7 @@ def _next_in_time(search: _Search, finer: list[int]) -> int | None:
         )
     if len(search.errors) == 1:  # whose pace says little: it was the first to run
         finer = [n for n in finer if n <= FIRST_LEAP]
-    return max((n for n in finer if search.fits(n) and search.takes(n) <= RESERVE * (limit - gone)), default=None)
+    return max((n for n in finer if search.fits(n) and search.takes(n) + search.beside(n) <= RESERVE * (limit - gone)), default=None)
 
 
 def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> SceneError:
@@ -202,8 +219,16 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> S
     )
 
 
+def _best_in_time(search: _Search) -> int:
+    """The grid of the smallest error, of those on which there is time left for what is computed besides; the coarsest one is done."""
+    limit, gone = search.scene.resolution.seconds, time.perf_counter() - search.begun
+    assert limit is not None
+    left = [n for n in search.errors if n == min(search.errors) or gone + search.beside(n) <= limit]
+    return min(left, key=lambda n: search.errors[n])
+
+
 def _chosen(search: _Search) -> Choice:
-    cells = min(search.errors, key=lambda n: search.errors[n]) if search.scene.resolution.error is None else max(search.errors)
+    cells = max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search)
     ladder, asked, length = search.ladder, search.scene.resolution, search.scene.length
     last, finer, error = ladder.solved[cells], ladder.solved[PROOF[cells]], search.errors[cells]
     order, spent = observed_order(search.errors), sum(one.seconds for one in ladder.solved.values())

@@ -130,7 +130,7 @@ CASES = [
     BadStudy("missing scene", ("", None), ("scene.yaml: no such file", "named in", "study.yaml:1: scene"), file="scene.yaml"),
     BadStudy("scene is a folder", ("scene: scene.yaml", "scene: ."), ("this is a folder", "named in", "study.yaml:1: scene")),
     BadStudy("broken scene", ("length: 40 mm", "length: 40"), ("scene.yaml:6: body.catheter.length", "unit", "study.yaml:1: scene"), file="scene.yaml"),
-    BadStudy("scene that asks for an error", ("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}}\nresolution: {error: 1 %}"), ("study.yaml:1: scene", "gives its cells", "cells_across: 4"), file="scene.yaml"),
+    BadStudy("scene that asks for a time", ("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}}\nresolution: {seconds: 2 s}"), ("study.yaml:1: scene", "not a time", "cells_across: 4"), file="scene.yaml"),
     BadStudy("scene without torque", ("effects: {magnetic_torque: {}}", "effects: {gravity: {}}"), ("study.yaml:1: scene", "magnetic_torque"), file="scene.yaml"),
     BadStudy("scene without magnets", ("segments: [{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}]", "segments: [{}]"), ("segment with a magnetization",), file="scene.yaml"),
     # the named target
