@@ -7,15 +7,14 @@ paths are relative to its own file.
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from magmpm.bodies.surface_mesh import PREFIX
 from magmpm.inputs.settings import read_yaml
+from studies.file_paths import from_folder, mended
 from studies.scene_edits import Edits
 from studies.search_space import SearchSpace
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
 SCENE = "scene.yaml"
 STEPS = 10  # equilibria from one shape of a schedule to the next
-PATHS = frozenset({"mesh", "table", "centreline", "path"})  # keys whose text names a file
 
 
 def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]) -> Path | None:
@@ -53,7 +51,7 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
 def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
     """Comment lines: what the file is, where it comes from, and how to run it."""
     assert study.scene_file is not None
-    made_of = _from_folder(study.scene_file, path.parent)
+    made_of = from_folder(study.scene_file, path.parent)
     return (
         f"# The best design of the study {study.name}: trial {best['number']}, rms {1e3 * best['rms_m']:.4g} mm from the target shape.\n"
         f"# `magmpm design` made it of {made_of}, and writes it anew when a trial is better: copy it before you change it.\n"
@@ -88,19 +86,3 @@ def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, fou
     at = [a + (b - a) * i / STEPS for a, b in itertools.pairwise(times) for i in range(STEPS)]
     solver = {key: value for key, value in content.get("solver", {}).items() if key != "static"}
     content["solver"] = {**solver, "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]}}
-
-
-def mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:
-    """The same data, with paths that were relative to the folder `old` relative to `new`."""
-    if isinstance(value, Mapping):
-        return {name: mended(item, old, new, name) for name, item in value.items()}
-    if isinstance(value, list):
-        return [mended(item, old, new) for item in value]
-    if key in PATHS and isinstance(value, str) and not value.startswith(PREFIX):
-        return value if Path(value).is_absolute() else _from_folder(old / value, new)
-    return value
-
-
-def _from_folder(path: Path, folder: Path) -> str:
-    """A path as a file in `folder` names it."""
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()

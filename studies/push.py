@@ -20,7 +20,8 @@ import yaml
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.inputs.settings import read_yaml
-from studies.best_scene import SCENE, mended
+from studies.best_scene import SCENE
+from studies.file_paths import mended
 
 if TYPE_CHECKING:
     from magmpm.scene import Scene

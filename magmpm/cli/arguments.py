@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter)
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_run, _design, _accuracy, _effects, _render, _dashboard, _import_robot, _prepare, _stability):
+    for add in (_run, _design, _accuracy, _effects, _render, _dashboard, _import_robot, _prepare, _stability, _fit):
         add(commands).set_defaults(command=add.__name__.removeprefix("_"))
     return whole
 
@@ -151,6 +151,28 @@ def _stability(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, metavar="S", help="of the random scenes; the same seed draws the same ones [0]")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the random scenes; begun again, it goes on [runs/random-S]")
     _json(parser)
+    return parser
+
+
+def _fit(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "fit",
+        help="material constants from measured tips, shapes or motions",
+        description="Find the constants of a scene that explain measurements best, with confidence intervals; constants that the "
+        "measurements can't tell apart are refused, with the measurement that would. docs/fitting.md has the columns of the table.",
+    )
+    parser.add_argument("measured", metavar="MEASURED.csv", help="table with units in its header, such as field_z_mT,tip_x_mm,tip_z_mm")
+    parser.add_argument("scene", metavar="SCENE", help="scene file of the body; its values are where the search begins")
+    parser.add_argument(
+        "--vary", metavar="NAME,...", help="shear_modulus, remanence, density, magnetization, field, damping, viscosity, or one constant's "
+        "own name [shear_modulus,remanence, and a motion's losses]",
+    )  # fmt: skip
+    parser.add_argument("--noise", metavar="LENGTH", help="standard deviation of each measured coordinate [from the residuals]")
+    parser.add_argument("--angle-noise", metavar="ANGLE", help="standard deviation of each measured angle")
+    parser.add_argument("--known", metavar="NAME=SHARE,...", help="constants known beforehand, with standard deviations, remanence=2%%")
+    parser.add_argument("--level", metavar="PERCENT", type=float, default=95.0, help="of the intervals [95]")
+    parser.add_argument("--quick", action="store_true", help="one descent alone, and no finer grid to compare with")
+    _common(parser, "runs/NAME-fit, with the scene's name")
     return parser
 
 

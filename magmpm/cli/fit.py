@@ -1,0 +1,97 @@
+"""`magmpm fit`: material constants from measurements."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+from magmpm.cli.answers import print_summary, results_folder
+from magmpm.errors import InputError, report
+
+REPORT, TABLE, SCENE, PICTURE = "fit.json", "residuals.csv", "fitted_scene.yaml", "fit.png"
+
+
+def command(options: argparse.Namespace) -> int:
+    """Fit constants of a scene to a table of measurements; table, files and picture. Returns the exit status."""
+    from magmpm.cli.design import refuse_study
+    from magmpm.cli.progress import Progress
+    from magmpm.inputs.yaml_document import of_file
+    from magmpm.results.folder_lock import folder_lock
+    from magmpm.scene import load_scene
+    from studies.fitting import Refused, fit, read_measured, summary, text
+
+    asked = _numbers(options)
+    scene = load_scene(options.scene)
+    measured = read_measured(options.measured, scene)
+    folder = options.out or results_folder(f"{scene.name} fit")
+    with folder_lock(folder):
+        refuse_study(folder)
+        try:
+            with Progress(f"fit of {scene.name}") as progress, of_file(options.scene):
+                found = fit(measured, scene, vary=_list(options.vary), **asked, thorough=not options.quick, on_progress=progress.note)
+        except Refused as refusal:
+            if options.json:
+                told = {"refused": str(refusal), "together": refusal.together, "known": refusal.known, "measure": refusal.advice}
+                print(json.dumps(told))
+            raise
+        for warning in found.warnings:
+            print(f"magmpm: warning: {warning}", file=sys.stderr)
+        files = _saved(folder, found, Path(options.scene))
+    numbers = {**summary(found), "folder": str(folder), "files": [str(path) for path in files]}
+    print_summary(options, numbers, "\n".join([text(found), *(f"  saved            {path}" for path in files)]))
+    return 0
+
+
+def _saved(folder: Path, found: Any, source: Path) -> list[Path]:
+    """The report, the residuals, the fitted scene and the picture."""
+    from magmpm.results.whole_file import whole_file, write_json
+    from studies.fitting import fitted_scene, residuals_table, shown, summary
+    from viz.fit_plot import fitted
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / REPORT, summary(found), indent=1)
+    for name, content in ((TABLE, residuals_table(found)), (SCENE, fitted_scene(found, source, folder))):
+        with whole_file(folder / name) as part:
+            part.write_text(content, encoding="utf-8")
+    picture = fitted(shown(found), folder / PICTURE, title=found.scene.name)
+    return [*(folder / name for name in (REPORT, TABLE, SCENE)), picture]
+
+
+def _list(text: str | None) -> list[str] | None:
+    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _numbers(options: argparse.Namespace) -> dict[str, Any]:
+    """Noise, what is known, and the level, from what was typed. Raises InputError."""
+    if not 50 <= options.level < 100:
+        rule, remedy = "must be at least 50 and below 100 (%)", "leave it out for 95"
+        raise InputError(report("--level", received=f"{options.level:g}", rule=rule, remedy=remedy))
+    known = {}
+    for pair in _list(options.known) or []:
+        name, _, share = pair.partition("=")
+        known[name.strip()] = _quantity("--known", share, "percentage")
+    return {
+        "noise": _quantity("--noise", options.noise, "length"),
+        "angle_noise": _quantity("--angle-noise", options.angle_noise, "angle"),
+        "known": known,
+        "level": options.level / 100,
+    }
+
+
+def _quantity(option: str, text: str | None, kind: str) -> Any:
+    """A positive quantity in SI, None where it is not given. Raises InputError."""
+    from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
+
+    if text is None:
+        return None
+    try:
+        value = parse_quantity(text, KINDS[kind])
+    except BadQuantity as error:
+        raise InputError(report(option, received=repr(text), rule=error.rule, remedy=error.remedy)) from None
+    if not 0 < value < math.inf:
+        raise InputError(report(option, received=repr(text), rule="must be greater than 0", remedy=f'write, say, "{KINDS[kind].example}"'))
+    return value

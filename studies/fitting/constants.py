@@ -1,0 +1,197 @@
+"""The constants that a fit looks for: what each is in the scene, and the number by which it changes.
+
+A fit works in numbers x without unit: what must be positive (moduli, remanence, density, damping) is its start times exp(x), so that x is
+a relative change, and intervals stay positive; a direction turns by x rad; a stray field is x times 1 mT.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
+from magmpm.scene import Scene
+from magmpm.scene.variables import Variable, tangents, variables
+
+OF_MATERIALS = ("shear_modulus", "remanence", "density")
+KINDS = (*OF_MATERIALS, "magnetization", "field", "damping", "viscosity")
+LOSSES = {"damping": ("rate", "1/s"), "viscosity": ("viscosity", "Pa s")}  # effects of motions: key and unit
+_MILLITESLA = 1e-3
+SHOWN = {"shear_modulus": (1e-3, "kPa"), "remanence": (1e3, "mT"), "density": (1.0, "kg/m^3"), "magnetization": (180 / math.pi, "deg"),
+         "field": (1e3, "mT"), "damping": (1.0, "1/s"), "viscosity": (1.0, "Pa s")}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Constant:
+    """One number of a scene. start: its value there, SI; of a direction and of a stray field the change, so 0."""
+
+    name: str
+    kind: str
+    start: float
+    unit: str
+    variable: Variable | None = None
+    known: float | None = None  # standard deviation, in x, of what is known beforehand
+
+    @property
+    def relative(self) -> bool:
+        """Whether x is the logarithm of its ratio to the start."""
+        return self.kind not in ("magnetization", "field")
+
+    def value(self, x: float) -> float:
+        """SI, of the number x."""
+        if self.relative:
+            return self.start * math.exp(x)
+        return x if self.kind == "magnetization" else x * _MILLITESLA
+
+    def slope(self, x: float) -> float:
+        """d(value)/dx, SI."""
+        return self.value(x) if self.relative else (1.0 if self.kind == "magnetization" else _MILLITESLA)
+
+    def number(self, value: float) -> float:
+        """x of a value, SI."""
+        if self.relative:
+            return math.log(value / self.start)
+        return value if self.kind == "magnetization" else value / _MILLITESLA
+
+
+def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constant, ...]:
+    """The constants of these kinds or names that a scene has. None: shear moduli, remanences, and in motion the losses that it names.
+
+    Raises InputError for a name that is not known, or of which the scene has none.
+    """
+    moving = scene.solver.dynamic is not None
+    if of is None:
+        has = [kind for kind in ("shear_modulus", "remanence") if not isinstance(_made(scene, kind), str)]
+        of = [*has, *(kind for kind in LOSSES if moving and not isinstance(_made(scene, kind), str))]
+    found: dict[str, Constant] = {}
+    for word in of:
+        for constant in _named(scene, word):
+            found[constant.name] = constant
+    if not found:
+        raise InputError(report("--vary", received="nothing", rule="a fit needs a constant to find", remedy="say, --vary shear_modulus"))
+    return tuple(found.values())
+
+
+def _named(scene: Scene, word: str) -> list[Constant]:
+    """The constants that a word names: all of a kind, or one by its own name."""
+    if word in KINDS:
+        made = _made(scene, word)
+        if isinstance(made, str):
+            rule, _, remedy = made.partition("; ")
+            raise InputError(report("--vary", received=word, rule=rule, remedy=remedy or "leave it out"))
+        return made
+    every = [c for kind in KINDS if not isinstance(made := _made(scene, kind), str) for c in made]
+    chosen = [constant for constant in every if constant.name == word]
+    if not chosen:
+        names = [*KINDS, *(constant.name for constant in every)]
+        near = difflib.get_close_matches(word, names, n=1)
+        remedy = f'did you mean "{near[0]}"?' if near else "choose among them"
+        raise InputError(report("--vary", received=repr(word), rule=f"must be of {', '.join(dict.fromkeys(names))}", remedy=remedy))
+    return chosen
+
+
+def _made(scene: Scene, kind: str) -> list[Constant] | str:
+    """The constants of a kind; where the scene has none: the rule it breaks and the remedy."""
+    if kind in LOSSES:
+        effect, key = getattr(scene.effects, kind, None), LOSSES[kind][0]
+        if scene.solver.dynamic is None:
+            return f"{kind} acts in motion only, and the scene is none; give it `solver: {{dynamic: ...}}`, and a table with t_ms"
+        if effect is None or getattr(effect, key) <= 0:
+            return f"the scene names no {kind}; name it with a first guess"
+        return [Constant(kind, kind, float(getattr(effect, key)), LOSSES[kind][1])]
+    try:
+        found = variables(scene, [kind])
+    except InputError as error:
+        lines = str(error).splitlines()
+        return f"{lines[1].partition(': ')[2]}; {lines[2].partition(': ')[2]}"
+    if kind in OF_MATERIALS:
+        starts = {v.name: float(getattr(scene.materials[v.material or ""], kind)) for v in found}
+        if kind == "remanence" and min(starts.values()) <= 0:
+            return "a material has no remanence to start from; give it a first guess"
+        return [Constant(v.name, kind, starts[v.name], v.unit, v) for v in found]
+    return [Constant(v.name, kind, 0.0, v.unit, v) for v in found]
+
+
+def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[Constant, ...]:
+    """The constants, with what is known of some: relative standard deviations by name. Raises InputError."""
+    for name in known:
+        chosen = [constant for constant in constants if constant.name == name or (constant.kind == name and constant.relative)]
+        if not chosen:
+            names = ", ".join(constant.name for constant in constants if constant.relative)
+            raise InputError(report("--known", received=name, rule=f"must be among what is varied: {names}", remedy="correct the name"))
+    return tuple(replace(c, known=known.get(c.name, known.get(c.kind)) if c.relative else None) for c in constants)
+
+
+def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
+    """The scene with the constants at x. Raises InputError where a value leaves what a scene allows."""
+    data = scene.to_si()
+    changed = False
+    for constant, number in zip(constants, x, strict=True):
+        variable = constant.variable
+        if constant.kind in OF_MATERIALS:
+            assert variable is not None
+            data["materials"][variable.material][constant.kind] = constant.value(number)
+        elif constant.kind in LOSSES:
+            data["effects"][constant.kind][LOSSES[constant.kind][0]] = constant.value(number)
+        elif constant.kind == "field":
+            assert variable is not None
+            data["field"]["uniform"][variable.component or 0] += constant.value(number)
+        else:
+            continue
+        changed = True
+    found = Scene.from_si(data) if changed else scene
+    turned = directions(scene, constants, x)
+    return found if turned is None else found.with_magnetizations(turned)
+
+
+def directions(scene: Scene, constants: Sequence[Constant], x: Array) -> Array | None:
+    """Directions (k, 3) of the regions turned by x; None where no direction varies.
+
+    With d the scene's direction and t, u its tangents (scene.variables): cos e (cos a d + sin a t) + sin e u for the two numbers a, e.
+    """
+    turns = _turns(constants)
+    if not turns:
+        return None
+    found: Array = np.array([region.magnetization for region in scene.regions()])
+    for region, pair in turns.items():
+        a, e = (0.0 if k is None else float(x[k]) for k in pair)
+        d, (t, u) = found[region], np.array(tangents(found[region]))
+        found[region] = np.cos(e) * (np.cos(a) * d + np.sin(a) * t) + np.sin(e) * u
+    return found
+
+
+def _turns(constants: Sequence[Constant]) -> dict[int, list[int | None]]:
+    """Numbers of the two turns of each region that turns."""
+    turns: dict[int, list[int | None]] = {}
+    for k, constant in enumerate(constants):
+        if constant.kind == "magnetization" and constant.variable is not None and constant.variable.region is not None:
+            pair = turns.setdefault(constant.variable.region, [None, None])
+            pair[0 if constant.name.endswith("_azimuth") else 1] = k
+    return turns
+
+
+def chain(scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence[Variable]) -> Array:
+    """How the variables (q,) of the scene at x, as `sensitivities` has them, change with x: (q, k), SI per unit of x.
+
+    scene: the one that the fit began with; there: the variables of applied(scene, constants, x), by the same names.
+    """
+    place = {variable.name: i for i, variable in enumerate(there)}
+    out = np.zeros((len(there), len(constants)))
+    for k, constant in enumerate(constants):
+        if constant.kind != "magnetization":
+            out[place[constant.name], k] = constant.slope(float(x[k]))
+    start: Array = np.array([region.magnetization for region in scene.regions()])
+    for region, pair in _turns(constants).items():
+        a, e = (0.0 if k is None else float(x[k]) for k in pair)
+        d, (t, u) = start[region], np.array(tangents(start[region]))
+        slopes = (np.cos(e) * (np.cos(a) * t - np.sin(a) * d), np.cos(e) * u - np.sin(e) * (np.cos(a) * d + np.sin(a) * t))
+        for variable, i in ((v, place[v.name]) for v in there if v.kind == "magnetization" and v.region == region):
+            for number, slope in zip(pair, slopes, strict=True):
+                if number is not None:
+                    out[i, number] = float(np.dot(variable.direction or (0.0, 0.0, 0.0), slope))
+    return out

@@ -1,0 +1,197 @@
+"""What measurements can't tell apart, by the singular values of their slopes, and which measurement would."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, MagmpmError, report
+from magmpm.scene import Scene
+from studies.fitting.constants import Constant
+from studies.fitting.prediction import Prediction
+from studies.fitting.solve import Minimum
+from studies.fitting.table import Measured, Readings
+
+FLAT = 1e-6  # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
+FLAT_OF_DIFFERENCES = 1e-3  # likewise, of slopes by differences
+WIDEST = 1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
+SHARE = 0.3  # of a unit vector: constants with less in a direction are not named
+CLEAR = 0.05  # in x: an interval this narrow tells a constant
+
+
+class Refused(InputError):
+    """Measurements that can't tell the constants apart.
+
+    together: names of the constants that only a combination of is known; known: what the data do say; advice: measurements that would tell.
+    """
+
+    def __init__(
+        self, place: str, *, rule: str, remedy: str, received: str | None = None, together: Sequence[str] = (), known: Sequence[str] = (),
+        advice: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        super().__init__(report(place, received=received, rule=rule, remedy=remedy))
+        self.together, self.known, self.advice = tuple(together), tuple(known), tuple(advice)
+
+
+def check_apart(
+    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, *, differences: bool
+) -> None:
+    """Raises Refused where a combination of constants moves no measured number by more than its error. slopes: in standard errors per x."""
+    _, values, right = np.linalg.svd(slopes, full_matrices=True)
+    values = np.concatenate([values, np.zeros(len(right) - len(values))])
+    least = (FLAT_OF_DIFFERENCES if differences else FLAT) * values[0]
+    lost = [k for k, value in enumerate(values) if value <= least or quantile / value > WIDEST]
+    if not lost:
+        return
+    structural = all(values[k] <= least for k in lost)
+    involved = [c for k, c in enumerate(constants) if any(abs(right[row, k]) > SHARE for row in lost)]
+    names = [c.name for c in involved]
+    kept = [k for k in range(len(values)) if k not in lost]
+    said = [_combination(constants, right[k], quantile / values[k]) for k in kept]
+    advice = measurements_that_tell(scene, measured, constants, slopes, quantile, noise)
+    if len(names) > 1:
+        rule = f"the data can't tell {', '.join(names[:-1])} and {names[-1]} apart"
+    else:
+        rule = f"the data can't tell {names[0]}"
+    rule += ": " + (
+        "there are changes of them that move no measured number"
+        if structural
+        else "the changes of them that the noise hides are larger than a factor of e, or a radian"
+    )
+    if said:
+        rule += f"; what they do tell: {'; '.join(said)}"
+    fewer = f"--vary {_fewer(constants, right, lost)} and take the others from the scene" if len(constants) > len(lost) else "other data"
+    loads = [c.name for c in involved if c.kind in ("remanence", "density")]
+    remedy = fewer
+    if len(names) > 1 and any(c.relative for c in involved):
+        remedy += f"; or --known {(loads or [c.name for c in involved if c.relative])[0]}=2%, if it is known that well"
+    if advice:
+        remedy += f"; or measure in addition: {'; or '.join(advice)}"
+    raise Refused(str(measured.path), rule=rule, remedy=remedy, together=names, known=said, advice=advice)
+
+
+def _fewer(constants: Sequence[Constant], right: Array, lost: Sequence[int]) -> str:
+    """Names of the constants that are left when those that matter most in the lost directions are taken as known."""
+    left = list(range(len(constants)))
+    for row in lost:
+        # remanence, density and fields can be measured by themselves: they are taken as known first
+        first = [k for k in left if abs(right[row, k]) > SHARE and constants[k].kind not in ("shear_modulus", "damping", "viscosity")]
+        choice = first or left
+        left.remove(max(choice, key=lambda k: abs(right[row, k])))
+    return ",".join(constants[k].name for k in left)
+
+
+def _combination(constants: Sequence[Constant], direction: Array, width: float) -> str:
+    """A direction of x that the data do tell, as a product of powers, with its relative interval."""
+    size = np.max(np.abs(direction))
+    parts = [(c.name, float(v / size)) for c, v in zip(constants, direction, strict=True) if abs(v) > 0.05 * size]
+    if parts[0][1] < 0:
+        parts = [(name, -power) for name, power in parts]
+    if all(c.relative for c in constants if any(name == c.name for name, _ in parts)):
+        words = " * ".join(name if abs(power - 1) < 0.02 else f"{name}^{power:.2g}" for name, power in parts)
+        return f"{words}, to {100 * width / size:.2g} %"
+    words = " ".join(f"{power:+.2g} {name}" for name, power in parts)
+    return f"{words}, to {width / size:.2g}"
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A further measurement: in words, and its slopes (m, k) in standard errors per x."""
+
+    words: str
+    slopes: Array
+
+
+def measurements_that_tell(
+    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float
+) -> list[str]:
+    """Measurements that would tell the constants apart together with those there are, best first, with the intervals they would give."""
+    noise = max(noise, 1e-3 * scene.length)
+    candidates = [*_shapes(scene, measured, constants, noise), *_numbers(constants)]
+    rated = []
+    for candidate in candidates:
+        both = np.concatenate([slopes, candidate.slopes])
+        values = np.linalg.svd(both, compute_uv=False)
+        if len(values) < len(constants) or values[-1] <= FLAT * 10 * values[0]:
+            continue
+        widths = 1.96 * np.sqrt(np.diag(np.linalg.inv(both.T @ both)))
+        if widths.max() < WIDEST / 2:
+            rated.append((float(widths.max()), candidate.words, widths))
+    rated.sort(key=lambda one: one[0])
+    return [f"{words} ({_widths(constants, widths)})" for _, words, widths in rated[:4]]
+
+
+def _widths(constants: Sequence[Constant], widths: Array) -> str:
+    parts = []
+    for constant, width in zip(constants, widths, strict=True):
+        if constant.relative:
+            parts.append(f"{constant.name} to {100 * width:.2g} %")
+        else:
+            size = f"{np.degrees(width):.2g} deg" if constant.kind == "magnetization" else f"{width:.2g} mT"
+            parts.append(f"{constant.name} to {size}")
+    return ", ".join(parts[:4]) + (" ..." if len(parts) > 4 else "")
+
+
+def _shapes(scene: Scene, measured: Measured, constants: Sequence[Constant], noise: float) -> list[_Candidate]:
+    """Tips of the body under other loads, with their slopes from the simulation."""
+    if scene.in_time:
+        return []
+    found = []
+    size = 1e3 * noise
+    dense = all(material.density is not None for material in scene.materials.values())
+    if dense and scene.effects.gravity is None:
+        words = f"the tip under its own weight without field, held level, to {size:.2g} mm (name gravity in the scene)"
+        found.append((words, scene.with_effects(gravity={}).with_field([0.0, 0.0, 0.0])))
+    elif dense:
+        found.append((f"the tip under its own weight without field, to {size:.2g} mm", scene.with_field([0.0, 0.0, 0.0])))
+    strongest = max((float(np.linalg.norm(s.field or scene.field.uniform)) for s in measured.states), default=0.0) or 5e-3
+    for axis, direction in zip("xyz", np.eye(3), strict=True):
+        words = f"the tip in a field of {1e3 * strongest:.3g} mT along {axis}, to {size:.2g} mm"
+        found.append((words, scene.with_field(strongest * direction)))
+    nan = np.full(1, np.nan)
+    reading = Readings(None, None, np.array([0]), nan, np.zeros((1, 3)), nan)
+    candidates = []
+    for words, other in found:
+        try:
+            table = Measured(measured.path, "tips", (reading,), (), (0, 1, 2))
+            _, jacobian = Prediction(other, table, tuple(constants)).at(np.zeros(len(constants)))
+        except MagmpmError:
+            continue
+        candidates.append(_Candidate(words, jacobian / noise))
+    return candidates
+
+
+def _numbers(constants: Sequence[Constant]) -> list[_Candidate]:
+    """Numbers that depend on the constants by a power: a body's moment, its bending by a known weight, its natural frequency."""
+    found = []
+    for words, exact, powers in (
+        ("the body's magnetic moment, by a magnetometer to 2 %", 0.02, {"remanence": 1.0}),
+        ("the sag of the tip under a known weight hung on it, to 2 %", 0.02, {"shear_modulus": -1.0}),
+        ("the natural frequency of its bending, to 2 %", 0.02, {"shear_modulus": 0.5, "density": -0.5}),
+        ("its mass, to 1 %", 0.01, {"density": 1.0}),
+    ):
+        row = np.array([powers.get(c.kind, 0.0) for c in constants]) / exact
+        same_kind = max([sum(c.kind == kind for c in constants) for kind in powers], default=0)
+        if row.any() and same_kind <= 1:
+            found.append(_Candidate(words, row[None]))
+    return found
+
+
+def refuse_twins(constants: Sequence[Constant], best: Minimum, others: Sequence[Minimum], quantile: float) -> None:
+    """Raises Refused where another minimum explains the data about as well: its constants would be in the confidence region.
+
+    All in standard errors.
+    """
+    for other in others:
+        far = float(np.max(np.abs(other.x - best.x))) > CLEAR and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
+        if far and other.converged and other.cost < best.cost + quantile**2:
+            rule = f"two sets of constants explain the data equally well: {_in_words(constants, best.x)} or {_in_words(constants, other.x)}"
+            remedy = "measure further coordinates, or at another field (a weaker one bends less, and has one answer)"
+            raise Refused("the measurements", rule=rule, remedy=remedy, together=[c.name for c in constants], advice=["a weaker field"])
+
+
+def _in_words(constants: Sequence[Constant], x: Array) -> str:
+    return ", ".join(f"{c.name} = {c.value(float(number)):.4g} {c.unit}" for c, number in zip(constants, x, strict=True))

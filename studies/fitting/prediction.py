@@ -1,0 +1,231 @@
+"""What the simulation says where something was measured: residuals (simulated minus measured) and how they change with the constants."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from magmpm.bodies.curves import on_rows
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
+from magmpm.model import build
+from magmpm.results.measures import axis_of_particles, region_means
+from magmpm.results.result import Result
+from magmpm.results.trajectory import Motion
+from magmpm.scene import Scene
+from magmpm.simulate import run, sensitivities
+from studies.fitting.constants import Constant, applied, chain
+from studies.fitting.table import Measured, Readings
+
+STEP = 0.01  # of x, for the central differences of motions: 1 % of a modulus
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Label:
+    """Where a residual comes from: line of the table, what it measures, whether it is an angle (rad, else m).
+
+    measured, simulated: the number, or of a curve the point and the foot on the curve, SI.
+    """
+
+    line: int
+    what: str
+    angle: bool = False
+    measured: tuple[float, ...] = ()
+    simulated: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A body's shape and its derivatives by k numbers: rows [s, x, y, z] (n, 4) m (none for parts), tip (3,) m, and (n, 3, k), (3, k)."""
+
+    rows: Array
+    tip: Array
+    rows_change: Array
+    tip_change: Array
+
+    @classmethod
+    def alone(cls, rows: Array, tip: Array) -> Axis:
+        """A shape without derivatives."""
+        return cls(rows, tip, np.zeros((len(rows), 3, 0)), np.zeros((3, 0)))
+
+    def at(self, s: Array) -> tuple[Array, Array, Array, Array]:
+        """At arc lengths s (m,): places (m, 3), their changes (m, 3, k), slopes (m, 3) and their changes (m, 3, k)."""
+        n, _, k = self.rows_change.shape
+        places, slopes = on_rows(self.rows[:, 0], self.rows[:, 1:], s)
+        moved, turned = on_rows(self.rows[:, 0], self.rows_change.reshape(n, 3 * k), s)
+        return places, moved.reshape(-1, 3, k), slopes, turned.reshape(-1, 3, k)
+
+
+Found = tuple[list[float], list[Array], list[Label]]
+
+
+def compare(shape: Axis, readings: Readings, kind: str, axes: Sequence[int]) -> tuple[Array, Array, list[Label]]:
+    """Residuals (r,) m or rad of one state, their derivatives (r, k), and where each comes from."""
+    found: Found = ([], [], [])
+    if kind == "curve":
+        _along_curve(shape, readings, list(axes), found)
+    else:
+        _at_points(shape, readings, kind, found)
+    residuals, slopes, labels = found
+    return np.array(residuals), np.array(slopes).reshape(len(residuals), -1), labels
+
+
+def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None:
+    if kind == "places":
+        places, moved, _, _ = shape.at(np.minimum(readings.s, shape.rows[-1, 0]))
+    for m, line in enumerate(readings.lines):
+        place, change = (shape.tip, shape.tip_change) if kind == "tips" else (places[m], moved[m])
+        for i in np.flatnonzero(np.isfinite(readings.points[m])):
+            prefix = "tip_" if kind == "tips" else ""
+            both = (float(readings.points[m, i]),), (float(place[i]),)
+            _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{AXES[i]}", False, *both))
+        if np.isfinite(readings.angles[m]):
+            angle, turned = _tip_angle(shape)
+            both = (float(readings.angles[m]),), (angle,)
+            _add(found, angle - readings.angles[m], turned, Label(int(line), "tip_angle", True, *both))
+
+
+def _add(found: Found, residual: float, slope: Array, label: Label) -> None:
+    found[0].append(float(residual))
+    found[1].append(np.asarray(slope))
+    found[2].append(label)
+
+
+def _tip_angle(shape: Axis) -> tuple[float, Array]:
+    """Angle (rad) between the tip's tangent and +x, and its derivatives (k,)."""
+    _, _, slopes, turned = shape.at(shape.rows[-1:, 0])
+    t, dt = slopes[0], turned[0]
+    across = float(np.hypot(t[1], t[2]))
+    if across < 1e-12:
+        return 0.0 if t[0] > 0 else np.pi, np.zeros(dt.shape[1])
+    dacross = (t[1] * dt[1] + t[2] * dt[2]) / across
+    return float(np.arctan2(across, t[0])), (t[0] * dacross - across * dt[0]) / (across**2 + t[0] ** 2)
+
+
+def _along_curve(shape: Axis, readings: Readings, axes: list[int], found: Found) -> None:
+    """Distances of points from the curve, across it: its projection where a coordinate is missing; beyond its ends, from its tangents.
+
+    The distance is a least one, so a shift of its foot along the curve does not change it to first order.
+    """
+    length = shape.rows[-1, 0]
+    fine = np.linspace(0.0, length, 20 * (len(shape.rows) - 1) + 1)
+    curve = shape.at(fine)[0][:, axes]
+    for m, line in enumerate(readings.lines):
+        point = readings.points[m, axes]
+        s = _foot(shape, axes, point, fine, curve)
+        places, moved, slopes, _ = shape.at(np.array([s]))
+        tangent = slopes[0, axes] / max(float(np.linalg.norm(slopes[0, axes])), 1e-300)
+        for k, normal in enumerate(_normals(tangent)):
+            gap = float(normal @ (places[0, axes] - point))
+            what = f"across the curve{f' ({k + 1})' if len(axes) == 3 else ''}"
+            _add(found, gap, normal @ moved[0, axes], Label(int(line), what, False, tuple(point.tolist()), tuple(places[0, axes].tolist())))
+
+
+def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array) -> float:
+    """Arc length of the curve's nearest place: of its samples, then by Newton's method on parabolas' slopes."""
+    s = float(fine[np.argmin(np.sum((curve - point) ** 2, axis=1))])
+    for _ in range(8):
+        places, _, slopes, _ = shape.at(np.array([s]))
+        t = slopes[0, axes]
+        new = float(np.clip(s - (places[0, axes] - point) @ t / max(float(t @ t), 1e-12), 0.0, fine[-1]))
+        if abs(new - s) < 1e-9 * fine[-1]:
+            return new
+        s = new
+    return s
+
+
+def _normals(tangent: Array) -> list[Array]:
+    """Unit vectors across a tangent: one in a plane, two in space."""
+    if len(tangent) == 2:
+        return [np.array([-tangent[1], tangent[0]])]
+    other = np.eye(3)[np.argmin(np.abs(tangent))]
+    first = np.cross(tangent, other)
+    first /= np.linalg.norm(first)
+    return [first, np.cross(tangent, first)]
+
+
+@dataclass
+class Prediction:
+    """Residuals of all measurements for a scene with its constants at x. Keeps the last shapes, which the next solves start from."""
+
+    scene: Scene
+    measured: Measured
+    constants: tuple[Constant, ...]
+    solves: int = 0
+    labels: list[Label] = field(default_factory=list)
+    _last: dict[int, Result] = field(default_factory=dict)
+
+    def at(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
+        """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; no columns without `slopes`.
+
+        Raises SolveError where a shape is not found, InputError where x leaves what a scene allows.
+        """
+        if self.scene.in_time:
+            return self._in_motion(x, slopes)
+        parts = [self._of_state(i, readings, x, slopes) for i, readings in enumerate(self.measured.states)]
+        self.labels = [label for _, _, labels in parts for label in labels]
+        return np.concatenate([r for r, _, _ in parts]), np.concatenate([j for _, j, _ in parts])
+
+    def _of_state(self, index: int, readings: Readings, x: Array, slopes: bool) -> tuple[Array, Array, list[Label]]:
+        base = self.scene if readings.field is None else self.scene.with_field(readings.field)
+        scene, start = applied(base, self.constants, x), self._last.get(index)
+        self.solves += 1
+        if not slopes:
+            shape = _shape_of(run(scene, start=start))
+        else:
+            kinds = list(dict.fromkeys(constant.kind for constant in self.constants))
+            near = sensitivities(scene, of=kinds, start=start)
+            self._last[index] = near.result
+            per_x = chain(base, self.constants, x, near.variables)
+            shape = Axis(near.result.centreline, near.result.tip, near.centreline @ per_x, near.tip @ per_x)
+        return compare(shape, readings, self.measured.kind, self.measured.axes)
+
+    def _in_motion(self, x: Array, slopes: bool) -> tuple[Array, Array]:
+        residuals = self._moved(x)
+        if not slopes:
+            return residuals, np.zeros((len(residuals), 0))
+        columns = []
+        for step in STEP * np.eye(len(x)):
+            columns.append((self._moved(x + step) - self._moved(x - step)) / (2 * STEP))
+        return residuals, np.stack(columns, axis=1)
+
+    def _moved(self, x: Array) -> Array:
+        """Residuals (n,) of the markers along a motion: a cubic spline in time through its frames."""
+        self.solves += 1
+        times, shapes, tips = _frames(applied(self.scene, self.constants, x))
+        if len(times) < 4:
+            rule = "what is measured over time needs four frames or more to be compared with"
+            raise InputError(report("solver", received=f"{len(times)} frames", rule=rule, remedy="write a smaller output_every"))
+        rows, tip = CubicSpline(times, shapes[:, :, 1:]), CubicSpline(times, tips)
+        parts = []
+        for readings in self.measured.states:
+            t = readings.time
+            shape = Axis.alone(np.column_stack([shapes[0, :, 0], rows(t)]) if len(shapes[0]) else shapes[0], tip(t))
+            parts.append(compare(shape, readings, self.measured.kind, self.measured.axes))
+        self.labels = [label for _, _, labels in parts for label in labels]
+        return np.concatenate([r for r, _, _ in parts])
+
+
+def _shape_of(result: Result) -> Axis:
+    return Axis.alone(result.centreline, result.tip)
+
+
+def _frames(scene: Scene) -> tuple[Array, Array, Array]:
+    """Times (f,) s, axes (f, n, 4) m and tips (f, 3) m of a scene along time."""
+    with tempfile.TemporaryDirectory(prefix="magmpm-fit-") as folder:
+        run(scene, folder=folder)
+        motion: Any = Motion.load(folder)
+        model = build(scene)
+        positions = [np.asarray(motion.position(k), dtype=float) for k in range(len(motion))]
+        shapes = np.array([axis_of_particles(model, position) for position in positions])
+        if model.line is None:
+            tips = np.array([region_means(model, position)[-1] for position in positions])
+        else:
+            tips = shapes[:, -1, 1:]
+        return np.array(motion.times), shapes, tips

@@ -1,0 +1,185 @@
+"""A fit in words, as data, as the numbers of a picture, and as the scene's file with the constants that were found."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from magmpm.inputs.settings import read_yaml
+from studies.file_paths import mended
+from studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, directions
+from studies.fitting.search import Fit, Fitted
+
+MOST_SERIES = 9  # in the picture
+
+
+def summary(found: Fit) -> dict[str, Any]:
+    """Everything as plain data, SI."""
+    return {
+        "name": found.scene.name,
+        "measured": str(found.measured.path),
+        "constants": [_entry(one) for one in found.constants],
+        "level": found.level,
+        "noise": {"sigma_m": found.sigma_m, "sigma_rad": found.sigma_rad, "from": found.noise},
+        "rms_m": found.rms_m,
+        "numbers": len(found.residuals),
+        "states": len(found.measured.states),
+        "degrees_of_freedom": found.degrees,
+        "correlation": found.correlation.tolist(),
+        "residuals": [
+            {"line": label.line, "what": label.what, "value": float(value), "unit": "rad" if label.angle else "m"}
+            for value, label in zip(found.residuals, found.labels, strict=True)
+        ],
+        "warnings": list(found.warnings),
+        "solves": found.solves,
+        "seconds": found.seconds,
+    }
+
+
+def _entry(one: Fitted) -> dict[str, Any]:
+    c = one.constant
+    entry: dict[str, Any] = {"name": c.name, "kind": c.kind, "value": one.value, "unit": c.unit, "low": one.low, "high": one.high}
+    if c.variable is not None and c.variable.material is not None:
+        entry["material"] = c.variable.material
+    return {**entry, "standard_error": one.error, "interval": one.method, "start": c.start, "grid_shift": one.grid_shift}
+
+
+def text(found: Fit) -> str:
+    """The table for people."""
+    sizes = len(found.measured.states)
+    head = f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)}, {found.measured.path}"
+    width = max(len(one.constant.name) for one in found.constants)
+    share = f"{100 * found.level:g} % interval"
+    lines = [head, f"  {'':{width}}  {'fitted':>12}  {share:^27}  {'standard error':>15}  {'finer grid':>11}"]
+    for one in found.constants:
+        factor, unit = SHOWN[one.constant.kind]
+        low, high = ("open" if end is None else f"{factor * end:.4g}" for end in (one.low, one.high))
+        finer = "" if one.grid_shift is None else f"{factor * one.grid_shift:+.2g}"
+        value = f"{factor * one.value:.5g}"
+        interval = f"{low:>12} to {high:<11}"
+        lines.append(f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g}  {finer:>11}  {unit}")
+    angles = "" if found.sigma_rad is None else f" and {math.degrees(found.sigma_rad):.3g} deg"
+    lines += [
+        f"  residuals        rms {1e3 * found.rms_m:.3g} mm; noise {1e3 * found.sigma_m:.3g} mm{angles} a number ({found.noise}), "
+        f"{found.degrees} degrees of freedom",
+        f"  intervals        {_method(found)}",
+        f"  solves           {found.solves} in {found.seconds:.1f} s",
+    ]
+    return "\n".join(lines)
+
+
+def _method(found: Fit) -> str:
+    methods = {one.method for one in found.constants}
+    quantile = "normal quantile (noise given)" if found.noise == "given" else "Student's t (noise from the residuals)"
+    if methods == {"linear"}:
+        return f"linear, {quantile}; the sum of squares is a parabola there to 10 %"
+    return f"profile likelihood where the sum of squares is no parabola, {quantile}"
+
+
+def residuals_table(found: Fit) -> str:
+    """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors."""
+    rows = ["line,what,residual,unit,standard_errors"]
+    for value, label in zip(found.residuals, found.labels, strict=True):
+        sigma = (found.sigma_rad or 1.0) if label.angle else found.sigma_m
+        shown, unit = (math.degrees(value), "deg") if label.angle else (1e3 * value, "mm")
+        rows.append(f"{label.line},{label.what},{shown:.6g},{unit},{value / sigma:.4g}")
+    return "\n".join(rows) + "\n"
+
+
+def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
+    """The scene's file with the fitted constants, its paths relative to `folder`, and what they are in comments."""
+    content: dict[str, Any] = mended(dict(read_yaml(source)), source.parent, folder)
+    for one in found.constants:
+        c = one.constant
+        factor, unit = SHOWN[c.kind]
+        if c.kind in OF_MATERIALS and c.variable is not None:
+            content["materials"][c.variable.material][c.kind] = f"{factor * one.value:.10g} {unit}"
+        elif c.kind in LOSSES:
+            content["effects"][c.kind][LOSSES[c.kind][0]] = f"{factor * one.value:.10g} {unit}"
+    fields = [one for one in found.constants if one.constant.kind == "field"]
+    if fields:
+        uniform = np.array(found.scene.field.uniform)
+        for one in fields:
+            uniform[(one.constant.variable.component or 0) if one.constant.variable else 0] += one.value
+        content["field"] = {**content.get("field", {}), "uniform": [f"{1e3 * part:.10g} mT" for part in uniform.tolist()]}
+    turned = directions(found.scene, [one.constant for one in found.constants], found.x)
+    if turned is not None:
+        for region, direction in zip(found.scene.regions(), turned.tolist(), strict=True):
+            place: Any = content
+            for key in region.at:
+                place = place[key]
+            place["magnetization"] = [round(part, 9) for part in direction]
+    comment = "".join(f"# {line}\n" for line in (f"Fitted to {found.measured.path.name} by `magmpm fit`:", *text(found).splitlines()[1:]))
+    return comment + "\n" + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+
+
+def shown(found: Fit) -> dict[str, Any]:
+    """What the picture shows (viz.fit_plot): series of measured and simulated numbers over what was changed, and residuals."""
+    sigmas = [(found.sigma_rad or 1.0) if label.angle else found.sigma_m for label in found.labels]
+    data: dict[str, Any] = {
+        "residuals": [float(r / sigma) for r, sigma in zip(found.residuals, sigmas, strict=True)],
+        "lines": [label.line for label in found.labels],
+        "numbers": [_in_words(one) for one in found.constants],
+    }
+    if found.measured.kind == "curve":
+        return {**data, **_curves(found)}
+    over, label_of = _over(found)
+    series: dict[str, dict[str, Any]] = {}
+    for label in found.labels:
+        x, group = over[label.line]
+        one = series.setdefault(f"{label.what.replace('_', ' ')}{group}", {"x": [], "measured": [], "fitted": []})
+        factor = 180 / math.pi if label.angle else 1e3
+        one["x"].append(x)
+        one["measured"].append(factor * label.measured[0])
+        one["fitted"].append(factor * label.simulated[0])
+    kept = dict(list(series.items())[:MOST_SERIES])
+    some = f" ({len(kept)} of {len(series)} series)" if len(kept) < len(series) else ""
+    y_label = "place (mm), angle (deg)" if found.measured.has_angles else "place (mm)"
+    return {**data, "series": kept, "x_label": label_of + some, "y_label": y_label}
+
+
+def _in_words(one: Fitted) -> str:
+    factor, unit = SHOWN[one.constant.kind]
+    low, high = ("open" if end is None else f"{factor * end:.4g}" for end in (one.low, one.high))
+    return f"{one.constant.name.replace('_', ' ')} {factor * one.value:.4g} ({low} to {high}) {unit}"
+
+
+def _over(found: Fit) -> tuple[dict[int, tuple[float, str]], str]:
+    """Of each line of the table: where it stands on the axis, and the group that its series belongs to; the axis's label."""
+    over: dict[int, tuple[float, str]] = {}
+    states = found.measured.states
+    fields = np.array([state.field or found.scene.field.uniform for state in states])
+    strongest = fields[np.argmax(np.linalg.norm(fields, axis=1))]
+    direction = strongest / max(float(np.linalg.norm(strongest)), 1e-300)
+    several = len(states) > 1
+    for k, state in enumerate(states):
+        for line, s in zip(state.lines.tolist(), state.s.tolist(), strict=True):
+            if state.time is not None:
+                over[line] = 1e3 * state.time, "" if math.isnan(s) else f" at {1e3 * s:.3g} mm"
+            elif found.measured.kind == "places":
+                over[line] = 1e3 * s, f", state {k + 1}" if several else ""
+            else:
+                over[line] = 1e3 * float(fields[k] @ direction), ""
+    if states[0].time is not None:
+        return over, "time (ms)"
+    if found.measured.kind == "places":
+        return over, "arc length (mm)"
+    straight = np.allclose(np.cross(fields, direction), 0.0, atol=1e-3 * max(float(np.linalg.norm(strongest)), 1e-12))
+    return over, "field (mT)" if straight else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)"
+
+
+def _curves(found: Fit) -> dict[str, Any]:
+    """Points of digitized curves, and where they are nearest to the simulated ones, in the first two coordinates they have."""
+    state_of = {line: k for k, state in enumerate(found.measured.states) for line in state.lines.tolist()}
+    series: dict[str, dict[str, Any]] = {}
+    for label in found.labels:
+        name, keys = f"curve {state_of[label.line] + 1}", ("x", "measured", "fitted_x", "fitted")
+        one = series.setdefault(name, {key: [] for key in keys})
+        for key, value in zip(keys, (*label.measured[:2], *label.simulated[:2]), strict=True):
+            one[key].append(1e3 * value)
+    first, second = ("xyz"[i] for i in found.measured.axes[:2])
+    return {"series": dict(list(series.items())[:MOST_SERIES]), "x_label": f"{first} (mm)", "y_label": f"{second} (mm)", "equal": True}

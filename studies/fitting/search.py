@@ -1,0 +1,316 @@
+"""fit(measured, scene) -> Fit: the constants of a scene that explain measurements best, with intervals; or a refusal.
+
+Maximum likelihood for independent normal errors of equal size in each coordinate: least squares, and intervals by the likelihood ratio.
+With errors of known size sigma, a constant's 95 % interval holds the values whose best sum of squares is above the least by at most
+1.96^2 sigma^2. With unknown size, sigma^2 is estimated from the residuals, and Student's t with the degrees of freedom takes the place of
+1.96. Where the sum of squares is a parabola to 10 % at both ends this is the usual t interval ("linear"); else the ends are sought on the
+profile ("profile"). Sources: Bates and Watts, Nonlinear Regression Analysis (1988), sections 1.2, 2.5 and 6.1; Seber and Wild, Nonlinear
+Regression (1989), section 5.4.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2, norm
+from scipy.stats import t as student
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, MagmpmError, report
+from magmpm.scene import Scene
+from studies.fitting.constants import Constant, constants_of, with_known
+from studies.fitting.identify import Refused, check_apart, refuse_twins
+from studies.fitting.prediction import Label, Prediction
+from studies.fitting.profile import Interval, interval_of
+from studies.fitting.solve import Minimum, least_squares
+from studies.fitting.table import Measured
+
+__all__ = ["Fit", "Fitted", "Refused", "fit"]
+
+FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
+UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
+ODD = 3.5  # standard errors: residuals beyond are named
+STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin at a fourth and four times the scene's
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One constant. SI: value, its interval at the level asked for (an end may be open: None), its standard error.
+
+    method: how the interval was found, linear or profile. grid_shift: by how much a finer grid would move it, None: not known.
+    """
+
+    constant: Constant
+    value: float
+    error: float
+    low: float | None
+    high: float | None
+    method: str
+    grid_shift: float | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit found. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
+
+    noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
+    """
+
+    scene: Scene
+    measured: Measured
+    constants: tuple[Fitted, ...]
+    level: float
+    sigma_m: float
+    sigma_rad: float | None
+    noise: str
+    residuals: Array
+    labels: tuple[Label, ...]
+    degrees: int
+    correlation: Array
+    x: Array
+    warnings: tuple[str, ...]
+    solves: int
+    seconds: float
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the residuals that are lengths, m."""
+        lengths = np.array([r for r, label in zip(self.residuals, self.labels, strict=True) if not label.angle])
+        return float(np.sqrt(np.mean(lengths**2))) if len(lengths) else 0.0
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """Standard deviations of lengths (m) and angles (rad); given: whether that of lengths was."""
+
+    length: float
+    angle: float
+    given: bool
+
+    def of(self, labels: Sequence[Label]) -> Array:
+        return np.array([self.angle if label.angle else self.length for label in labels])
+
+
+def fit(
+    measured: Measured,
+    scene: Scene,
+    *,
+    vary: Sequence[str] | None = None,
+    noise: float | None = None,
+    angle_noise: float | None = None,
+    known: Mapping[str, float] | None = None,
+    level: float = 0.95,
+    thorough: bool = True,
+    on_progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """The constants of a scene that explain measurements best.
+
+    vary: kinds or names of constants (studies.fitting.constants), None: shear moduli, remanences, and a motion's losses. noise: standard
+    deviation of each measured coordinate, m, None: estimated from the residuals; angle_noise: of angles, rad. known: relative standard
+    deviations of constants that are known beforehand, by name or kind: the scene's values count as measured that well. level: of the
+    intervals. thorough: of equilibria, descents from further starts, and what a finer grid would change.
+    Raises Refused where the measurements can't tell constants apart; InputError for what does not fit together; SolveError where no
+    equilibrium is found.
+    """
+    begun = time.perf_counter()
+    scene = _on_one_grid(scene)
+    constants = with_known(constants_of(scene, vary), dict(known or {}))
+    _check_counts(measured, constants, noise, angle_noise)
+    prediction = Prediction(scene, measured, constants)
+    search = _Search(prediction, constants, noise, angle_noise, scene.length, on_progress or (lambda text: None))
+    best, sigmas, others = search.best(thorough and not scene.in_time)
+    degrees = len(prediction.labels) - len(constants) + sum(c.known is not None for c in constants)
+    sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, prediction.labels)
+    model = search.whitened(sigmas)
+    best = replace(best, residuals=model(best.x, True)[0], slopes=search.scaled(best, sigmas))
+    check_apart(scene, measured, constants, best.slopes, quantile, sigmas.length, differences=scene.in_time)
+    refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
+    covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
+    intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
+    raw = best.residuals[: len(prediction.labels)] * sigmas.of(prediction.labels)
+    shift = search.on_finer_grid(best, sigmas, covariance) if thorough and not scene.in_time else None
+    found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
+    deviations = np.sqrt(np.diag(covariance))
+    warnings += _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels) + _of_grid(found)
+    if not best.converged:
+        warnings.append(f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file")
+    return Fit(
+        scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, tuple(prediction.labels),
+        degrees, covariance / np.outer(deviations, deviations), best.x, tuple(warnings), prediction.solves, time.perf_counter() - begun,
+    )  # fmt: skip
+
+
+def _on_one_grid(scene: Scene) -> Scene:
+    """The scene on the cells that its resolution asks for. Raises InputError where effects are still to be chosen."""
+    if scene.effects.auto:
+        rule, remedy = "a fit compares runs with the same effects", "name those that `magmpm run` tells it has chosen"
+        raise InputError(report("effects", received="auto", rule=rule, remedy=remedy))
+    if not scene.resolution.asked:
+        return scene
+    from magmpm.simulate import run
+
+    told = run(scene).resolution
+    assert told is not None
+    return scene.with_cells(int(told["cells_across"]))
+
+
+def _check_counts(measured: Measured, constants: Sequence[Constant], noise: float | None, angle_noise: float | None) -> None:
+    """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
+    if measured.has_angles and angle_noise is None:
+        rule, remedy = "angles and lengths are weighed by their errors", 'say how exact an angle is: --angle-noise "1 deg"'
+        raise InputError(report("--angle-noise", received="nothing", rule=rule, remedy=remedy))
+    unknown = sum(constant.known is None for constant in constants)
+    if measured.numbers < unknown:
+        names = ", ".join(constant.name for constant in constants)
+        rule = f"{unknown} constants ({names}) need {unknown} measured numbers or more"
+        raise Refused(str(measured.path), received=f"{measured.numbers}", rule=rule, remedy="measure more, or --vary fewer")
+    if measured.numbers == unknown and noise is None:
+        rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
+        raise InputError(report(str(measured.path), received=f"{measured.numbers} numbers", rule=rule, remedy='say it: --noise "0.2 mm"'))
+
+
+class _Search:
+    """Descents to the least sum of squares."""
+
+    def __init__(
+        self,
+        prediction: Prediction,
+        constants: tuple[Constant, ...],
+        noise: float | None,
+        angle: float | None,
+        length: float,
+        say: Callable[[str], None],
+    ) -> None:
+        self.prediction, self.constants, self.length, self.given, self.angle = prediction, constants, length, noise, angle or 1.0
+        self._say, self._told = say, 0
+
+    def say(self) -> None:
+        self._say(f"{self.prediction.solves} solves")
+
+    def whitened(self, sigmas: _Noise) -> Callable[[Array, bool], tuple[Array, Array]]:
+        """Residuals in standard errors, and those of what is known beforehand after them."""
+        beforehand = [(k, c.known) for k, c in enumerate(self.constants) if c.known is not None]
+
+        def model(x: Array, slopes: bool) -> tuple[Array, Array]:
+            residuals, jacobian = self.prediction.at(x, slopes=slopes)
+            self.say()
+            weight = 1.0 / sigmas.of(self.prediction.labels)
+            extra = np.zeros((len(beforehand), jacobian.shape[1]))
+            for row, (k, deviation) in enumerate(beforehand):
+                if slopes:
+                    extra[row, k] = 1.0 / deviation
+            known = np.array([x[k] / deviation for k, deviation in beforehand])
+            return np.concatenate([residuals * weight, known]), np.concatenate([jacobian * weight[:, None], extra])
+
+        return model
+
+    def scaled(self, best: Minimum, sigmas: _Noise) -> Array:
+        """The slopes of a minimum, weighed anew."""
+        n = len(self.prediction.labels)
+        weight = self._used.of(self.prediction.labels) / sigmas.of(self.prediction.labels)
+        return np.concatenate([best.slopes[:n] * weight[:, None], best.slopes[n:]])
+
+    def best(self, thorough: bool) -> tuple[Minimum, _Noise, list[Minimum]]:
+        """The least minimum, the standard deviations that it was weighed by, and the other minima."""
+        sigmas = _Noise(max(self.given or 1e-3 * self.length, FLOOR * self.length), self.angle, self.given is not None)
+        found = self._descents(sigmas, thorough)
+        mixed = self.prediction.measured.has_angles or any(c.known is not None for c in self.constants)
+        for _ in range(4 if mixed and not sigmas.given else 0):
+            new = _Noise(self._estimated(found[0], sigmas), self.angle, False)
+            if abs(np.log(new.length / sigmas.length)) < 0.02:
+                break
+            sigmas = new
+            found = [least_squares(self.whitened(sigmas), found[0].x, scale=1.0), *found[1:]]
+        self._used = sigmas
+        return found[0], sigmas, found[1:]
+
+    def _descents(self, sigmas: _Noise, thorough: bool) -> list[Minimum]:
+        model, found, trouble = self.whitened(sigmas), [], None
+        stiff = np.array([float(c.kind == "shear_modulus") for c in self.constants])
+        if not stiff.any():
+            stiff = np.array([-float(c.kind == "remanence") for c in self.constants])
+        starts = STARTS if thorough and stiff.any() else STARTS[:1]
+        for shift in starts:
+            try:
+                found.append(least_squares(model, shift * stiff, scale=1.0 if sigmas.given else None))
+            except MagmpmError as error:
+                trouble = trouble or error
+                if shift == 0.0 and isinstance(error, InputError):
+                    raise
+        if not found:
+            assert trouble is not None
+            raise trouble
+        found.sort(key=lambda minimum: minimum.cost)
+        found = [m for k, m in enumerate(found) if all(np.max(np.abs(m.x - other.x)) > 1e-3 for other in found[:k])]
+        self.prediction.at(found[0].x)  # its shapes are what further solves start from
+        return found
+
+    def _estimated(self, best: Minimum, sigmas: _Noise) -> float:
+        """Standard deviation (m) of lengths from their residuals and leverages."""
+        lengths = np.array([not label.angle for label in self.prediction.labels])
+        n = len(lengths)
+        basis = np.linalg.qr(best.slopes)[0]
+        left = float(np.sum(lengths) - np.sum(basis[:n][lengths] ** 2))
+        squares = float(np.sum(best.residuals[:n][lengths] ** 2)) * sigmas.length**2
+        return max(float(np.sqrt(squares / max(left, 0.5))), FLOOR * self.length)
+
+    def on_finer_grid(self, best: Minimum, sigmas: _Noise, covariance: Array) -> Array:
+        """By how much (k,) the constants would move on a grid with two more cells across: one Gauss-Newton step."""
+        cells = self.prediction.scene.resolution.cells_across + 2
+        finer = Prediction(self.prediction.scene.with_cells(cells), self.prediction.measured, self.constants)
+        there, _ = finer.at(best.x, slopes=False)
+        self.prediction.solves += finer.solves
+        weight = 1.0 / sigmas.of(self.prediction.labels)
+        n = len(weight)
+        moved = there * weight - best.residuals[:n]
+        return np.asarray(-covariance @ (best.slopes[:n].T @ moved))
+
+
+def _scatter(best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: Sequence[Label]) -> tuple[_Noise, float, str, list[str]]:
+    """Standard deviations to go by, the quantile for intervals, where they are from, and what is to be said."""
+    tail = 0.5 + level / 2
+    if not sigmas.given:
+        factor = float(np.sqrt(best.cost / max(degrees, 1)))
+        mixed = any(label.angle for label in labels)
+        length = sigmas.length if mixed else max(sigmas.length * factor, 0.0)
+        return _Noise(length, sigmas.angle, False), float(student.ppf(tail, degrees)), "residuals", []
+    if degrees > 0 and chi2.sf(best.cost, degrees) < UNLIKELY:
+        factor = float(np.sqrt(best.cost / degrees))
+        says = (
+            f"the residuals are {factor:.2g} times as large as the noise given explains (probability {chi2.sf(best.cost, degrees):.1g}): "
+            "the scene lacks something that the measurement has, or the noise is larger; the intervals go by the residuals"
+        )
+        wider = _Noise(sigmas.length * factor, sigmas.angle * factor, True)
+        return wider, float(student.ppf(tail, degrees)), "given, enlarged", [says]
+    return sigmas, float(norm.ppf(tail)), "given", []
+
+
+def _fitted(constant: Constant, k: int, best: Minimum, covariance: Array, interval: Interval, shift: Array | None) -> Fitted:
+    x = float(best.x[k])
+    low, high = (None if end is None else constant.value(end) for end in (interval.low, interval.high))
+    moved = None if shift is None else constant.value(x + float(shift[k])) - constant.value(x)
+    return Fitted(constant, constant.value(x), abs(constant.slope(x)) * float(np.sqrt(covariance[k, k])), low, high, interval.method, moved)
+
+
+def _of_residuals(sizes: Array, labels: Sequence[Label]) -> list[str]:
+    """A warning for residuals beyond what the noise explains."""
+    odd = [f"line {label.line}, {label.what} ({size:+.1f})" for size, label in zip(sizes, labels, strict=True) if abs(size) > ODD]
+    if not odd:
+        return []
+    more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
+    return [f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"]
+
+
+def _of_grid(found: Sequence[Fitted]) -> list[str]:
+    """A warning where the grid moves a constant by more than a quarter of its interval."""
+    coarse = []
+    for one in found:
+        width = None if one.low is None or one.high is None else one.high - one.low
+        if one.grid_shift is not None and width is not None and abs(one.grid_shift) > max(width / 4, 1e-3 * abs(one.value)):
+            coarse.append(one.constant.name)
+    if not coarse:
+        return []
+    return [f"on a finer grid {', '.join(coarse)} would move by more than a quarter of the interval: use more cells_across in the scene"]

@@ -1,0 +1,261 @@
+"""Tables of measurements as people have them: tips against the field, marked points, markers over time, curves digitized from photos.
+
+A header names what is measured and its unit, `tip_x_mm`; a row is one reading; an empty cell was not measured. What the columns are decides
+what the table is: see docs/fitting.md. Everything is read into SI.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array
+from magmpm.inputs.csv_tables import MAX_ROWS, Line, TableError, table_lines
+from magmpm.inputs.quantities import KINDS
+from magmpm.scene import Scene
+
+AXES = "xyz"
+_UNITS = {
+    "length": ("mm", "m", "cm", "um", "in"), "flux density": ("mT", "T", "uT", "G"), "time": ("ms", "s"), "angle": ("deg", "rad"),
+}  # fmt: skip
+_QUANTITIES = {
+    **{f"field_{a}": "flux density" for a in AXES}, "field": "flux density", "t": "time", "s": "length",
+    **{f"tip_{a}": "length" for a in AXES}, "tip_angle": "angle", **dict.fromkeys(AXES, "length"),
+}  # fmt: skip
+LABELS = ("marker", "note")  # columns for the reader, of any text
+MOST = {"length": 10.0, "flux density": 20.0, "time": 1e4, "angle": math.pi}  # SI: a larger number is a unit mistaken
+_START = "begin the file with the names of its columns, say field_z_mT,tip_x_mm,tip_z_mm, then rows of numbers"
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The rows of one state of the body: one field, or one moment. SI.
+
+    field (3,) T, None: the scene's own; time s, None of an equilibrium. lines (m,) of the file; s (m,) m, NaN at the tip and along a curve;
+    points (m, 3) m and angles (m,) rad, NaN where not measured; angles are those of the tip's tangent to the base's axis, +x.
+    """
+
+    field: tuple[float, float, float] | None
+    time: float | None
+    lines: NDArray[np.int64]
+    s: Array
+    points: Array
+    angles: Array
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A table: its states, and whether its points are tips, places (marked by s) or a curve without arc lengths."""
+
+    path: Path
+    kind: str  # tips | places | curve
+    states: tuple[Readings, ...]
+    columns: tuple[str, ...]
+    axes: tuple[int, ...] = field(default=())  # coordinates that the points have
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers were measured: of a curve those across it, one in a plane and two in space."""
+        if self.kind == "curve":
+            return sum((len(self.axes) - 1) * len(state.lines) for state in self.states)
+        return sum(int(np.isfinite(state.points).sum() + np.isfinite(state.angles).sum()) for state in self.states)
+
+    @property
+    def in_time(self) -> bool:
+        return self.states[0].time is not None
+
+    @property
+    def has_angles(self) -> bool:
+        return any(bool(np.isfinite(state.angles).any()) for state in self.states)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column: its place, what it holds, and its unit in SI; a label has no quantity."""
+
+    title: str
+    quantity: str
+    factor: float
+
+    @property
+    def kind(self) -> str:
+        return _QUANTITIES[self.quantity]
+
+
+def read_measured(path: Path | str, scene: Scene) -> Measured:
+    """The measurements in a file, for a scene. Raises TableError, which names file, row, column, value, rule and remedy."""
+    path = Path(path)
+    lines = table_lines(path, _START)
+    header = next(lines, None)
+    if header is None:
+        raise TableError(str(path), received="no rows", rule="a table has a header and rows", remedy=_START)
+    columns = _columns(header)
+    kind = _kind(header, columns)
+    named = {column.quantity for column in columns if column.quantity}
+    _fit_together(header, named, scene, kind)
+    grouped: dict[tuple[object, object], list[tuple[int, dict[str, float]]]] = {}
+    for count, line in enumerate(lines):
+        if count >= MAX_ROWS:
+            raise TableError(str(path), rule=f"a table has at most {MAX_ROWS} rows", remedy="leave out rows: a fit needs a few hundred")
+        values = _row(line, columns, named, kind, scene)
+        state = _field_of(values, scene), values.get("t")
+        grouped.setdefault(state, []).append((int(line.place.rsplit(":", 1)[1]), values))
+    if not grouped:
+        raise TableError(str(path), received="a header alone", rule="a table has a header and rows", remedy=_START)
+    prefix = "tip_" if kind == "tips" else ""
+    states = tuple(_readings(state, rows, prefix) for state, rows in grouped.items())
+    axes = tuple(i for i, a in enumerate(AXES) if f"{prefix}{a}" in named)
+    return Measured(path, kind, states, tuple(column.title for column in columns), axes)
+
+
+def _readings(state: tuple[object, object], rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
+    """The rows of one state."""
+
+    def column(name: str) -> Array:
+        return np.array([values.get(name, math.nan) for _, values in rows])
+
+    lines = np.array([line for line, _ in rows])
+    points = np.stack([column(f"{prefix}{a}") for a in AXES], axis=1)
+    return Readings(state[0], state[1], lines, column("s"), points, column("tip_angle"))  # type: ignore[arg-type]
+
+
+def _columns(header: Line) -> list[_Column]:
+    """What the columns are. Raises TableError."""
+    found: list[_Column] = []
+    for title in header.cells:
+        if title in LABELS:
+            found.append(_Column(title, "", 1.0))
+            continue
+        quantity, _, unit = title.rpartition("_")
+        if quantity not in _QUANTITIES or unit not in _UNITS[_QUANTITIES[quantity]]:
+            raise _unknown(header, title)
+        if quantity in (column.quantity for column in found):
+            raise header.error(f"a column may stand once, and {quantity} stands twice", "remove one of the two", title)
+        factor = float(KINDS[_QUANTITIES[quantity]].plain[unit])
+        found.append(_Column(title, quantity, factor))
+    return found
+
+
+def _unknown(header: Line, title: str) -> TableError:
+    """The error for a column that is not known: the nearest name, or all of them."""
+    known = [f"{name}_{unit}" for name, kind in _QUANTITIES.items() for unit in _UNITS[kind]]
+    rule = "a column is a quantity with its unit: " + ", ".join(
+        f"{name}_{_UNITS[kind][0]}" for name, kind in _QUANTITIES.items()
+    ) + f" (also in {', '.join(sorted({u for kind in _UNITS.values() for u in kind[1:]}))}), or {' or '.join(LABELS)}"
+    if title in _QUANTITIES:
+        return header.error(rule, f'add the unit: "{title}_{_UNITS[_QUANTITIES[title]][0]}"', f'the column "{title}"')
+    near = difflib.get_close_matches(title, known, n=1, cutoff=0.7)
+    return header.error(rule, f'did you mean "{near[0]}"?' if near else "rename or remove the column", f'the column "{title}"')
+
+
+def _kind(header: Line, columns: list[_Column]) -> str:
+    """Tips, places or a curve. Raises TableError where the columns are none of them, or of two."""
+    named = {column.quantity for column in columns}
+    tips, points = named & {"tip_x", "tip_y", "tip_z", "tip_angle"}, named & set(AXES)
+    if tips and (points or "s" in named):
+        rule = "a table holds tips (tip_x_mm ...) or points (x_mm ...), not both"
+        raise header.error(rule, "make two tables of it, or give each tip its s_mm")
+    if tips:
+        return "tips"
+    if "s" in named and points:
+        return "places"
+    if len(points) >= 2 and "t" not in named:
+        return "curve"
+    rule = "something must be measured: tip_x_mm ..., points x_mm ... at s_mm, or a curve in a plane, two of x_mm, y_mm, z_mm"
+    if points and "t" in named:
+        raise header.error("points over time need the arc length s_mm of each marker", "add the column s_mm: from the clamped base")
+    raise header.error(rule, _START)
+
+
+def _fit_together(header: Line, named: set[str], scene: Scene, kind: str) -> None:
+    """Raises TableError where the columns do not suit each other, or the scene."""
+    fields = {name for name in named if name.startswith("field")}
+    if "field" in fields and len(fields) > 1:
+        raise header.error("the field is given by its strength (field_mT) or by components", "remove field_mT, or the components")
+    if fields and not scene.effects.in_a_field:
+        raise header.error("the scene names no effect of the field", "name one in the scene, `magnetic_torque: {}`, or remove the columns")
+    if "field" in fields and not any(scene.field.uniform):
+        rule = "field_mT is along the scene's uniform field, and it has none"
+        raise header.error(rule, "write field_x_mT, field_y_mT, field_z_mT instead")
+    if "t" in named and not scene.in_time:
+        rule = "the scene is an equilibrium, which has no time"
+        raise header.error(rule, "write `solver: {dynamic: {duration: ...}}` in the scene, or remove t")
+    if scene.in_time and "t" not in named:
+        rule = "the scene runs along time, so the table must say when"
+        raise header.error(rule, "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`")
+    if fields and scene.in_time:
+        raise header.error("along time the field is the scene's own", "write the field's schedule in the scene, and remove the columns")
+    if kind != "tips" and scene.body.shape.line is None:
+        raise header.error(f"a body of {scene.body.kind} has no axis to mark points on", "measure its tip: tip_x_mm ...")
+    if "tip_angle" in named and scene.body.shape.line is None:
+        raise header.error(f"a body of {scene.body.kind} has no axis, so its tip has no angle", "measure the tip's place: tip_x_mm ...")
+
+
+def _row(line: Line, columns: list[_Column], named: set[str], kind: str, scene: Scene) -> dict[str, float]:
+    """The numbers of a row in SI; cells that are empty are left out. Raises TableError."""
+    cells = line.cells
+    if len(cells) != len(columns):
+        rule = f"a row must have {len(columns)} cells, as the header has"
+        raise line.error(rule, "check this row; leave a cell empty where nothing was measured", f"{len(cells)} cells")
+    values: dict[str, float] = {}
+    for column, text in zip(columns, cells, strict=True):
+        if not column.quantity or not text:
+            continue
+        values[column.quantity] = _number(line, column, text)
+    for quantity in ("s", "t", *(name for name in named if name.startswith("field"))):
+        if quantity in named and quantity not in values:
+            title = next(column.title for column in columns if column.quantity == quantity)
+            rule = f"{title} says where, when or in which field; it can't be empty"
+            raise line.error(rule, "fill it in, or remove the row", f"{title} empty")
+    measured = [name for name in values if name in AXES or name.startswith("tip")]
+    if not measured or (kind == "curve" and len(measured) < len(named & set(AXES))):
+        raise line.error("a row must hold a measured number" if kind != "curve" else "a point needs all its coordinates", "remove the row")
+    _within(line, values, scene)
+    return values
+
+
+def _number(line: Line, column: _Column, text: str) -> float:
+    """A cell's number in SI. Raises TableError."""
+    try:
+        value = float(text) * column.factor if "_" not in text else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        received = f'"{text[:40]}" in {column.title}'
+        raise line.error(f"{column.title} must be a finite number", "correct it, or leave the cell empty", received)
+    if abs(value) > MOST[column.kind] * (1 + 1e-12):
+        most = MOST[column.kind] / column.factor
+        rule, remedy = f"{column.title} must be at most {most:g}", "check the number, and the unit in the header"
+        raise line.error(rule, remedy, f"{text[:40]} in {column.title}")
+    return value
+
+
+def _within(line: Line, values: dict[str, float], scene: Scene) -> None:
+    """Raises TableError for places off the body, and moments that the scene does not reach."""
+    s, t = values.get("s"), values.get("t")
+    if s is not None and not 0 <= s <= scene.length * (1 + 1e-6):
+        rule = f"s must lie on the body: 0 to {1e3 * scene.length:g} mm, from the clamped base along the undeformed axis"
+        raise line.error(rule, "check the number, its unit, and the length in the scene", f"s = {1e3 * s:g} mm")
+    if t is not None and not 0 <= t <= scene.duration * (1 + 1e-9):
+        rule = f"t must lie within the scene's time: 0 to {1e3 * scene.duration:g} ms"
+        raise line.error(rule, "make the scene longer, or remove the row", f"t = {1e3 * t:g} ms")
+    if values.get("tip_angle", 0.0) < 0:
+        rule = "tip_angle is the angle between the tip's axis and the clamped base's, 0 to 180 degrees"
+        raise line.error(rule, "give its size without a sign, and the side by tip_x_mm ...", f"{math.degrees(values['tip_angle']):g} deg")
+
+
+def _field_of(values: dict[str, float], scene: Scene) -> tuple[float, float, float] | None:
+    """The uniform field (T) of a row; components without a column are the scene's."""
+    if "field" in values:
+        uniform = np.array(scene.field.uniform)
+        found = values["field"] * uniform / np.linalg.norm(uniform)
+    elif any(f"field_{a}" in values for a in AXES):
+        found = np.array([values.get(f"field_{a}", own) for a, own in zip(AXES, scene.field.uniform, strict=True)])
+    else:
+        return None
+    return float(found[0]), float(found[1]), float(found[2])

@@ -1,0 +1,67 @@
+"""The picture of a fit: what was measured, what the fitted scene gives, and how far they are apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from viz import style
+from viz.plots import LOOK, saved
+
+_COLORS = ("#0077BB", "#CC3311", "#009988", "#EE7733", "#33BBEE", "#AA3377", "#999933", "#882255", "#555555")
+_MARKS = "osD^vPX<>"
+
+
+def fitted(shown: Mapping[str, Any], path: str | Path, title: str = "") -> Path:
+    """Measured points and the fitted scene's, over field, arc length or time, or in a plane; below, residuals in standard errors.
+
+    shown: series, a mapping of names to x, measured and fitted (lists; fitted_x where those are at other x); x_label, y_label; residuals in
+    standard errors and the lines of the table they are of; numbers: the constants in words; equal: whether both axes have one scale.
+    Returns the path, whose ending says PNG, PDF or SVG.
+    """
+    with rc_context(LOOK):
+        figure = Figure(figsize=(6.4, 5.4), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(2.4, 1.0))
+        _points(above, shown)
+        _residuals(below, shown)
+        figure.align_ylabels([above, below])
+        words = "\n".join(shown["numbers"][:6])
+        above.set_title(f"{title}\n{words}" if title else words, fontsize=9)
+        return saved(figure, path)
+
+
+def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
+    for k, (name, one) in enumerate(shown["series"].items()):
+        color, mark = _COLORS[k % len(_COLORS)], _MARKS[k % len(_MARKS)]
+        x, y = np.array(one.get("fitted_x", one["x"])), np.array(one["fitted"])
+        order = np.argsort(x, kind="stable") if "fitted_x" not in one else np.arange(len(x))
+        axes.plot(x[order], y[order], color=color, linewidth=1.3, zorder=2)
+        look: Any = {"linestyle": "none", "marker": mark, "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": color}
+        axes.plot(one["x"], one["measured"], label=name, zorder=3, **look)
+    axes.plot([], [], color=style.FAINT_INK, linewidth=1.3, label="fitted scene")
+    axes.set_xlabel(shown["x_label"])
+    axes.set_ylabel(shown["y_label"])
+    axes.grid(True, color="#EEEEEE", linewidth=0.8, zorder=0)
+    axes.set_axisbelow(True)
+    if shown.get("equal"):
+        axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _residuals(axes: Axes, shown: Mapping[str, Any]) -> None:
+    sizes = np.array(shown["residuals"])
+    axes.axhspan(-1.96, 1.96, color="#EEEEEE", linewidth=0, zorder=0)
+    axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.8, zorder=1)
+    axes.plot(shown["lines"], sizes, linestyle="none", marker="o", markersize=3.5, color=style.INK, zorder=2)
+    most = max(3.0, 1.1 * float(np.max(np.abs(sizes), initial=0.0)))
+    axes.set_ylim(-most, most)
+    axes.set_xlabel("line of the table")
+    axes.set_ylabel("residual\n(standard errors)")
+    axes.annotate("95 % of normal errors", (1.0, 1.96), xycoords=axes.get_yaxis_transform(), xytext=(4, -8), textcoords="offset points",
+                  fontsize=7, color=style.FAINT_INK)  # fmt: skip
