@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter)
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_run, _design, _accuracy, _effects, _render, _dashboard, _import_robot, _prepare, _stability, _fit):
+    for add in (_run, _view, _design, _accuracy, _effects, _render, _dashboard, _import_robot, _prepare, _stability, _fit):
         add(commands).set_defaults(command=add.__name__.removeprefix("_"))
     return whole
 
@@ -109,6 +109,24 @@ def _dashboard(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     parser.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
+    return parser
+
+
+def _view(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "view",
+        help="a scene in the browser, with sliders",
+        description="Turn the field, the magnets, the directions and the inserted length of a scene at rest, and watch its shape; "
+        "play a motion.",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file, or a study file: its scene with its target")
+    parser.add_argument("--target", metavar="FILE", help="a CSV table of a center line, or a study: the shape is compared with it")
+    parser.add_argument("--cells", type=int, metavar="N", help="cells across, in place of the scene's resolution")
+    parser.add_argument("--window", action="store_true", help="in a window of this desktop, not in the browser (needs the extra `view`)")
+    parser.add_argument("--port", type=int, metavar="N", help="port of the page; 0: any that is free [the first free one from 8090 on]")
+    parser.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="who may open the page: this machine alone [127.0.0.1]")
+    parser.add_argument("--open", action="store_true", help="open the page in the browser")
+    _common(parser, "runs/NAME, with the scene's name")
     return parser
 
 

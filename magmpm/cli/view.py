@@ -1,0 +1,104 @@
+"""`magmpm view`: a scene in the browser, with sliders for what can be turned; a motion, to be played."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.cli.answers import results_folder
+from magmpm.errors import InputError, report
+from magmpm.inputs.yaml_document import of_file, read_yaml
+from magmpm.scene import Scene, load_scene
+
+if TYPE_CHECKING:
+    from viz.page import PageServer
+
+
+def command(options: argparse.Namespace) -> int:
+    """Serve the page, or open a window, until it is stopped. Returns the exit status. Raises InputError."""
+    path = Path(options.scene)
+    scene, path, target, target_name = _asked(path, options)
+    if options.port is not None and not 0 <= options.port < 65536:
+        raise InputError(report("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one"))
+    folder = options.out or results_folder(scene.name)
+    if scene.in_time:
+        from magmpm.cli.view_motion import MotionView
+
+        view: Any = MotionView(scene, path, folder)
+    else:
+        from magmpm.cli.view_shape import ShapeView
+
+        with of_file(path):
+            view = ShapeView(_at_rest(scene, options.cells), path, folder, target, target_name)
+    try:
+        if options.window:
+            from magmpm.cli.view_window import show
+
+            return show(view)
+        return _serve(view, path, options)
+    finally:
+        view.close()
+
+
+def _asked(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, str]:
+    """The scene to view, its file, the target (m, 4) m or None, and what it is called. A study is viewed as its scene and target."""
+    if "scene" in read_yaml(path):
+        from studies.definition import load_study
+
+        study = load_study(path)
+        assert study.scene_file is not None  # studies of files have one
+        scene, path, name = study.scene, study.scene_file, f"target of {study.name}"
+        target: Any = None if study.depths or study.keyframes else study.target
+    else:
+        scene = load_scene(path)
+        target, name = scene.reference_centreline(), "reference"
+    if options.target is None:
+        return scene, path, target, name
+    if scene.in_time:
+        raise InputError("--target: received one for a motion; a target is compared with a shape at rest: leave it out")
+    return scene, path, *_target(Path(options.target), scene)
+
+
+def _target(path: Path, scene: Scene) -> tuple[Any, str]:
+    """The rows of a CSV table, or the target of a study, (m, 4) m; and what it is called."""
+    from magmpm.inputs.csv_tables import read_centreline
+    from studies.definition import load_study
+
+    rows = read_centreline(path) if path.suffix.lower() not in (".yaml", ".yml") else load_study(path).target
+    if scene.body.shape.line is None:
+        raise InputError(f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out")
+    return rows, path.stem.replace("_", " ")
+
+
+def _at_rest(scene: Scene, cells: int | None) -> Scene:
+    """The scene with its effects chosen and its cells counted, as it is solved again and again. Raises InputError."""
+    from studies.live import ready
+
+    return ready(scene, cells)
+
+
+def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:
+    from viz.page import PageServer
+
+    with PageServer(view.routes(), options.host, options.port) as server:
+        _tell(server, path, options)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:  # the usual way to end it
+            print(file=sys.stderr)
+    return 0
+
+
+def _tell(server: PageServer, path: Path, options: argparse.Namespace) -> None:
+    """Where the page is."""
+    if options.json:
+        print(json.dumps({"url": server.url, "port": server.server_port}), flush=True)
+    else:
+        print(f"{server.url} shows {path}; Ctrl-C ends it", file=sys.stderr, flush=True)
+    if options.open:
+        import webbrowser
+
+        webbrowser.open(server.url)

@@ -1,0 +1,115 @@
+"""A scene at rest in view: what the page asks of it, and the answers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.errors import InputError, MagmpmError
+from magmpm.results.readable import lengths
+from magmpm.results.result import Result
+from magmpm.scene import Scene
+from studies.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
+from viz.page import Routes, Stage, about_scene, packed
+
+BRINK = 0.02  # as of magmpm.simulate: a stability below has a warning
+
+
+class ShapeView:
+    """The page of a scene at rest: previews, shapes and saved scenes by the values of its sliders."""
+
+    def __init__(self, scene: Scene, path: Path, folder: Path, target: Any, target_name: str) -> None:
+        """scene: ready to be solved; path: its file; folder: where scenes are saved; target (m, 4) m or None."""
+        self.scene, self.path, self.folder = scene, path, folder
+        self.target, self.target_name = target, target_name
+        self.controls = {control.id: control for control in controls(scene)}
+        self._previewing, self._drawing, self._saving = threading.Lock(), threading.Lock(), threading.Lock()
+        self._preview, self._stage = Preview(), Stage()
+        self._solver = Solver(target)
+
+    def routes(self) -> Routes:
+        """What the page may ask for."""
+        return {"about": self.about, "preview": self.preview, "solve": self.solve, "save": self.save}
+
+    def about(self, _: Any) -> Mapping[str, Any]:
+        """The scene and its sliders."""
+        return {
+            "kind": "shape",
+            "controls": [control.plain() for control in self.controls.values()],
+            "cells": self.scene.resolution.cells_across,
+            "effects": list(self.scene.effects.named()),
+            **about_scene(self.scene, self.target, self.target_name),
+        }
+
+    def preview(self, asked: Any) -> bytes:
+        """The rod's shape, dressed by the last solve; without one, words that say so."""
+        scene = self._scene(asked)
+        try:
+            with self._previewing:
+                shape = self._preview.shape(scene)
+        except MagmpmError as error:
+            return self._words("none", str(error))
+        if shape is None or not np.isfinite(shape.position).all():
+            return self._words("none", "")
+        return self._drawn(scene, shape, asked, {"state": "preview"})
+
+    def solve(self, asked: Any) -> bytes:
+        """The shape that `magmpm run` finds, and its numbers; or why there is none."""
+        scene = self._scene(asked)
+        try:
+            solved = self._solver.solved(scene)
+        except Overtaken:
+            return self._words("overtaken", "")
+        if solved.result is None:
+            return self._words("failed", solved.failure)
+        with self._previewing:
+            self._preview.learn(solved.result)
+        about = {"state": "solved", "seconds": solved.seconds, "numbers": _numbers(solved.result, solved.rms)}
+        return self._drawn(scene, Shape.of(solved.result), asked, {**about, "warnings": solved.result.warnings})
+
+    def save(self, asked: Any) -> Mapping[str, Any]:
+        """Write the scene as it is shown. Raises InputError."""
+        values = self._values(asked)
+        shown = changed(self.scene, self.controls, values)
+        with self._saving:
+            taken = {path.name for path in self.folder.glob("view-*.yaml")}
+            name = next(name for k in range(1, 100_000) if (name := f"view-{k}.yaml") not in taken)
+            read_back = saved(self.scene, self.path, shown, self.controls, values, self.folder / name)
+        if read_back.hash() != shown.hash():
+            raise InputError(f"{self.folder / name}: what was written is not what is shown; please report this")
+        return {"path": str(self.folder / name), "command": f"magmpm run {self.folder / name} --render"}
+
+    def close(self) -> None:
+        """End the solver."""
+        self._solver.close()
+
+    def _values(self, asked: Any) -> dict[str, float]:
+        return checked(self.controls, asked.get("values", {}) if isinstance(asked, Mapping) else None)
+
+    def _scene(self, asked: Any) -> Scene:
+        return changed(self.scene, self.controls, self._values(asked))
+
+    def _words(self, state: str, words: str) -> bytes:
+        return packed({"state": state, "words": words}, {})
+
+    def _drawn(self, scene: Scene, shape: Shape, asked: Any, about: dict[str, Any]) -> bytes:
+        with self._drawing:
+            return self._stage.message(scene, shape, str(asked.get("surface", "")), about)
+
+
+def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
+    """What is read beside the shape: label, text, and whether it is cause for alarm."""
+    tip = result.tip
+    rows: list[tuple[str, str, bool]] = [("tip", lengths(tip), False)]
+    if rms is not None:
+        rows.append(("rms to target", f"{1e3 * rms:.3g} mm", False))
+    if result.stability is not None:
+        soft = result.stability <= BRINK
+        rows.append(("stability", f"{result.stability:.3g}" + (" (about to lose its hold)" if soft else ""), soft))
+    rows.append(("largest stretch", f"{result.largest_stretch:.3g}", any(w.startswith("strain: ") for w in result.warnings)))
+    rows.append(("Newton steps", str(result.iterations), False))
+    return [{"label": label, "text": text, "alarm": alarm} for label, text, alarm in rows]

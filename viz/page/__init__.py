@@ -1,0 +1,7 @@
+"""The page in the browser that `magmpm view` serves: what it draws, as plain numbers, and the server. Its own files are in `site`."""
+
+from viz.page.server import PageServer, Routes
+from viz.page.stage import Stage, about_scene
+from viz.page.wire import packed
+
+__all__ = ["PageServer", "Routes", "Stage", "about_scene", "packed"]

@@ -1,0 +1,145 @@
+"""What the page draws of a scene: the body's surface as it moves, its magnetization's arrows, and what stands around it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from magmpm.scene import Scene
+from viz import style
+from viz.binding import gradients
+from viz.body import Body
+from viz.from_motion import gravity_of
+from viz.from_result import segment_arrows
+from viz.obstacles import ground, sources, standing
+from viz.page.wire import packed
+
+KEPT = 24  # surfaces of bodies: one for each length outside a guide that was seen
+
+
+class DeformedBody(Protocol):
+    """What is drawn of a shape: see studies.live.preview.Shape."""
+
+    @property
+    def reference(self) -> np.ndarray: ...
+
+    @property
+    def position(self) -> np.ndarray: ...
+
+    @property
+    def volume(self) -> np.ndarray: ...
+
+    @property
+    def part(self) -> np.ndarray: ...
+
+    @property
+    def axis(self) -> np.ndarray: ...
+
+    @property
+    def center(self) -> np.ndarray: ...
+
+    @property
+    def remanence(self) -> np.ndarray: ...
+
+    @property
+    def field(self) -> np.ndarray: ...
+
+
+class Stage:
+    """Turns shapes into messages for the page. The triangles of a surface are sent once; its points every time."""
+
+    def __init__(self) -> None:
+        self._bodies: dict[str, Body] = {}
+
+    def message(self, scene: Scene, shape: DeformedBody, known: str, about: dict[str, Any]) -> bytes:
+        """A shape of a scene. known: name of the surface that the page has; about: what else its header says."""
+        name, body = self._body(scene, shape)
+        arrays = {
+            "points": np.nan_to_num(body.points(shape.position)),
+            "axis": shape.axis,
+            "arrows": self._arrows(scene, body, shape),
+        }
+        header = {**about, "surface": name, "field": shape.field, "arrow_width": style.ARROW_WIDTH * body.thickness}
+        if name != known:
+            arrays |= surface_arrays(body)
+            header["obstacles"] = _obstacles(scene)
+        elif scene.field.varies:
+            header["obstacles"] = _obstacles(scene)
+        for obstacle in header.get("obstacles", ()):
+            arrays[f"{obstacle['id']}.points"], arrays[f"{obstacle['id']}.triangles"] = obstacle.pop("points"), obstacle.pop("triangles")
+        return packed(header, arrays)
+
+    def _body(self, scene: Scene, shape: DeformedBody) -> tuple[str, Body]:
+        """The surface of this undeformed body, made at its first sight."""
+        magnetized = np.linalg.norm(scene.region_remanence(), axis=1) > 0
+        name = f"{scene.length:.9g}/{len(shape.reference)}/{''.join(str(int(m)) for m in magnetized)}"
+        if name not in self._bodies:
+            while len(self._bodies) >= KEPT:
+                self._bodies.pop(next(iter(self._bodies)))
+            self._bodies[name] = Body(scene, shape.reference, shape.volume, shape.part, _remanence(scene, shape))
+        return name, self._bodies[name]
+
+    @staticmethod
+    def _arrows(scene: Scene, body: Body, shape: DeformedBody) -> np.ndarray:
+        """One arrow a region; where the magnetization turns within one, several along it."""
+        if len(shape.axis) > 1 and scene.body.shape.magnetized_by_region:
+            return segment_arrows(shape.axis, shape.center, shape.remanence, body.length, body.thickness)
+        turned = gradients(shape.reference, shape.position)
+        return body.arrows(shape.position, np.einsum("nij,nj->ni", turned, _remanence(scene, shape)))
+
+
+def _remanence(scene: Scene, shape: DeformedBody) -> np.ndarray:
+    """(n, 3) T of the undeformed particles."""
+    strength = np.array([scene.materials[region.material_name].remanence for region in scene.regions()])
+    return strength[shape.part, None] * scene.body.shape.magnetization(_Places(shape.reference, shape.part))  # type: ignore[arg-type]
+
+
+class _Places:
+    """Particles as a body's magnetization asks for them."""
+
+    def __init__(self, position: np.ndarray, segment: np.ndarray) -> None:
+        self.position, self.segment = position, segment
+
+
+def surface_arrays(body: Body) -> dict[str, np.ndarray]:
+    """Triangles (m, 3) and colors (n, 3) of a body's surface."""
+    colors = style.segment_colors(body.magnetized)
+    colors[body.held] = style.rgb(style.HELD)
+    return {"triangles": body.surface.triangles, "colors": colors[body.surface.part_of_point]}
+
+
+def _obstacles(scene: Scene, time: float | None = None) -> list[dict[str, Any]]:
+    """What stands around, with its points and triangles."""
+    return [
+        {"id": f"obstacle{k}", "name": one.name, "color": one.color, "hollow": one.hollow, "framed": one.framed,
+         "points": one.points, "triangles": one.triangles}
+        for k, one in enumerate([*standing(scene), *sources(scene, time)])
+    ]  # fmt: skip
+
+
+def _spread(points: np.ndarray) -> np.ndarray:
+    """At most style.TARGET_DOTS of the points, evenly spread, with the last among them."""
+    keep = np.linspace(len(points) - 1, 0, min(len(points), style.TARGET_DOTS)).round().astype(int)
+    return np.asarray(points[np.unique(keep)])
+
+
+def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> dict[str, Any]:
+    """What the page is told of a scene once: its size, what holds, and the colors of marks; target (q, 3) m or None."""
+    plane = ground(scene)
+    gravity = gravity_of(scene)
+    low, high = np.array(scene.box())
+    return {
+        "name": scene.name,
+        "length": scene.length,
+        "thickness": scene.thickness,
+        "box": [low.tolist(), high.tolist()],
+        "gravity": None if gravity is None else gravity.tolist(),
+        "ground": None if plane is None else {"point": plane.point.tolist(), "normal": plane.normal.tolist()},
+        "target": None if target is None else _spread(np.asarray(target)[:, -3:]).tolist(),
+        "target_name": target_name,
+        "colors": {
+            "target": style.TARGET, "magnetization": style.MAGNETIZATION, "field": style.FIELD, "ink": style.INK, "faint": style.FAINT_INK,
+            "alarm": style.ALARM, "floor": style.GRID, "trace": style.TRACE,
+        },
+    }  # fmt: skip
