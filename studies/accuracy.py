@@ -7,28 +7,22 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from statistics import median
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import InputError
 from magmpm.results import measures
 from magmpm.results.result import Result
-from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.statics.error_estimate import ALGEBRAIC, ORDER, factor
 from magmpm.statics.ladder import operations
+from studies.accuracy_beside import Model, Solve, beside, percent, settled, timed
 
 LADDER = (2, 3, 4, 5, 6, 8)
-USUAL_CELLS, MORE_PARTICLES = 4, 3
 ASKED = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
 CLOSEST = 1.3  # ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
-REPEATS = 3  # runs of a cell size, of which the median counts, while a run takes less than a second
 
-Solve = Callable[[Scene], Result]
 Progress = Callable[[int, int, str], None]
 
 
@@ -48,16 +42,6 @@ class Rung:
     matrix_bytes: float  # of the factorized matrix, the largest part of the memory
     bar: float | None  # bound of the discretization error over the length, told by a finer rung, or of the finest by a coarser one
     pareto: bool  # no other setting is both quicker and more accurate
-
-
-@dataclass(frozen=True)
-class Model:
-    """A model that stands beside the ladder: the rod, or the finest rung but one with more particles. Errors over the length."""
-
-    name: str
-    seconds: float
-    error_finest: float
-    error_reference: float | None
 
 
 @dataclass(frozen=True)
@@ -91,16 +75,13 @@ class Ladder:
             lines.append(
                 f"{rung.cells_across:5d}  {1e3 * rung.cell_size:7.3f}  {rung.particles:9d}  {rung.dof:6d}  {rung.iterations:5d}  "
                 f"{rung.seconds:7.3f}  {rung.split['setup']:6.3f} {rung.split['solve']:6.3f}  {rung.matrix_bytes / 1e6:9.1f}  "
-                f"{_percent(rung.error_finest):>15}  {_percent(rung.error_reference):>18}  {_percent(rung.bar):>11}"
+                f"{percent(rung.error_finest):>15}  {percent(rung.error_reference):>18}  {percent(rung.bar):>11}"
                 f"{'' if rung.pareto else '  *'}"
             )
         if not all(rung.pareto for rung in self.rungs):
             lines.append("* another setting is both quicker and more accurate")
         for model in self.beside:
-            lines.append(
-                f"{model.name}: {model.seconds:.3f} s, {_percent(model.error_finest)} from the finest, "
-                f"{_percent(model.error_reference)} from the reference"
-            )
+            lines.append(model.line)
         if self.algebraic_error is not None:
             lines.append(f"the solve's tolerance leaves {100 * self.algebraic_error:.1e} % of L")
         for name, order in (("finest", self.order_finest), ("reference", self.order_reference)):
@@ -111,14 +92,10 @@ class Ladder:
         return "\n".join([*lines, *self.conclusions])
 
 
-def _percent(error: float | None) -> str:
-    return "-" if error is None else f"{100 * error:.4f} % of L"
-
-
 def climb(
-    scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress: Progress | None = None
+    scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress: Progress | None = None, motion: bool = False
 ) -> Ladder:
-    """Solve the scene at each number of cells across.
+    """Solve the scene at each number of cells across. motion: compare with settled motions as well (accuracy_beside.settled).
 
     Raises InputError for fewer than two different cell sizes, or sizes that the scene refuses, and SolveError if a solve fails.
     """
@@ -134,9 +111,13 @@ def climb(
     for k, rung in enumerate(scenes):
         if on_progress is not None:
             on_progress(k, len(scenes), f"{cells[k]} cells across")
-        runs.append(_timed(rung, solve))
+        runs.append(timed(rung, solve))
     finest, length = runs[-1][0].centreline, scene.length
-    rungs, beside = _rungs(scene, cells, runs), _beside(scene, solve, finest)
+    rungs, others = _rungs(scene, cells, runs), beside(scene, solve, finest)
+    if motion:
+        if on_progress is not None:
+            on_progress(len(scenes), len(scenes), "motions that settle")
+        others += settled(scene, solve, finest)
     falling = [rung.error_finest for rung in rungs[:-1] if rung.error_finest]
     moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
     return Ladder(
@@ -145,10 +126,10 @@ def climb(
         rungs=rungs,
         order_finest=_order(rungs[:-1], "error_finest"),
         order_reference=_order(rungs, "error_reference"),
-        beside=beside,
+        beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static else None,
         asymptotic=None if len(falling) < 2 else falling == sorted(falling, reverse=True),
-        conclusions=_conclusions(rungs, beside),
+        conclusions=_conclusions(rungs, others),
     )
 
 
@@ -193,33 +174,7 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
     return bars
 
 
-def _beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
-    """The rod, and what more particles change at the usual grid, where these are to be had."""
-    reference, length, found = scene.reference_centreline(), scene.length, []
-    if not scene.static or scene.in_time:
-        return []
-    begun = perf_counter()
-    try:
-        rod = solve_rod(scene)
-    except SolveError:
-        rod = None
-    if rod is not None:
-        seconds = perf_counter() - begun
-
-        def apart(rows: Array) -> float:
-            """Largest distance over the length, between the rod and rows [s, x, y, z]."""
-            return float(np.linalg.norm(rod.at(rows[:, 0]) - rows[:, 1:], axis=1).max()) / length
-
-        found.append(Model("rod", seconds, apart(finest), None if reference is None else apart(reference)))
-    data = scene.with_cells(USUAL_CELLS).to_si()
-    more = Scene.from_si({**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}})
-    result, seconds = _timed(more, solve)
-    to_reference = None if reference is None else measures.largest_distance(result, reference) / length
-    name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
-    return [*found, Model(name, seconds, measures.largest_distance(result, finest) / length, to_reference)]
-
-
-def _conclusions(rungs: Sequence[Rung], beside: Sequence[Model]) -> list[str]:
+def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
     """What 1 % and 0.1 % cost, and whether the rod would do."""
     said = []
     for wanted in ASKED:
@@ -229,26 +184,18 @@ def _conclusions(rungs: Sequence[Rung], beside: Sequence[Model]) -> list[str]:
             said.append(f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here: {cheapest.cells_across} cells across.")
         else:
             said.append(f"{100 * wanted:g} % of the length is not reached by these cells.")
-    for rod in (model for model in beside if model.name == "rod"):
-        error = rod.error_finest if rod.error_reference is None else rod.error_reference
+    for rod in (model for model in others if model.name == "rod"):
+        error = rod.error_reference if rod.error_reference is not None else rod.error_finest
+        if error is None:
+            continue
         good = [f"{100 * wanted:g} %" for wanted in ASKED if error <= wanted]
         verdict = f"would do for {' and for '.join(good)}" if good else f"would not do for {100 * ASKED[0]:g} %"
-        said.append(f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {_percent(error)}.")
+        said.append(f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}.")
     return said
 
 
 def _error(rung: Rung) -> float | None:
     return rung.bar if rung.error_reference is None else rung.error_reference
-
-
-def _timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
-    """The result and the median time of setup and solve."""
-    times: list[float] = []
-    while not times or (times[-1] < 1.0 and len(times) < REPEATS):
-        begun = perf_counter()
-        result = solve(scene)
-        times.append(perf_counter() - begun - result.seconds.get("compile", 0.0))
-    return result, median(times)
 
 
 def _order(rungs: Sequence[Rung], key: str) -> float | None:

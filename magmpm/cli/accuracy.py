@@ -27,7 +27,7 @@ def command(options: argparse.Namespace) -> int:
         kept = RunFolder(folder, scene, options.scene)
         kept.claim(options.overwrite)
         with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):
-            ladder = climb(scene, run, cells, progress.at)
+            ladder = climb(scene, run, cells, progress.at, motion=options.motion)
         files = [
             *save(ladder, folder),
             accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name),

@@ -23,6 +23,9 @@ PROOF = {2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 12: 
 # On 95 scenes drawn at random (seeds 0 to 99 of tests/benchmarks/drawn_scenes.py) the bound was too small by up to 1.31 at 2 cells and
 # 1.99 at 3, against the finest grid solved; never at 4. With these factors the worst are 1.05 and 1.47.
 SAFETY = {2: 1.25, 3: 1.35}
+# Between 2 cells and their proof, 3 tell whether errors fall steadily. Neighbors' differences say little (above), so they count for less.
+WITNESS = {2: 3}
+WARY = 0.7
 ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, over the largest displacement
 
 
@@ -34,6 +37,17 @@ def distance(one: Array, other: Array) -> float:
 def factor(coarse: int, fine: int) -> float:
     """What the difference of two grids, with so many cells across, is multiplied by to bound the coarser one's error; no unit."""
     return SAFETY.get(coarse, 1.0) / (1.0 - (coarse / fine) ** ORDER)
+
+
+def bound(coarse: int, fine: int, apart: float, between: dict[int, float]) -> float:
+    """Bound (m) of the error of a grid that is `apart` (m) from a finer one; numbers are cells across.
+
+    between: distances (m) of other grids, with numbers of cells between the two, from the finer one. Where the errors fall steadily they
+    change nothing. Where a grid in between is farther from the finer one than the coarse grid is (bodies of large K/G), the two are close
+    by chance, and the finer grid's own error, as the one in between tells it, counts.
+    """
+    own = [distance * (n / fine) ** ORDER / (1.0 - (n / fine) ** ORDER) for n, distance in between.items()]
+    return max(factor(coarse, fine) * apart, apart + WARY * max(own, default=0.0))
 
 
 def foretold(errors: dict[int, float], cells: int) -> float:

@@ -19,7 +19,7 @@ from magmpm.model import build
 from magmpm.scene import Scene, memory
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, FASTEST, PROOF, factor, foretold, observed_order
+from magmpm.statics.error_estimate import ALGEBRAIC, FASTEST, PROOF, WITNESS, bound, foretold, observed_order
 from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnStep, operations
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
@@ -71,7 +71,10 @@ class _Search:
         finer = PROOF[cells]
         self.ladder.solve(cells)
         self.ladder.prove(finer, cells)
-        self.errors[cells] = factor(cells, finer) * self.ladder.apart(cells, finer) + self.algebraic()
+        if cells in WITNESS:
+            self.ladder.prove(WITNESS[cells], cells)
+        between = {n: self.ladder.apart(n, finer) for n in self.ladder.solved if cells < n < finer}
+        self.errors[cells] = bound(cells, finer, self.ladder.apart(cells, finer), between) + self.algebraic()
 
     def algebraic(self) -> float:
         """What the solves themselves leave, m: they end at a share of the energy."""

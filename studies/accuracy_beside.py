@@ -1,0 +1,165 @@
+"""What stands beside the ladder of `magmpm accuracy`: the rod, more particles, other places of the grid, and the motion that settles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import SolveError
+from magmpm.materials import young_modulus
+from magmpm.model import build
+from magmpm.results import measures
+from magmpm.results.result import Result
+from magmpm.rod.cosserat import solve_rod
+from magmpm.scene import Scene
+from magmpm.statics.axis import centreline
+from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
+
+USUAL_CELLS, MORE_PARTICLES = 4, 3
+REPEATS = 3  # runs of a scene, of which the median counts, while a run takes less than a second
+SHIFTS = ((0.25, 0.25), (0.5, 0.5), (0.75, 0.25))  # of a cell: other places of the body's axis against the grid
+COARSE = 2  # cells across, on which motions are compared
+SETTLED = 16.0  # over the first angular frequency of bending: with critical damping 2e-6 of the motion is left
+CANTILEVER = 3.516  # first eigenvalue of a clamped beam, w L^2 root(rho A/(E I))
+
+Solve = Callable[[Scene], Result]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model that stands beside the ladder. Errors over the length: from the finest rung, from the scene's reference, and from the same
+    scene on the same cells as the ladder has it; None where there is none."""
+
+    name: str
+    seconds: float
+    error_finest: float | None
+    error_reference: float | None
+    error_same_cells: float | None = None
+
+    @property
+    def line(self) -> str:
+        """The model in a line of the table."""
+        errors = (self.error_finest, "from the finest"), (self.error_reference, "from the reference")
+        told = [f"{percent(error)} {of}" for error, of in errors if error is not None]
+        if self.error_same_cells is not None:
+            told.append(f"{percent(self.error_same_cells)} from the ladder's answer on the same cells")
+        return f"{self.name}: {self.seconds:.3f} s, {', '.join(told)}"
+
+
+def percent(error: float | None) -> str:
+    """An error over the length, as text."""
+    return "-" if error is None else f"{100 * error:.4f} % of L"
+
+
+def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
+    """The result and the median time of setup and solve, s."""
+    times: list[float] = []
+    while not times or (times[-1] < 1.0 and len(times) < REPEATS):
+        begun = perf_counter()
+        result = solve(scene)
+        times.append(perf_counter() - begun - result.seconds.get("compile", 0.0))
+    return result, median(times)
+
+
+def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
+    """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only.
+
+    finest: rows [s, x, y, z] m of the ladder's last rung.
+    """
+    if not scene.static or scene.in_time:
+        return []
+    found, reference = [], scene.reference_centreline()
+    begun = perf_counter()
+    try:
+        rod = solve_rod(scene)
+    except SolveError:
+        rod = None
+    if rod is not None:
+        seconds = perf_counter() - begun
+
+        def apart(rows: Array) -> float:
+            """Largest distance over the length, between the rod and rows [s, x, y, z]."""
+            return float(np.linalg.norm(rod.at(rows[:, 0]) - rows[:, 1:], axis=1).max()) / scene.length
+
+        found.append(Model("rod", seconds, apart(finest), None if reference is None else apart(reference)))
+    data = scene.with_cells(USUAL_CELLS).to_si()
+    more = Scene.from_si({**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}})
+    name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
+    found.append(_compared(name, *timed(more, solve), finest, reference, scene.length))
+    return [*found, *_shifted(scene.with_cells(USUAL_CELLS), finest, reference)]
+
+
+def _compared(name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float) -> Model:
+    to_reference = None if reference is None else measures.largest_distance(result, reference) / length
+    return Model(name, seconds, measures.largest_distance(result, finest) / length, to_reference)
+
+
+def _shifted(scene: Scene, finest: Array, reference: Array | None) -> list[Model]:
+    """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
+    body, at = scene.body.catheter, scene.resolution
+    if body is None:
+        return []
+    worst: dict[str, float] = {}
+    times = []
+    for shift in SHIFTS:
+        begun = perf_counter()
+        model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, shift=shift)))
+        try:
+            found = solve_static(model, judged=False)
+        except SolveError:
+            return []
+        times.append(perf_counter() - begun)
+        rows = centreline(model, found.point.grid)
+        for name, other in (("finest", finest), ("reference", reference)):
+            if other is not None:
+                moved = np.array([np.interp(other[:, 0], rows[:, 0], rows[:, k]) for k in (1, 2, 3)]).T
+                worst[name] = max(worst.get(name, 0.0), float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length)
+    name = f"{len(SHIFTS)} other places of the grid, at {at.cells_across} cells, the worst"
+    return [Model(name, median(times), worst["finest"], worst.get("reference"))]
+
+
+def settled(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
+    """The same answer as a motion that settles, at COARSE cells: both formulations, and half the time step. Of a scene that moves, its own
+    motion in the same ways. Empty where the materials have no density."""
+    coarse = scene.with_cells(COARSE)
+    motion = _settling(coarse) if scene.static and not scene.in_time else coarse
+    if motion is None or motion.solver.dynamic is None:
+        return []
+    same, _ = timed(coarse, solve)
+    reference, found = scene.reference_centreline(), []
+    step = None
+    for formulation, part in (("total", 1.0), ("total", 0.5), ("updated", 1.0)):
+        if formulation == "total" and scene.effects.self_contact is not None:
+            continue  # it needs the updated formulation
+        changes = {"formulation": formulation, **({"time_step": part * step} if part < 1.0 and step is not None else {})}
+        data = motion.to_si()
+        dynamic = {**data["solver"]["dynamic"], **changes}
+        result, seconds = timed(Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve)
+        step = result.time_step if part == 1.0 else step
+        name = f"motion, {formulation} formulation, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
+        told = _compared(name, result, seconds, finest, reference, scene.length)
+        apart = measures.largest_distance(result, same.centreline) / scene.length
+        found.append(Model(name, seconds, told.error_finest, told.error_reference, apart))
+    return found
+
+
+def _settling(scene: Scene) -> Scene | None:
+    """The scene as a motion, damped critically, for as long as it takes to settle; None without densities."""
+    used = [scene.materials[region.material_name] for region in scene.regions()]
+    if any(material.density is None for material in used):
+        return None
+    softest = min(float(young_modulus(m.shear_modulus, m.bulk_to_shear * m.shear_modulus)) / (m.density or math.inf) for m in used)
+    frequency = CANTILEVER / scene.length**2 * math.sqrt(softest) * scene.thickness / 4  # root(I/A) of a round section is a fourth
+    data = scene.to_si()
+    solver = {key: value for key, value in data["solver"].items() if key != "static"}
+    duration = SETTLED / frequency
+    effects = {**data["effects"], "damping": {"rate": 2 * frequency}}
+    dynamic = {"duration": duration, "output_every": duration / 4}
+    return Scene.from_si({**data, "effects": effects, "solver": {**solver, "dynamic": dynamic}})

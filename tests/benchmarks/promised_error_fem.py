@@ -1,0 +1,111 @@
+"""True error over promised error against finite elements, for drawn scenes that they can solve: `resolution: {error: ...}` once more.
+
+    pip install -e .[fem]
+    python tests/benchmarks/promised_error_fem.py [--scenes N] [--out FILE]    # minutes a scene
+
+The first N scenes from seed 1000 (drawn_scenes.py, asked as promised_error.py asks them) that are catheters or tubes with L/D up to 15 and
+a wall of at least a fifth of the radius; finite elements of order 4, graded at the clamp's rim, by data/references/make_fem.py. Errors are
+compared at 21 places of the axis (or the tip), and the difference between orders 3 and 4 tells how well the finite elements know them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "data/references"))
+import make_fem
+from promised_error import FIRST, asked
+
+from magmpm import run
+from magmpm.effects.gravity import Gravity
+from magmpm.results.measures import centreline_at
+from magmpm.scene import Scene
+
+SLENDER, WALL = 15.0, 0.2  # most L/D; least wall over the outer radius
+MESH = 0.32  # size of elements over the diameter
+PLACES = 21
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=10)
+    parser.add_argument("--out", type=Path, default=Path("runs/bench/promised_error_fem.json"))
+    options = parser.parse_args()
+    rows = json.loads(options.out.read_text()) if options.out.exists() else []
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    make_fem.ngs.SetNumThreads(1)
+    make_fem.say = lambda *words: None
+    seed = FIRST
+    while len(rows) < options.scenes:
+        if seed not in {row["seed"] for row in rows} and suits(asked(seed)):
+            rows.append(judged(seed))
+            options.out.write_text(json.dumps(rows, indent=1) + "\n")
+            print(told(rows[-1]), flush=True)
+        seed += 1
+
+
+def suits(scene: Scene) -> bool:
+    """Whether the finite elements here can solve a scene in minutes."""
+    body = scene.body.catheter
+    if body is None or scene.length > SLENDER * scene.thickness:
+        return False
+    return 1.0 - body.inner_diameter / body.diameter >= WALL
+
+
+def case_of(scene: Scene) -> make_fem.Case:
+    """The scene as a case of make_fem."""
+    body, materials = scene.body.catheter, scene.materials
+    segments = []
+    for region, length in zip(scene.regions(), body.segment_lengths(), strict=True):
+        material, direction = materials[region.material_name], tuple(map(float, region.magnetization))
+        segments.append(make_fem.Segment(direction, float(length), material.shear_modulus, material.remanence * any(direction)))
+    gravity: Gravity | None = scene.effects.gravity
+    first = next(iter(materials.values()))
+    pull = (0.0, 0.0, 0.0) if gravity is None else tuple(map(float, gravity.acceleration))
+    return make_fem.Case(
+        tuple(segments), body.diameter, tuple(map(float, scene.field.uniform)), pull, body.inner_diameter, first.bulk_to_shear,
+        first.density, steps=8, ramp_order=2 if first.bulk_to_shear < 50 else 3,
+    )  # fmt: skip
+
+
+def judged(seed: int) -> dict[str, Any]:
+    """One scene: promised and true error, m, and what the finite elements may be off."""
+    scene = asked(seed)
+    result = run(scene)
+    assert result.resolution is not None
+    row: dict[str, Any] = {"seed": seed, "name": scene.name, "cells": result.resolution["cells_across"], "length": scene.length}
+    row["promised"] = result.error_estimate
+    case = case_of(scene)
+    s = np.linspace(0.02, 0.98, PLACES) * scene.length
+    try:
+        now, rows, _ = make_fem.solve(case, MESH * case.diameter)
+    except RuntimeError as error:
+        return {**row, "failed": str(error)}
+    tips = [np.array(one["tip"]) for one in rows]
+    row["fem_error"] = float(np.linalg.norm(tips[-1] - tips[-2]))
+    if scene.resolution.of == "tip":
+        row["true"] = float(np.linalg.norm(result.tip - tips[-1]))
+    else:
+        row["true"] = float(np.linalg.norm(centreline_at(result, s) - now.centreline(s), axis=1).max())
+    return {**row, "ratio": row["true"] / row["promised"]}
+
+
+def told(row: dict[str, Any]) -> str:
+    """A scene in a line."""
+    if "failed" in row:
+        return f"{row['name']}: {row['failed']}"
+    share = 100 / row["length"]
+    return (
+        f"{row['name']}: {row['cells']} cells, promised {share * row['promised']:.4f} %, true {share * row['true']:.4f} %, "
+        f"ratio {row['ratio']:.2f}; orders 3 and 4 differ by {share * row['fem_error']:.4f} %"
+    )
+
+
+if __name__ == "__main__":
+    main()
