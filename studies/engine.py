@@ -394,6 +394,7 @@ class _Run:
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
             reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
             judged=self.kept.user_attrs.get(JUDGED, []),
+            study_file=str(self.study.path.resolve()),
             limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
             front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
         )

@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter)
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_run, _view, _design, _accuracy, _effects, _render, _dashboard, _import_robot, _prepare, _stability, _fit):
+    for add in (_run, _view, _design, _accuracy, _effects, _render, _dashboard, _report, _import_robot, _prepare, _stability, _fit):
         add(commands).set_defaults(command=add.__name__.removeprefix("_"))
     return whole
 
@@ -128,6 +128,21 @@ def _view(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="who may open the page: this machine alone [127.0.0.1]")
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
     _common(parser, "runs/NAME, with the scene's name")
+    return parser
+
+
+def _report(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "report",
+        help="a study as one page, and as PDF",
+        description="Write a study's page: the best design as a sheet ready to make, with drawing, tolerances and accuracy, pictures, and "
+        "how to make it again. The HTML file holds everything; PDF by WeasyPrint or Chromium, where there is one.",
+    )
+    parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
+    parser.add_argument("--quick", action="store_true", help="leave out what solves the best design again: tolerances and accuracy")
+    parser.add_argument("--no-pdf", action="store_true", help="HTML only")
+    parser.add_argument("--storage", metavar="URL", help="database of the trials, where its URL has a password [the study's]")
+    _common(parser, "the study's folder")
     return parser
 
 

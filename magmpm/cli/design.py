@@ -62,7 +62,7 @@ def command(options: argparse.Namespace) -> int:
             storage=options.storage,
         )
         done = report.ended != "interrupted"
-        files = _draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
+        files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
         note = "" if renderer is None else renderer.note
     if note:
         print(note, file=sys.stderr)
@@ -166,7 +166,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list
 
     report = saved_report(folder)
     with Renderer() as renderer:
-        return _draw_study(folder, report, _saved_target(folder), renderer, out, smooth=smooth), renderer.note
+        return draw_study(folder, report, saved_target(folder), renderer, out, smooth=smooth), renderer.note
 
 
 def saved_report(folder: Path) -> dict[str, Any]:
@@ -190,7 +190,8 @@ def saved_report(folder: Path) -> dict[str, Any]:
     return report
 
 
-def _saved_target(folder: Path) -> np.ndarray | None:
+def saved_target(folder: Path) -> np.ndarray | None:
+    """The target that a study's folder holds, rows [s, x, y, z], m."""
     path = folder / "target.csv"
     if not path.exists():
         return None
@@ -199,7 +200,7 @@ def _saved_target(folder: Path) -> np.ndarray | None:
     return np.asarray(read_centreline(path))
 
 
-def _draw_study(
+def draw_study(
     folder: Path,
     report: dict[str, Any],
     target: np.ndarray | None,

@@ -1,0 +1,100 @@
+"""`magmpm report`: a study as one page, and as PDF. Here what studies know of it meets what viz draws."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.cli.answers import print_summary
+from magmpm.cli.design import draw_study, is_study, saved_report, saved_target
+from magmpm.errors import InputError
+from magmpm.errors import report as worded
+from magmpm.results.folder_lock import folder_lock
+from magmpm.results.run_folder import holds_run
+from magmpm.results.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from viz.sheet import Pictures
+
+PAGE, PDF = "report.html", "report.pdf"
+MOVIES = {
+    "insertion.mp4": "The best design on its way along the path.",
+    "best_shapes.mp4": "The designs that were the best so far, one after the other.",
+}
+MOST_TRIALS = 6  # pictures of trials on the page
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the page. Returns the exit status. Raises InputError."""
+    folder = Path(options.folder)
+    out: Path = options.out or folder
+    if not is_study(folder):
+        drawn = f"for a run, `magmpm render {folder}` draws it"
+        remedy = drawn if holds_run(folder) else "give the folder of a study, such as runs/s_shape"
+        raise InputError(worded(f"{folder}: holds no study", rule="a report is that of a study", remedy=remedy))
+    if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
+        rule = "a report lies beside the study it tells of, or in a folder without results"
+        raise InputError(worded(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"))
+    report = saved_report(folder)
+    with folder_lock(out):
+        made = write(folder, report, out, storage=options.storage, quick=options.quick, pdf=not options.no_pdf)
+    for note in made["notes"]:
+        print(f"magmpm: note: {note}", file=sys.stderr)
+    lines = [f"saved {made['html']}", *([f"saved {made['pdf']}"] if made["pdf"] else [])]
+    print_summary(options, made, "\n".join(lines))
+    return 0
+
+
+def write(folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | None, quick: bool, pdf: bool) -> dict[str, Any]:
+    """Gather, draw, write OUT/report.html and, where it can be printed, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`."""
+    from magmpm.simulate import run, sensitivities
+    from studies.sheet import gather
+    from viz.sheet import PrintError, page, printed
+
+    facts = gather(folder, report, run=run, differentiate=sensitivities, storage=storage, quick=quick)
+    with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
+        text = page(facts, _pictures(folder, report, Path(drawn), facts["notes"]))
+    with whole_file(out / PAGE) as part:
+        part.write_text(text, encoding="utf-8")
+    made: dict[str, Any] = {"html": str(out / PAGE), "pdf": None, "notes": facts["notes"], "best": report.get("best")}
+    if pdf:
+        try:
+            printed(text, out / PDF)
+            made["pdf"] = str(out / PDF)
+        except PrintError as error:
+            made["notes"] = [*made["notes"], str(error)]
+    return made
+
+
+def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, notes: list[str]) -> Pictures:
+    """The study's pictures; drawn now where it was run without them."""
+    from studies.records import IMPROVEMENTS, PICTURES
+    from viz.sheet import Pictures
+
+    at, wanted = folder, report["rms_m"] or report.get("best")
+    if wanted and not (folder / "convergence.png").exists():
+        try:
+            from viz.worker import Renderer
+
+            with Renderer() as renderer:
+                draw_study(folder, dict(report), saved_target(folder), renderer, drawn)
+            at = drawn
+        except Exception as error:  # drawing goes through OpenGL, worker processes and disks: the page is worth more than its pictures
+            notes.append(f"Pictures could not be drawn: {error}")
+
+    def there(name: str) -> Path | None:
+        return at / name if (at / name).exists() else None
+
+    improved = sorted(path.name for path in (folder / IMPROVEMENTS).glob("[0-9]*") if path.name.isdigit())
+    trials = [(folder / PICTURES / f"trial_{name}.png", f"Trial {int(name)}") for name in improved[-MOST_TRIALS:]]
+    return Pictures(
+        best=there("best.png"),
+        convergence=there("convergence.png"),
+        pareto=there("pareto.png"),
+        movies=[(at / name, words) for name, words in MOVIES.items() if (at / name).exists()],
+        trials=[(path, words) for path, words in trials if path.exists()],
+    )

@@ -1,0 +1,207 @@
+"""All that a report says of a study, as plain data in SI: `gather(folder, ...)`.
+
+What can't be read (a database that is gone, a study file that has changed) leaves a note in `notes`, and the rest is there.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.bodies.segments import StraightBody
+from magmpm.errors import MagmpmError, SolveError
+from magmpm.inputs.regular_file import read_regular
+from magmpm.results.result import Result
+from magmpm.results.versions import versions
+from magmpm.scene import Scene, load_scene
+from studies import records
+from studies.best_scene import SCENE
+from studies.definition import definition_hash, load_study
+from studies.samplers import settings
+from studies.search_space import SearchSpace
+from studies.sheet import trials as of_trials
+from studies.sheet.finer import judged, last_equilibrium
+from studies.sheet.tolerances import SHARE, allowed, together
+from studies.storage import must_exist, open_storage, storage_faults
+from studies.study import Study
+
+if TYPE_CHECKING:
+    from optuna.trial import FrozenTrial
+
+TEXT = 200_000  # bytes of an input file that a report shows
+
+
+def gather(
+    folder: Path,
+    report: Mapping[str, Any],
+    *,
+    run: Callable[..., Result],
+    differentiate: Callable[..., Any],
+    storage: str | None = None,
+    quick: bool = False,
+) -> dict[str, Any]:
+    """What is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
+
+    run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is judged again, unless quick. storage: the URL of
+    the trials where the report's lacks a password.
+    """
+    notes: list[str] = []
+    facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), **_optuna_version()}}
+    facts |= _of_trials(folder, report, storage, notes)
+    study = _study(facts, notes)
+    facts["command"] = _command(facts)
+    facts["kind"] = next((kind for kind in ("insertion", "schedule") if kind in (report.get("best") or {})), "shape")
+    facts["files"] = {} if study is None else _files(study)
+    best = records.read_design(folder / records.BEST)
+    facts["design"] = {} if "number" not in best else best
+    if "number" not in best:
+        return facts
+    result = Result.load(folder / records.BEST)
+    scene = _best_scene(folder / records.BEST, result)
+    facts |= {"body": describe_body(scene), "best_scene": _text(folder / records.BEST / SCENE), "result": _of_result(result)}
+    if not quick:
+        facts |= _judged(result, best, study, run, differentiate)
+        facts |= _limits_of_errors(facts, scene.length)
+    return facts
+
+
+def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]:
+    """The tolerances with the errors that move the tip by 1 % of the length and by the study's stop (`moves`: in words)."""
+    rows = facts["tolerances"]
+    if not isinstance(rows, list):
+        return {}
+    moves = {f"1 % of the length ({1e3 * SHARE * length:.3g} mm)": SHARE * length}
+    if facts.get("stop_rms_m"):
+        moves[f"the study's stop ({1e3 * facts['stop_rms_m']:.3g} mm)"] = float(facts["stop_rms_m"])
+    limited = [{**row, "allowed": [allowed(row, distance) for distance in moves.values()]} for row in rows]
+    return {"tolerances": limited, "moves": list(moves), "together_m": together(rows)}
+
+
+def _optuna_version() -> dict[str, str]:
+    import optuna
+
+    return {"optuna": optuna.__version__}
+
+
+def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]) -> dict[str, Any]:
+    """What the storage says; a note where it can't be read."""
+    url = storage or report["storage"]
+    try:
+        must_exist(url, folder)
+        with storage_faults(url):
+            kept, trials = of_trials.kept_trials(open_storage(url), report["name"])
+            found: dict[str, Any] = {"definition": kept.user_attrs.get("definition"), "hash": kept.user_attrs.get("definition_hash")}
+            importances = of_trials.importances(kept, trials)
+    except (MagmpmError, KeyError) as error:
+        notes.append(f"The trials could not be read, so their table and the parameters' importances are missing: {error}")
+        return {}
+    return found | _told(trials) | {"importances": importances}
+
+
+def _told(trials: list[FrozenTrial]) -> dict[str, Any]:
+    return {"best_trials": of_trials.best_rows(trials), "why_not": of_trials.reasons(trials), **of_trials.when(trials)}
+
+
+def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
+    """The study as its file says it, if that is still the one that was run."""
+    path = facts.get("study_file")
+    if not path:
+        return None
+    try:
+        study = load_study(path)
+        facts["file_sampler"] = study.sampler
+        study = study.changed(sampler=facts["sampler"])
+    except MagmpmError as error:
+        notes.append(f"The study's file can't be read any more: {error}")
+        return None
+    distributions = SearchSpace.of(study).distributions()
+    definition = {**study.definition(), "search": {"parameters": list(distributions), **settings(study.sampler)}}
+    if facts.get("hash") not in (None, definition_hash(definition)):
+        notes.append(f"{Path(path).name} or a file that it names has changed since the study was begun; its stored definition is below.")
+        return None
+    return study
+
+
+def _command(facts: Mapping[str, Any]) -> str:
+    """The one line that makes the study again, from the folder in which the report was made where that holds the file."""
+    path = Path(str(facts.get("study_file") or "STUDY.yaml"))
+    shown = os.path.relpath(path) if path.is_absolute() and path.is_relative_to(Path.cwd()) else path.name
+    words = ["magmpm", "design", str(shown)]
+    if facts["ended"] != "stop":
+        words += ["--trials", str(facts["trials"])]
+    if facts.get("file_sampler") != facts["sampler"]:
+        words += ["--sampler", str(facts["sampler"])]
+    return shlex.join(words)
+
+
+def _files(study: Study) -> dict[str, str]:
+    """The text of the study's own files, by name, where they are short, and its targets as tables."""
+    found = {study.path.name: _text(study.path)}
+    if study.scene_file is not None:
+        found[Path(study.scene_file).name] = _text(Path(study.scene_file))
+    targets = {f"at {frame.time:g} s": frame.target for frame in study.keyframes} or {"": study.target}
+    for when, rows in targets.items():
+        lines = ["s_mm,x_mm,y_mm,z_mm", *(",".join(f"{x:.9g}" for x in row) for row in (1e3 * rows + 0.0).tolist())]
+        found[" ".join(["the target", when]).strip()] = "\n".join(lines)
+    return {name: text for name, text in found.items() if text}
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_regular(path, TEXT).decode("utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def _best_scene(folder: Path, result: Result) -> Scene:
+    """The scene with the whole body of the best design: of an insertion, the result's has only what is out of the guide."""
+    try:
+        return load_scene(folder / SCENE)
+    except MagmpmError:
+        return Scene.from_si(result.scene)
+
+
+def _of_result(result: Result) -> dict[str, Any]:
+    names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
+    return {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
+
+
+def describe_body(scene: Scene) -> dict[str, Any]:
+    """The body of a design as a drawing needs it, SI: kind, length, section, clamp, and of each segment `from_m`, length_m, material,
+    direction (unit vector or zeros), remanence_T, shear_modulus_Pa."""
+    shape = scene.body.shape
+    assert isinstance(shape, StraightBody)
+    lengths = shape.segment_lengths()
+    begins = np.concatenate([[0.0], np.cumsum(lengths)])
+    segments = []
+    for k, (region, length) in enumerate(zip(scene.regions(), lengths, strict=True)):
+        material = scene.region_material(k)
+        magnetized = any(region.magnetization)
+        segments.append(
+            {
+                "number": k + 1,
+                "from_m": float(begins[k]),
+                "length_m": float(length),
+                "material": region.material_name,
+                "direction": [float(x) for x in region.magnetization],
+                "remanence_T": float(material.remanence) if magnetized else 0.0,
+                "shear_modulus_Pa": float(material.shear_modulus),
+            }
+        )
+    section = {name: float(getattr(shape, name)) for name in ("diameter", "inner_diameter", "width", "thickness") if hasattr(shape, name)}
+    return {"kind": shape.kind, "length_m": float(shape.length), "section_m": section, "clamp": shape.clamp, "segments": segments}
+
+
+def _judged(
+    result: Result, best: Mapping[str, Any], study: Study | None, run: Callable[..., Result], differentiate: Callable[..., Any]
+) -> dict[str, Any]:
+    try:
+        again = last_equilibrium(result, best, study)
+    except SolveError as error:
+        return dict.fromkeys(("tolerances", "finer"), f"not known: {error.reason}")
+    return judged(result, again, run, differentiate)

@@ -1,0 +1,119 @@
+"""The best design again: solved with its derivatives, and on a finer grid, near the equilibrium that the study found.
+
+An insertion's or a schedule's equilibrium need not be on the branch that grows from no load, so each is sought where the study found it:
+near the shape of its rod (studies.trajectory). If the answer is another equilibrium all the same, that is said in place of its numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.errors import MagmpmError, SolveError
+from magmpm.results.measures import centreline_at
+from magmpm.scene import Scene, memory
+from magmpm.statics.error_estimate import PROOF, factor
+from magmpm.statics.ladder import operations
+from studies.insertion import Insertion
+from studies.schedule import Schedule
+from studies.search_space import SearchSpace
+from studies.shape_distance import gaps, root_mean_square
+from studies.sheet.tolerances import tolerances
+from studies.study import Study
+
+if TYPE_CHECKING:
+    from magmpm.compiled.arrays import Array
+    from magmpm.results.result import Result
+    from magmpm.rod.cosserat import RodShape
+
+SAME = 0.05  # of the length: farther apart, two answers are two equilibria
+MOST_MEMORY = 0.25  # of the machine's: that a finer grid may take
+STATIONS = 41
+
+
+@dataclass(frozen=True)
+class Again:
+    """The last equilibrium of a best design: its scene, the rod near which it is (None: on the branch that grows from no load), and
+    how many segments of the whole body, from its base, it does not have."""
+
+    scene: Scene
+    start: RodShape | None
+    hidden: int
+    gaps: Callable[[Result], Array] | None  # from the target, (m, 3) m; None where the study is not at hand
+
+
+def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | None) -> Again:
+    """How the equilibrium of a saved result is found again. Raises SolveError where the rod does not get there.
+
+    design: what is stored of it (params, magnetization of each segment of the whole body).
+    """
+    scene = Scene.from_si(result.scene)
+    hidden = max(len(design.get("magnetization") or ()) - len(scene.regions()), 0)
+    if study is None:
+        return Again(scene, None, hidden, None)
+    space = SearchSpace.of(study)
+    trajectory = Insertion.of(study, space) or Schedule.of(study, space)
+    if trajectory is None:
+        return Again(scene, None, 0, lambda found: gaps(found, study.target))
+    last = len(trajectory.places) - 1
+    start = trajectory.starts(design["params"])[-1]
+    return Again(scene, start, hidden, lambda found: trajectory.gaps(found, last))
+
+
+def judged(result: Result, again: Again, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
+    """What is known of a best design by solving it again: `tolerances` (rows) and `finer`, or in their place why not (texts)."""
+    found: dict[str, Any] = {}
+    for name, ask in (("tolerances", lambda: _tolerances(result, again, differentiate)), ("finer", lambda: finer(result, again, run))):
+        try:
+            found[name] = ask()
+        except SolveError as error:
+            found[name] = f"not known: {error.reason}"
+        except MagmpmError as error:
+            found[name] = f"not known: {error}"
+    return found
+
+
+def _tolerances(result: Result, again: Again, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
+    found = differentiate(again.scene, start=again.start)
+    if _apart(result, found.result) > SAME * again.scene.length:
+        return "not known: solved again, the design has another equilibrium than the one that the study found"
+    return tolerances(again.scene, found, again.hidden)
+
+
+def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str, Any] | str:
+    """The best design on the grid that tells its error (magmpm.statics.error_estimate), SI; a text where that is not known.
+
+    cells, finer_cells; moved_m and tip_moved_m: the largest distance of the axes and of the tips; error_estimate_m: the bound that follows
+    for the study's grid; rms_m, finer_rms_m: of this equilibrium from the target on either grid, None where the target is not at hand.
+    """
+    cells = again.scene.resolution.cells_across
+    proof = PROOF.get(cells)
+    if proof is None:
+        return f"not known: no finer grid tells the error of {cells} cells across"
+    fine = again.scene.with_cells(proof)
+    if operations(fine)[1] > MOST_MEMORY * memory.machine():
+        return f"not known: {proof} cells across take more than a quarter of this machine's memory"
+    found = run(fine, start=again.start)
+    moved = _apart(result, found)
+    if moved > SAME * again.scene.length:
+        return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
+    rms = [None if again.gaps is None else float(root_mean_square(again.gaps(one))) for one in (result, found)]
+    return {
+        "cells": cells,
+        "finer_cells": proof,
+        "moved_m": moved,
+        "tip_moved_m": float(np.linalg.norm(np.asarray(result.tip) - found.tip)),
+        "error_estimate_m": factor(cells, proof) * moved,
+        "rms_m": rms[0],
+        "finer_rms_m": rms[1],
+    }
+
+
+def _apart(one: Result, other: Result) -> float:
+    """The largest distance between two axes at equal arc length, m."""
+    end = min(one.centreline[-1, 0], other.centreline[-1, 0])
+    s = np.linspace(0.0, end, STATIONS)
+    return float(np.linalg.norm(centreline_at(one, s) - centreline_at(other, s), axis=1).max())

@@ -1,0 +1,9 @@
+"""The page of a study: a sheet from which its best design can be made, as one HTML file, and as PDF where a printer is at hand.
+
+Everything comes as plain data (studies.sheet) and files of pictures; every text is escaped, and nothing is loaded from elsewhere.
+"""
+
+from viz.sheet.printing import PrintError, printed
+from viz.sheet.whole import Pictures, page
+
+__all__ = ["Pictures", "PrintError", "page", "printed"]
