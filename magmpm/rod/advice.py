@@ -126,7 +126,7 @@ def worth_naming(scene: Scene) -> list[Judgment]:
 def _touches(answers: RodAnswers, both: tuple[Scene, Scene]) -> Shift:
     """How deep (m) the body would go through itself without contact; 0 where it does not."""
     thickness = both[1].thickness
-    shapes = answers.shapes(both[1], int(answers.quick))
+    shapes = answers.shapes(both[1], answers.coarser)
     looked = shapes[:: max(1, len(shapes) // TOUCHES)]
     depth = max(0.0, *(thickness - nearest(shape, thickness) for shape in looked))
     return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)

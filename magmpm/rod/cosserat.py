@@ -125,16 +125,19 @@ def segment_counts(body: StraightBody, elements: int) -> NDArray[np.int64]:
     return np.maximum(np.round(elements * lengths / lengths.sum()).astype(np.int64), 2)
 
 
-def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodShape:
+def solve_rod(
+    scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None, close: float = FOLLOWED
+) -> RodShape:
     """Equilibrium of the scene's rod on the branch that grows from zero load; time: as of `rod_model`.
 
     Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
-    continuation has become unstable, it goes down the direction of negative curvature.
+    continuation has become unstable, it goes down the direction of negative curvature. close: of the length, to which the shape is followed
+    in a field that varies in space.
     Raises SolveError if a step does not converge.
     """
     rod = rod_model(scene, elements, extensible=extensible, time=time)
     surroundings = along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
-    return solve_rod_model(rod, surroundings=surroundings)
+    return solve_rod_model(rod, surroundings=surroundings, close=close)
 
 
 def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
@@ -158,16 +161,16 @@ def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
 
 
 def solve_rod_model(
-    rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None
+    rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None, close: float = FOLLOWED
 ) -> RodShape:
     """Equilibrium at the last of the load factors `loads` (default: equal steps, more for a larger load).
 
     surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
-    if these depend on the shape. They are kept constant while the rod relaxes, then found again, until the shape converges (FOLLOWED of its
+    if these depend on the shape. They are kept constant while the rod relaxes, then found again, until the shape converges (`close`, of its
     length).
     """
     if surroundings is not None:
-        return _follow(rod, surroundings)
+        return _follow(rod, surroundings, close)
     n = len(rod.length)
     quaternions = np.zeros((n + 1, 4))
     quaternions[:, 0] = 1.0
@@ -197,7 +200,7 @@ def solve_rod_model(
     return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy, *loaded)
 
 
-def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
+def _follow(rod: RodModel, surroundings: Surroundings, close: float) -> RodShape:
     """Equilibrium with field and pull that depend on the shape: a fixed-point iteration at each load step."""
     n = len(rod.length)
     s = np.concatenate([[0.0], np.cumsum(rod.length)])
@@ -223,7 +226,7 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
             new_field, new_force = surroundings(position, frames)
             share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # damp a rod that alternates between two sides
             field, force = field + share * (new_field - field), force + share * (new_force - force)
-            if np.abs(position - before).max() < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
+            if np.abs(position - before).max() < (close if factor == 1.0 else 20 * close) * s[-1]:
                 break
         else:
             status = 1

@@ -10,7 +10,7 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
-from magmpm.rod.cosserat import RodShape, rod_model, segment_counts, solve_rod
+from magmpm.rod.cosserat import FOLLOWED, RodShape, rod_model, segment_counts, solve_rod
 from magmpm.rod.kernels import derivatives, factor, solve
 from magmpm.rod.motion import move_rod
 from magmpm.rod.mutual import MutualField
@@ -19,6 +19,7 @@ from magmpm.scene import Scene
 ELEMENTS = 60  # of a rod at rest: 1e-3 of the deflection
 STATIONS = 81  # along the axis, at which shapes are compared
 MOMENTS = 9  # along equilibria in time
+QUICK_CLOSE = 1e-3  # of the length, to which quick rods follow a field that varies in space
 QUICK = 0.2  # of a shift that was found by few elements
 MODEL = 0.05  # of a shift: what rod and body differ by, from tests/benchmarks/advice.py
 
@@ -41,18 +42,24 @@ class RodAnswers:
     """Shapes (k, STATIONS, 3) m of a scene's axis and of its variants, at the same k moments: one for an equilibrium."""
 
     def __init__(self, scene: Scene, *, quick: bool = False) -> None:
-        """quick: by half as many elements, once, for a quarter of the time: the uncertainty is QUICK of a shift."""
+        """quick: by half as many elements (of a motion a quarter), once, in varying fields to QUICK_CLOSE: sure to QUICK of a shift."""
         self.scene, self.quick = scene, quick
         self._found: dict[tuple[Any, int], Array] = {}
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """How far two variants of the scene are apart. Raises SolveError where a rod is not found, InputError where one can't be."""
         if self.quick:
-            apart = self._apart(scene, other, 1)
-            return Shift(apart, QUICK * apart)
+            apart = self._apart(scene, other, self.coarser)
+            followed = 2 * QUICK_CLOSE * scene.length if scene.field.varies else 0.0
+            return Shift(apart, QUICK * apart + followed)
         apart = self._apart(scene, other, 0)
         coarse = self._apart(scene, other, 1)
         return Shift(apart, abs(apart - coarse) + MODEL * apart)
+
+    @property
+    def coarser(self) -> int:
+        """How many times the elements of a quick answer are halved."""
+        return 2 if self.quick and self.scene.solver.dynamic is not None else int(self.quick)
 
     def _apart(self, scene: Scene, other: Scene, coarser: int) -> float:
         between = self.shapes(scene, coarser) - self.shapes(other, coarser)
@@ -62,28 +69,28 @@ class RodAnswers:
         """Shapes of one variant; coarser: how many times its elements are halved."""
         key = tuple(scene.effects.named().items()), coarser  # nothing else differs
         if key not in self._found:
-            self._found[key] = _shapes(scene, coarser)
+            self._found[key] = _shapes(scene, coarser, QUICK_CLOSE if self.quick else FOLLOWED)
         return self._found[key]
 
 
-def _shapes(scene: Scene, coarser: int) -> Array:
+def _shapes(scene: Scene, coarser: int, close: float) -> Array:
     if scene.solver.dynamic is not None:
         path = move_rod(scene, coarser=coarser)
         return _at_stations(path.s, path.position)
     count = ELEMENTS // 2**coarser
     if scene.solver.quasi_static is None:
-        shape = rest(scene, count)
+        shape = rest(scene, count, close=close)
         return _at_stations(shape.s, shape.position[None])
     times = scene.path_times()
     chosen = sorted({times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)})
-    return np.concatenate([_along(scene, time, count) for time in chosen])
+    return np.concatenate([_along(scene, time, count, close) for time in chosen])
 
 
-def _along(scene: Scene, time: float, count: int) -> Array:
+def _along(scene: Scene, time: float, count: int, close: float) -> Array:
     """The shape (1, STATIONS, 3) of an equilibrium at a time; of a fed catheter, of its part outside the guide."""
     feed, whole = scene.effects.feed, scene
     if feed is None:
-        shape = rest(scene, count, time)
+        shape = rest(scene, count, time, close)
         return _at_stations(shape.s, shape.position[None])
     if scene.field.varies and scene.effects.in_a_field:
         raise SolveError("a fed catheter in a field that varies in space is not estimated")
@@ -93,7 +100,7 @@ def _along(scene: Scene, time: float, count: int) -> Array:
         return np.asarray(ahead[None, :, None] * [1.0, 0.0, 0.0])
     data = whole.to_si()
     data["solver"]["quasi_static"], data["effects"]["feed"] = None, None
-    shape = rest(Scene.from_si(data).inserted(outside), count, time)
+    shape = rest(Scene.from_si(data).inserted(outside), count, time, close)
     return _at_stations(shape.s, shape.position[None])
 
 
@@ -105,12 +112,12 @@ def _at_stations(s: Array, position: Array) -> Array:
     return np.asarray((1 - share) * position[:, right - 1] + share * position[:, right])
 
 
-def rest(scene: Scene, elements: int = ELEMENTS, time: float | None = None) -> RodShape:
+def rest(scene: Scene, elements: int = ELEMENTS, time: float | None = None, close: float = FOLLOWED) -> RodShape:
     """The rod of a scene at rest; where it names magnetic_interaction, moved on by what that does to first order.
 
-    time: s, of the field's schedule; its end unless given. Raises SolveError.
+    time: s, of the field's schedule; its end unless given; close: as of solve_rod. Raises SolveError.
     """
-    shape = solve_rod(scene, elements, time=time)
+    shape = solve_rod(scene, elements, time=time, close=close)
     if scene.effects.magnetic_interaction is None or len(scene.magnetized_regions()) < 2:
         return shape
     return replace(shape, position=shape.position + mutual_shift(scene, shape, elements))

@@ -6,6 +6,7 @@ calls. self_contact is not tried: its runs use another formulation, whose own di
 
     python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
     python tests/benchmarks/advice.py report           # what these say
+    python tests/benchmarks/advice.py warnings         # processor time of the warnings of `magmpm run`, over the run's
     python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
 """
 
@@ -30,14 +31,15 @@ from magmpm.model import build
 from magmpm.results import measures
 from magmpm.results.trajectory import Motion
 from magmpm.rod.advice import allowed_error, variants
-from magmpm.scene import Scene
-from magmpm.simulate import run
+from magmpm.scene import Scene, load_scene
+from magmpm.simulate import missed_effects, run
 from studies.effects_costs import _records, counted
 from studies.effects_table import survey
 
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")
 FRAMES = 25
+WARNED = ("five_segments", "three_segments_3d", "pulled_by_magnet", "pulled_by_map", "fed_into_vessel", "gallery/catheter_swing")
 REPEATS, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
 
 
@@ -172,11 +174,25 @@ def _seconds(motion: TotalMotion, steps: int, records: Any) -> float:
     return time.thread_time() - begun
 
 
+def warnings() -> None:
+    """Processor time of the warnings over that of the whole run, of scenes of every kind; the second of two runs."""
+    for name in WARNED:
+        scene = load_scene(Path("data/scenes") / f"{name}.yaml")
+        took = {}
+        for what, work in (("warnings", missed_effects), ("run", run)) * 2:
+            begun = time.process_time()
+            work(scene)
+            took[what] = time.process_time() - begun
+        print(f"{name:24} {1e3 * took['warnings']:6.0f} of {1e3 * took['run']:6.0f} ms: {100 * took['warnings'] / took['run']:.1f} %")
+
+
 def main() -> None:
     """As the first lines of this file say."""
     given = sys.argv[1:]
     if given == ["costs"]:
         costs()
+    elif given == ["warnings"]:
+        warnings()
     elif given == ["report"]:
         report()
     else:
