@@ -69,7 +69,8 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
     if radius == 0.0:
         return np.zeros((len(low), 6))
     lo, hi = np.clip(low, -radius, radius), np.clip(high, -radius, radius)
-    cross = [np.sqrt(radius**2 - edge[:, 1] ** 2) for edge in (lo, hi)]
+    # A power of a float and one of an array may differ in the last bit: at the circle's edge their difference may be below zero.
+    cross = [np.sqrt(np.maximum(radius**2 - edge[:, 1] ** 2, 0.0)) for edge in (lo, hi)]
     ends = np.stack([lo[:, 0], hi[:, 0], cross[0], -cross[0], cross[1], -cross[1]], axis=1)
     ends = np.sort(np.clip(ends, lo[:, :1], hi[:, :1]), axis=1)
     angle = np.arcsin(np.clip(ends / radius, -1, 1))
