@@ -110,5 +110,13 @@ class LeftField(SolveError):
     """A body that a field has pulled into a magnet, or to where the field is not known."""
 
 
+class Collapsed(SolveError):
+    """A body whose magnetized segments attract each other more strongly than it can bear."""
+
+
+class Torn(SolveError):
+    """A body of the updated formulation that was stretched until its particles lost each other."""
+
+
 class BudgetError(SolveError):
     """A run that would exceed its limit of disk space or memory; everything up to then is saved and readable."""

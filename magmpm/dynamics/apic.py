@@ -13,6 +13,7 @@ from magmpm.dynamics.drift_correction import INTERVAL, DriftCorrection
 from magmpm.dynamics.moving_grid import Box
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.steps import Kinematics, at_step
+from magmpm.dynamics.tearing import Tearing
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.kernels import apic_step, multi_grid_contact
@@ -38,6 +39,7 @@ class UpdatedMotion:
         self.drift_correction: DriftCorrection | None = DriftCorrection(model)  # None: F is never corrected
         self.since = 0  # steps since F was last relaxed
         self.component = model.scene.body.shape.components(model.particles)  # one grid each
+        self.neighbors = Tearing(model, self.component)
         self.curve = multi_grid_contact.distances()
         self.lag, self._last = 0.0, model.effects  # s by which velocities lag behind positions; effects at the time of the positions
         self.watch = unlimited()

@@ -22,7 +22,7 @@ from magmpm.dynamics.steps import Kinematics
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting
 from magmpm.effects.hooks import has_hook, pairs
-from magmpm.errors import BudgetError, InputError, LeftField, SceneError, SolveError, report
+from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
@@ -177,7 +177,10 @@ def integrate(
             now = interval(state, times[state.frame], on_progress)
             state.frame += 1
             _measure(state, now)
-            if balance is not None and (trouble := balance.check(state.energies)) is not None:
+            trouble = None if balance is None else balance.check(state.energies)
+            if trouble is None and isinstance(state.motion, UpdatedMotion):
+                trouble = watchdog.torn(state.motion.neighbors, state.x, state.F)
+            if trouble is not None:
                 raise _stopped(state, trouble)
             _write(state, writer)
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
@@ -285,7 +288,7 @@ def _wrong(state: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
     _outgrown(state.motion, _options(model.scene))
     if state.motion.watch[WHY] == BROKEN:
         return watchdog.outside_domain(model, now.x, state.time) or watchdog.broken(model, now.x, now.v, now.F)
-    return watchdog.check(model, now.x, now.v) or watchdog.outside_domain(model, now.x, state.time)
+    return watchdog.check(model, now.x, now.v, state.time) or watchdog.outside_domain(model, now.x, state.time)
 
 
 def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
@@ -294,8 +297,7 @@ def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
         place = state.motion.model.particles.position[trouble.particle] * 1e3
         where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
     bound = f"the time step is {state.dt:.3g} s, the stable bound at the start was {state.stable.largest:.3g} s"
-    kind = LeftField if trouble.left_field else SolveError
-    return kind(f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+    return trouble.kind(f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
 
 
 def _measure(state: SimulationState, now: Kinematics) -> None:

@@ -8,7 +8,10 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
+from magmpm.dynamics.tearing import TORN, Tearing
 from magmpm.effects.body_reach import FAR
+from magmpm.effects.driven import driven_speed
+from magmpm.errors import LeftField, SolveError, Torn
 from magmpm.model import Model
 
 GAIN = 0.05  # of the largest kinetic energy: how much the total energy may grow when no load does work
@@ -17,12 +20,12 @@ REMEDY = "lower solver.dynamic.safety (or time_step)"
 
 @dataclass(frozen=True)
 class Trouble:
-    """What went wrong: the cause in a few words, the particle (-1: none in particular), what to change; left_field: a LeftField."""
+    """What went wrong: the cause in a few words, the particle (-1: none in particular), what to change; kind: of the error."""
 
     cause: str
     particle: int
     remedy: str
-    left_field: bool = False
+    kind: type[SolveError] = SolveError
 
 
 def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
@@ -39,15 +42,20 @@ def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
     return Trouble(f"a particle crosses a cell in one step, at {np.abs(v[fastest]).max():.3g} m/s", fastest, REMEDY)
 
 
-def check(model: Model, x: Array, v: Array) -> Trouble | None:
-    """What is wrong with velocities or positions, if anything."""
+def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None:
+    """What is wrong with velocities or positions at a time (s), if anything.
+
+    A particle may be faster than waves in its material only where loads can make it so: a heavy soft body swings at several times that
+    speed, and no wave is a shock where all of it does.
+    """
     reference = model.particles.position
     finite, fastest, ratio, furthest, way, size = _extremes(x, v, reference, model.shear, model.bulk, model.density)
     if not finite:
         return broken(model, x, v, np.tile(np.eye(3), (len(x), 1, 1)))
-    if ratio > 1.0:
+    speed = float(np.linalg.norm(v[fastest]))
+    if ratio > 1.0 and speed > speed / ratio + driven_speed(model, x, time, way):
         return Trouble(
-            f"a particle moves at {np.linalg.norm(v[fastest]):.3g} m/s, faster than waves in its material", fastest,
+            f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its load can drive it", fastest,
             f"{REMEDY}, or apply the load more slowly",
         )  # fmt: skip
     if way > FAR * size:
@@ -84,7 +92,16 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
-    return None if found is None else Trouble(found[0], -1, found[2], left_field=True)
+    return None if found is None else Trouble(found[0], -1, found[2], LeftField)
+
+
+def torn(neighbors: Tearing, x: Array, F: Array) -> Trouble | None:
+    """Whether a body of the updated formulation has come apart, at positions x (n, 3) m with F (n, 3, 3)."""
+    off, particle = neighbors.largest(x, F)
+    if off <= TORN:
+        return None
+    cause = f"the body tears: neighbors are {off:.2g} cells from where their strain says, too far for the grid in space to hold them"
+    return Trouble(cause, particle, "write solver.dynamic.formulation: total, which can't tear, or apply a smaller load", Torn)
 
 
 class EnergyBalance:

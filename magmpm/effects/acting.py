@@ -153,7 +153,9 @@ def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange
 
 def shared_energy(named: Records, body: Any, x: Array, F: Array) -> float:
     """Energy (J) of effects in which every particle feels all others; their energy hooks count loads that do not follow the shape."""
-    return sum(kind.shared_energy(_particles(body), x, F) for kind, _ in _refreshed(named))
+    refreshed = {kind.REFRESHED: kind for kind in every().values() if kind.REFRESHED is not None}
+    records = [record for record, _ in pairs(named) if record.dtype in refreshed]
+    return sum(float(record["share"][0]) * refreshed[record.dtype].shared_energy(_particles(body), x, F) for record in records)
 
 
 def _refreshed(named: Records) -> list[tuple[type[Effect], NDArray[Any]]]:

@@ -136,7 +136,8 @@ class Effect(Settings):
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
     ALONG_TIME: ClassVar[bool] = False  # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it too
     IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
-    # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date.
+    # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date. Its
+    # field `share` is the part of the load, 0 to 1, that acts: of the table and of `shared_energy`.
     REFRESHED: ClassVar[np.dtype[Any] | None] = None
 
     @abstractmethod

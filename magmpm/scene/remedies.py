@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from magmpm.errors import Key, LeftField, SolveError, undotted
+from magmpm.errors import Collapsed, Key, LeftField, SolveError, Torn, dotted, undotted
+from magmpm.fields.dipole import MU0
 from magmpm.scene.scene import Scene
 
 RAMPED = {"field_steps": 40, "max_steps": 500}  # of statics: small steps, each with many iterations
@@ -15,6 +16,7 @@ FOLLOWED = 60  # equilibria along a ramp of the field
 GENTLE = (0.4, 0.1)  # of the stable step
 SHARE = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the field, where it is not known how much was borne
+HOLDS = (0.25, 0.03)  # Br^2/(mu0 G): segments whose attraction stretches them by as much; from about 1 on they fall onto each other
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _until(scene, error) if scene.in_time else _weaker(scene, error)
+    if isinstance(error, Collapsed):
+        return _less_magnetic(scene)
     if scene.solver.dynamic is not None:
         return _of_motion(scene, error)
     return _of_equilibria(scene, error)
@@ -58,6 +62,10 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     assert scene.solver.dynamic is not None
     given = {"solver.dynamic.time_step": None}
+    if isinstance(error, Torn):  # shorter steps would tear it as well
+        if scene.effects.self_contact is not None:
+            return _until(scene, error)
+        return Remedy("solver.dynamic.formulation: total", {**given, "solver.dynamic.formulation": "total"}), *_until(scene, error)
     gentler = [
         Remedy(f"solver.dynamic.safety: {part:g}", {**given, "solver.dynamic.safety": part})
         for part in GENTLE
@@ -94,6 +102,20 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
     words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (" with field.over_time: {ramp: {duration: 1 s}}" if ramp else "")
     return static, Remedy(words, followed), *_weaker(scene, error)
+
+
+def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
+    """Less remanence, so that segments which attract each other are held apart by the softest of their materials."""
+    used = {region.material_name for region in scene.regions()}
+    softest = min(scene.materials[name].shear_modulus for name in used)
+    found = []
+    for ratio in HOLDS:
+        most = (ratio * MU0 * softest) ** 0.5
+        most = float(f"{most:.3g}")
+        over = [name for name in used if scene.materials[name].remanence > most]
+        words = f"a remanence of at most {1e3 * most:g} mT, where Br^2/(mu0 G) is {ratio:g}; or leave out effects.magnetic_interaction"
+        found.append(Remedy(words, {dotted(("materials", name, "remanence")): most for name in sorted(over)}))
+    return tuple(found)
 
 
 def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:

@@ -95,10 +95,14 @@ def solve_static(
             assert found.energy is not None
             return restored(model, replace(found, stability=stability(found.energy, found.point) if judged else None), of)
         except SolveError as error:
-            state = error.state
-            raise type(error)(
-                error.reason, restored(model, state, of) if isinstance(state, Equilibrium) else state
-            ) from None
+            state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
+            raise type(error)(error.reason, restored(model, state, of)) from None
+
+
+def _unloaded(model: StaticModel) -> Equilibrium:
+    """The last good state of a solve that found none under load."""
+    rest = straight(model)
+    return Equilibrium(Energy(model).at(rest), 0, False, rest, load_share=0.0)
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
@@ -150,15 +154,29 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
 def _settle(
     model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
 ) -> Equilibrium:
-    """Equilibrium with magnetic interaction within the body, starting from the one without."""
+    """Equilibrium with magnetic interaction within the body, starting from the one without; where that fails, all loads are ramped."""
     options = model.scene.solver.static
+
+    def settled(energy: InteractingEnergy, begin: Array) -> Minimum:
+        return minimize_with_interaction(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+
     energy = InteractingEnergy(model)
-    alone = energy.alone.model
-    found = _branch(alone, start, on_step)
-    settled = minimize_with_interaction(
-        energy, found.point.grid, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
-    )
-    return replace(found, point=settled.point, steps=found.steps + settled.steps, energy=energy)
+    try:
+        found = _branch(energy.alone.model, start, on_step)
+        last = settled(energy, found.point.grid)
+        return replace(found, point=last.point, steps=found.steps + last.steps, energy=energy)
+    except LeftField:
+        raise
+    except SolveError as error:
+        warnings = [f"{error.reason}; the load and the interaction were ramped together"]
+        return _ramped(model, RAMP_STEPS, warnings, lambda factor, begin: _at_share(model, factor, begin, settled))
+
+
+def _at_share(
+    model: StaticModel, factor: float, begin: Array, settled: Callable[[InteractingEnergy, Array], Minimum]
+) -> tuple[InteractingEnergy, Minimum]:
+    energy = InteractingEnergy(model, factor)
+    return energy, settled(energy, begin)
 
 
 def _branch(
@@ -232,30 +250,35 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
 def _ramp(
     model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]
 ) -> Equilibrium:
-    """Ramp the load from zero in `count` equal steps. A step that fails is halved, down to 1/32 of the first."""
+    """Ramp the load from zero in `count` equal steps."""
     options = model.scene.solver.static
+
+    def solved(factor: float, begin: Array) -> tuple[Energy, Minimum]:
+        energy = Energy(replace(model, effects=acting.collect(model.scene, factor, model.times)))
+        return energy, minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step)
+
+    return _ramped(model, count, warnings, solved)
+
+
+def _ramped(
+    model: StaticModel, count: int, warnings: list[str],
+    solved: Callable[[float, Array], tuple[Energy | InteractingEnergy, Minimum]],
+) -> Equilibrium:  # fmt: skip
+    """The equilibrium at the end of a load that grows in `count` equal steps. A step that fails is halved, down to 1/32 of the first.
+
+    solved(share of the load, coefficients to begin from): the energy, and its minimum.
+    """
     grid, reached, size, steps = straight(model), 0.0, 1.0 / count, 0
     last: Point | None = None
     while reached < 1.0:
         factor = min(1.0, reached + size)
-        energy = Energy(replace(model, effects=acting.collect(model.scene, factor, model.times)))
         try:
-            found = minimize(
-                energy,
-                grid,
-                tolerance=options.tolerance,
-                max_steps=_most_steps(model),
-                on_step=on_step,
-            )
+            energy, found = solved(factor, grid)
         except SolveError as error:
             size /= 2
             if size < 1.0 / (32 * count):
-                state = (
-                    None
-                    if last is None
-                    else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings, reached)
-                )
-                raise SolveError(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
+                state = None if last is None else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings, reached)
+                raise type(error)(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
             continue
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
     assert last is not None  # the loop ran at least once

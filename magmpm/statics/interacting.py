@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import BodyChange
-from magmpm.errors import SolveError
+from magmpm.errors import Collapsed, SolveError
 from magmpm.kernels.changes import loads
 from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.statics.block_cholesky import solve, solve_columns
@@ -36,16 +36,18 @@ SHORT = 0.25  # of a full step: a shorter one asks for a new factorization
 MOST_PRODUCTS = 200
 CLOSE = 1e-11  # of the first residual, in the energy's norm: where conjugate gradients end
 MOST_STEPS = 10  # times max_steps: these steps are cheap
+COLLAPSED = 1e-3  # det F below which dipoles of neighbors fall onto each other: their energy has no lower bound
 
 
 class InteractingEnergy:
     """Whole energy of a model: effects on each particle by itself, and effects between all particles of the body."""
 
-    def __init__(self, model: StaticModel) -> None:
+    def __init__(self, model: StaticModel, share: float = 1.0) -> None:
+        """share: of all loads, those within the body too."""
         scene = model.scene.with_effects(magnetic_interaction=None)
         self.model = model
-        self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene, times=model.times)))
-        self.named = acting.collect(model.scene, times=model.times)
+        self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene, share, model.times)))
+        self.named = acting.collect(model.scene, share, model.times)
         self.whole = Energy(replace(model, effects=self.named))
 
     def at(self, grid: Array) -> Point:
@@ -157,6 +159,11 @@ def minimize_with_interaction(
             fraction *= 0.5
             if fraction < LEAST_FRACTION:
                 raise SolveError("no step lowers the energy: the line search gave up", before)
+        if point.min_det_F < COLLAPSED:
+            raise Collapsed(
+                "the segments attract each other more strongly than their material can bear, and fall onto each other: "
+                f"det F fell to {point.min_det_F:.2g}", before
+            )  # fmt: skip
         after = energy.residual(point)
         remembered.append((point.grid - before.grid, after - gradient))
         if float(np.sum(remembered[-1][0] * remembered[-1][1])) <= 0:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
 from magmpm.compiled.jit import compiled
 from magmpm.dynamics import watchdog
+from magmpm.effects.driven import WHIP
+from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
+from magmpm.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +27,7 @@ def speed_of_waves(model: Model) -> float:
 
 
 def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
+    model = replace(model, scene=model.scene.with_field([0.0, 0.0, 0.0]))
     x, v = model.particles.position, np.zeros_like(model.particles.position)
     waves = speed_of_waves(model)
     v[7] = 0.99 * waves * np.array([0.6, 0.0, -0.8])
@@ -31,6 +37,21 @@ def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
     assert trouble is not None
     assert trouble.particle == 7
     assert f"{1.02 * waves:.3g} m/s, faster than waves in its material" in trouble.cause
+
+
+def test_loads_may_drive_a_body_faster_than_waves(model: Model) -> None:
+    """sqrt(2 WHIP g h) more under a weight g along a way h; sqrt(2 WHIP 4 M B / rho) in a field."""
+    waves, density, still = speed_of_waves(model), float(model.density[0]), model.scene.to_si()
+    heavy = Scene.from_si({**still, "field": {}, "effects": {"gravity": {"acceleration": [0.0, 0.0, -1e4]}}})
+    turned = Scene.from_si({**still, "field": {"uniform": [0.0, 0.0, 5e-3]}, "effects": {"magnetic_torque": {}}})
+    moment = float(np.linalg.norm(model.remanence[0, :3])) / MU0
+    x = model.particles.position + np.array([0.0, 0.0, -3e-3])
+    for scene, work in ((heavy, 1e4 * 3e-3), (turned, 4 * moment * 5e-3 / density)):
+        driven, v = np.sqrt(2 * WHIP * work), np.zeros_like(x)
+        v[7, 1] = waves + 0.99 * driven
+        assert watchdog.check(replace(model, scene=scene), x, v, 1.0) is None
+        v[7, 1] = waves + 1.01 * driven
+        assert watchdog.check(replace(model, scene=scene), x, v, 1.0) is not None
 
 
 def test_a_particle_ten_sizes_away_is_told(model: Model) -> None:

@@ -109,10 +109,11 @@ def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(total.sum(axis=0), 0.0, atol=1e-12 * np.abs(total).sum())
 
 
-def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator) -> None:
-    """The whole model with blocks that touch: the residual is the gradient of the energy, computed for every shape."""
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator, share: float) -> None:
+    """The whole model with blocks that touch: the residual is the gradient of the energy, computed for every shape; share: of the load."""
     model = static_model(build(scene(MIXED[:3])))
-    whole = InteractingEnergy(model)
+    whole = InteractingEnergy(model, share)
     c, v = 2e-5 * rng.standard_normal((2, *whole.alone.shape))
     point = whole.at(c)
     bare = Energy(replace(model, effects=())).residual(point)

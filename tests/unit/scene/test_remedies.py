@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm.errors import LeftField, SolveError
+from magmpm.errors import Collapsed, LeftField, SolveError, Torn
 from magmpm.scene import Scene
 from magmpm.scene.remedies import remedies
 from magmpm.simulate import run
@@ -59,3 +59,28 @@ def test_a_body_that_is_pulled_away_gets_a_weaker_field() -> None:
             weaker = remedy.applied(scene)
             strengths.append(float(weaker.outside_field().at(np.zeros(3))[0][2]) / 8e-3)
     assert strengths == pytest.approx([0.5, 0.1, 0.54])
+
+
+def test_a_torn_body_moves_in_the_total_formulation() -> None:
+    data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
+    moving = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.5, "formulation": "updated"}}})
+    first, later = remedies(moving, Torn("torn", Reached(0.2)))
+    assert first.applied(moving).solver.dynamic.formulation == "total"
+    assert later.applied(moving).duration == pytest.approx(0.18)
+
+
+def test_segments_that_fall_onto_each_other_get_less_remanence() -> None:
+    """Their dipoles' energy has no lower bound beyond Br^2/(mu0 G) of about 1; the remedy is below. The last good state is a result."""
+    attracting = [(1, 0, 0), (1, 0, 0)]
+    scene = rod_scene(length=16e-3, directions=attracting, field=(0, 0, 1e-3), cells=2).with_effects(magnetic_interaction={})
+    data = scene.to_si()
+    for material in data["materials"].values():
+        material["shear_modulus"], material["remanence"] = 2e3, 0.3
+    soft = Scene.from_si(data)
+    with pytest.raises(Collapsed, match="remanence of at most") as caught:
+        run(soft)
+    assert caught.value.state is not None
+    assert not caught.value.state.converged
+    healed = run(caught.value.remedies[0].applied(soft))
+    assert healed.converged
+    assert healed.min_det_F > 0.5
