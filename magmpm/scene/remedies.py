@@ -54,9 +54,10 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         return _until(scene, error) if scene.in_time else _weaker(scene, error)
     if isinstance(error, Collapsed):
         return _less_magnetic(scene)
+    less = _less_magnetic(scene) if scene.effects.magnetic_interaction is not None else ()
     if scene.solver.dynamic is not None:
-        return _of_motion(scene, error)
-    return _of_equilibria(scene, error)
+        return (*less, *_of_motion(scene, error))
+    return (*less, *_of_equilibria(scene, error))
 
 
 def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
@@ -105,7 +106,7 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 
 def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
-    """Less remanence, so that segments which attract each other are held apart by the softest of their materials."""
+    """Less remanence, so that segments which attract each other are held apart by the softest of their materials; none if they are."""
     used = {region.material_name for region in scene.regions()}
     softest = min(scene.materials[name].shear_modulus for name in used)
     found = []
@@ -113,6 +114,8 @@ def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
         most = (ratio * MU0 * softest) ** 0.5
         most = float(f"{most:.3g}")
         over = [name for name in used if scene.materials[name].remanence > most]
+        if not over:
+            break
         words = f"a remanence of at most {1e3 * most:g} mT, where Br^2/(mu0 G) is {ratio:g}; or leave out effects.magnetic_interaction"
         found.append(Remedy(words, {dotted(("materials", name, "remanence")): most for name in sorted(over)}))
     return tuple(found)
