@@ -79,6 +79,6 @@ def test_segments_that_fall_onto_each_other_get_less_remanence() -> None:
     for error in (Collapsed("collapsed"), SolveError("no step lowers the energy")):
         ratios = []
         for remedy in remedies(soft, error)[:2]:
-            [material] = remedy.applied(soft).materials.values()
+            material = next(iter(remedy.applied(soft).materials.values()))
             ratios.append(material.remanence**2 / (4e-7 * np.pi * material.shear_modulus))
         assert ratios == pytest.approx([0.25, 0.03], rel=0.01)
