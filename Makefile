@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean
+.PHONY: docs test-docs bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -19,6 +19,8 @@ help:
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
+	@echo "make docs       the pages as a site, in runs/site; broken links fail"
+	@echo "make test-docs  every page's code, followed in order, and the notebook"
 	@echo "make stability  the hard cases, each with its measure and bound; CONTROLS=1: each with its remedy off; RANDOM=300 SEED=1: random scenes"
 	@echo "make clean      remove the virtual environment and caches"
 
@@ -98,6 +100,17 @@ validate: $(VENV)/.ready-test
 
 stability: $(VENV)/.ready
 	$(BIN)/magmpm stability $(if $(CONTROLS),--controls) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0))
+
+$(VENV)/.ready-docs: $(VENV)/.ready
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[docs,notebook,test]'
+	@touch $@
+
+docs: $(VENV)/.ready-docs
+	$(BIN)/mkdocs build --strict --quiet
+	@echo "runs/site/index.html"
+
+test-docs: $(VENV)/.ready-docs
+	$(BIN)/python -m pytest tests/docs $(WORKERS)
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.scene.json_schema

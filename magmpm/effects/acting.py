@@ -1,6 +1,6 @@
 """The effects that a scene may name, and what the program asks of those it does name. What is not named costs nothing.
 
-To add an effect: one file (CONTRIBUTING.md has a worked example), and one line, its key in `Effects`.
+To add an effect: one file (docs/adding_an_effect.md has a worked example), and one line, its key in `Effects`.
 """
 
 from __future__ import annotations

@@ -127,6 +127,12 @@ class Result:
             f"{self.dof} unknowns, {quantity(self.seconds.get('solve', 0.0), 's')})"
         )
 
+    def _repr_html_(self) -> str:
+        """Its axis and figures, as notebooks show it."""
+        from magmpm.results.notebook import of_result
+
+        return of_result(self)
+
     def summary(self) -> dict[str, Any]:
         """What `magmpm run --json` prints: everything but the particle and grid arrays."""
         return {

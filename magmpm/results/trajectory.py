@@ -309,6 +309,12 @@ class Motion:
         last = quantity(float(self.times[-1]), "s") if len(self) else "none yet"
         return f"Motion({self.name!r}: {len(self)} frames of {len(self.reference)} particles, the last at {last}, in {self.folder})"
 
+    def _repr_html_(self) -> str:
+        """How its middle moves, and its times, as notebooks show it."""
+        from magmpm.results.notebook import of_motion
+
+        return of_motion(self)
+
     def __len__(self) -> int:
         """Number of frames."""
         return len(self.times)

@@ -255,6 +255,12 @@ class Scene(Settings):
 
     __str__ = __repr__
 
+    def _repr_html_(self) -> str:
+        """Its body and what acts on it, as notebooks show it."""
+        from magmpm.scene.notebook import of_scene
+
+        return of_scene(self)
+
     # scenes to and from data, and scenes made of scenes
 
     def to_si(self) -> dict[str, Any]:

@@ -62,11 +62,11 @@ def gather(
     if "number" not in best:
         return facts
     result = Result.load(folder / records.BEST)
-    scene = _best_scene(folder / records.BEST, result)
-    facts |= {"body": describe_body(scene), "best_scene": _text(folder / records.BEST / SCENE), "result": _of_result(result)}
+    body = without_guide(describe_body(_best_scene(folder / records.BEST, result)), len(best.get("magnetization") or ()))
+    facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": _of_result(result)}
     if not quick:
         facts |= _judged(result, best, study, run, differentiate)
-        facts |= _limits_of_errors(facts, scene.length)
+        facts |= _limits_of_errors(facts, body["length_m"])
     return facts
 
 
@@ -195,6 +195,15 @@ def describe_body(scene: Scene) -> dict[str, Any]:
         )
     section = {name: float(getattr(shape, name)) for name in ("diameter", "inner_diameter", "width", "thickness") if hasattr(shape, name)}
     return {"kind": shape.kind, "length_m": float(shape.length), "section_m": section, "clamp": shape.clamp, "segments": segments}
+
+
+def without_guide(body: dict[str, Any], segments: int) -> dict[str, Any]:
+    """The body without the piece that the scene of a push puts before an insertion's own segments, of which there are so many."""
+    extra = max(len(body["segments"]) - segments, 0) if segments else 0
+    kept = body["segments"][extra:]
+    begin = kept[0]["from_m"]
+    moved = [{**segment, "number": k, "from_m": segment["from_m"] - begin} for k, segment in enumerate(kept, 1)]
+    return {**body, "length_m": body["length_m"] - begin, "segments": moved}
 
 
 def _judged(

@@ -1,4 +1,4 @@
-"""The worked example of CONTRIBUTING.md, one file and one line, taken from its text and run."""
+"""The worked example of docs/adding_an_effect.md, one file and one line, taken from its text and run."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def example() -> tuple[str, str]:
-    """The file and the line from CONTRIBUTING.md."""
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    """The file and the line from docs/adding_an_effect.md."""
+    text = (ROOT / "docs/adding_an_effect.md").read_text(encoding="utf-8")
     file, line = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert file.startswith("# magmpm/effects/drag.py")
     return file, line

@@ -1,0 +1,24 @@
+"""What MkDocs calls while it builds the site: formulas become MathML, and the API's page is made from docstrings.
+
+MathML needs no script and no network: every browser draws it.
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+FORMULA = re.compile(r"^\$\$(.*?)\$\$$", re.DOTALL | re.MULTILINE)
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """The API's page from docstrings; elsewhere formulas between double dollars as MathML, without the comments for tests."""
+    from latex2mathml.converter import convert
+
+    if page.file.src_uri == "api.md":
+        made: str = runpy.run_path(str(Path(__file__).with_name("api.py")))["page"]()
+        return made
+    markdown = re.sub(r"^<!-- test: .*? -->\n", "", markdown, flags=re.MULTILINE)
+    return FORMULA.sub(lambda found: f'<div class="formula">{convert(found[1].strip(), display="block")}</div>', markdown)

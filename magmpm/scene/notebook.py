@@ -1,0 +1,130 @@
+"""How scenes draw themselves in notebooks: plain SVG and tables, without any library. results/notebook.py uses the same pieces.
+
+A body from the side and from above, to one scale, with an arrow for each magnetized segment, and what acts on it in a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+
+WIDTH, HEIGHT, MARGIN = 300.0, 190.0, 26.0  # px of a panel
+VIEWS = (("side", "x", "z", 0, 2), ("top", "x", "y", 0, 1))
+BODY, UNDEFORMED, INK = "#CC6644", "#AAAAAA", "#222222"
+MOST = 200  # points of a curve, arrows of a body
+
+
+def of_scene(scene: Any) -> str:
+    """A Scene as HTML: its body, m, and what acts on it."""
+    field = [1e3 * part for part in scene.field.uniform]
+    effects = ", ".join(name for name, effect in scene.effects if effect is not None) or "none"
+    rows = [
+        ("body", f"{scene.body.kind}, {1e3 * scene.length:g} mm long, {1e3 * scene.thickness:g} mm thick, {len(scene.regions())} regions"),
+        *(
+            (f"material {name}", f"G = {one.shear_modulus / 1e3:g} kPa, Br = {1e3 * one.remanence:g} mT")
+            for name, one in scene.materials.items()
+        ),
+        ("uniform field", f"({field[0]:g}, {field[1]:g}, {field[2]:g}) mT{', changing in time' * (scene.field.over_time is not None)}"),
+        ("effects", effects),
+        ("solver", f"{'statics' if scene.static else f'until {scene.duration:g} s'}, cells of {1e3 * scene.cell:.3g} mm"),
+    ]
+    return _body(scene) + table(scene.name, rows)
+
+
+def _body(scene: Any) -> str:
+    """The undeformed body as boxes along x with arrows; of parts, the box around them all."""
+    low, high = (np.array(corner, dtype=float) for corner in scene.box())
+    shape = scene.body.shape
+    lengths = list(shape.segment_lengths()) if hasattr(shape, "segment_lengths") else []
+    regions = scene.regions()
+    if len(lengths) != len(regions) or len(lengths) > MOST:
+        lengths, regions = [float(high[0] - low[0])], ()
+    begins = low[0] + np.concatenate([[0.0], np.cumsum(lengths)])
+    scale, middle = _fit(low, high)
+    parts = []
+    for k, (name, across, up, i, j) in enumerate(VIEWS):
+        left = k * WIDTH
+        parts.append(_text(left + 6, 14, f"{name}: {across} right, {up} up"))
+        for n, length in enumerate(lengths):
+            x, y = left + WIDTH / 2 + scale * (begins[n] - middle[0]), HEIGHT / 2 - scale * (high[j] - middle[j])
+            height = scale * (high[j] - low[j])
+            box = f'x="{x:.1f}" y="{y:.1f}" width="{scale * length:.1f}" height="{height:.1f}"'
+            parts.append(f'<rect {box} fill="#EEC9B7" stroke="{INK}" stroke-width="0.8"/>')
+            if len(regions) and any(regions[n].magnetization):
+                direction = np.array(regions[n].magnetization)
+                size = 0.9 * min(scale * length, max(height, 24.0))
+                parts += _arrow(x + scale * length / 2, y + height / 2, direction[i], direction[j], size)
+    return _whole(parts, scale, high - low)
+
+
+def _arrow(x: float, y: float, along: float, up: float, size: float) -> list[str]:
+    """A unit vector's projection, `size` px for its whole length; a dot for what has none."""
+    dx, dy = 0.5 * size * along, -0.5 * size * up
+    length = 2 * float(np.hypot(dx, dy))
+    if length < 3.0:
+        return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" fill="{INK}"/>']
+    ux, uy, head = 2 * dx / length, 2 * dy / length, min(7.0, 0.6 * length)
+    bx, by = x + dx - head * ux, y + dy - head * uy
+    wing = f"{bx - 0.45 * head * uy:.1f},{by + 0.45 * head * ux:.1f} {bx + 0.45 * head * uy:.1f},{by - 0.45 * head * ux:.1f}"
+    return [
+        f'<line x1="{x - dx:.1f}" y1="{y - dy:.1f}" x2="{bx:.1f}" y2="{by:.1f}" stroke="{INK}" stroke-width="1.6"/>',
+        f'<polygon points="{x + dx:.1f},{y + dy:.1f} {wing}" fill="{INK}"/>',
+    ]
+
+
+def _fit(low: Array, high: Array) -> tuple[float, Array]:
+    """The scale, px per m, at which a box fits both views, and its middle."""
+    extent = max(float(np.max(high - low)), 1e-9)
+    across = max(float(np.max((high - low)[1:])), 0.35 * extent)
+    return min((WIDTH - 2 * MARGIN) / extent, (HEIGHT - 2 * MARGIN) / across), (low + high) / 2
+
+
+def panels(curves: Sequence[Array], width: float = 4.0) -> str:
+    """The curves (n, 3), m, from the side and from above, to one scale; the last one is colored, others are gray and dashed."""
+    points = np.concatenate(curves)
+    low, high = points.min(axis=0), points.max(axis=0)
+    (scale, middle), parts = _fit(low, high), []
+    for k, (name, across, up, i, j) in enumerate(VIEWS):
+        left = k * WIDTH
+        parts.append(_text(left + 6, 14, f"{name}: {across} right, {up} up"))
+        for number, curve in enumerate(curves):
+            last = number == len(curves) - 1
+            x = left + WIDTH / 2 + scale * (curve[:, i] - middle[i])
+            y = HEIGHT / 2 - scale * (curve[:, j] - middle[j])
+            look = f'stroke="{BODY}" stroke-width="{width:g}"' if last else f'stroke="{UNDEFORMED}" stroke-width="2" stroke-dasharray="5 4"'
+            path = " ".join(f"{a:.1f},{b:.1f}" for a, b in _thinned(np.column_stack([x, y])))
+            parts.append(f'<polyline points="{path}" fill="none" {look}/>')
+            if last:
+                parts.append(f'<circle cx="{x[-1]:.1f}" cy="{y[-1]:.1f}" r="4" fill="{INK}"/>')
+    return _whole(parts, scale, high - low)
+
+
+def _whole(parts: list[str], scale: float, extent: Array) -> str:
+    """The picture with its scale bar."""
+    bar = 10.0 ** np.floor(np.log10(max(0.4 * float(np.max(extent)), 1e-9)))
+    y = HEIGHT - 12
+    parts = [*parts, f'<line x1="{MARGIN:g}" y1="{y:g}" x2="{MARGIN + scale * bar:.1f}" y2="{y:g}" stroke="{INK}" stroke-width="2"/>']
+    parts.append(_text(MARGIN + scale * bar + 6, HEIGHT - 8, f"{1e3 * bar:g} mm"))
+    size = f'width="{2 * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {2 * WIDTH:g} {HEIGHT:g}"'
+    look = 'style="background:#fff" font-family="sans-serif" font-size="11"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {look}>{"".join(parts)}</svg>'
+
+
+def _thinned(points: Array) -> Array:
+    return points if len(points) <= MOST else points[np.linspace(0, len(points) - 1, MOST).astype(int)]
+
+
+def _text(x: float, y: float, words: str) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" fill="{INK}">{escape(words)}</text>'
+
+
+def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Names and texts under a title."""
+    left = "style='text-align:left'"
+    cells = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>" for name, text in rows)
+    return f"<table><caption {left}><b>{escape(title)}</b></caption>{cells}</table>"

@@ -1,0 +1,164 @@
+"""Every page's code runs: scenes and studies load, commands can be typed, and (slow) all of a page is followed in order.
+
+`make test-docs` runs these alone, with the slow ones.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from page_steps import PAGES, ROOT, Step, blocks, steps
+
+from magmpm.cli.arguments import parser
+from magmpm.effects.acting import Effects
+from magmpm.errors import InputError
+from magmpm.scene import Scene, load_scene
+from studies.definition import load_study
+from studies.study_file import StudyFile
+
+KEY = re.compile(r"^(\w[\w ]*):", re.MULTILINE)
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def following(kinds: tuple[str, ...]) -> list[Path]:
+    return [page for page in PAGES if any(step.kind in kinds for step in steps(page))]
+
+
+def parts(text: str) -> list[str]:
+    """A block's alternatives: where a top key comes again, another begins; what comes out of a comment is one too."""
+    text = re.sub(r"^# (?=(solver|field|effects|resolution): )", "", text, flags=re.MULTILINE)
+    found: list[str] = []
+    seen: set[str] = set()
+    for line in text.splitlines(keepends=True):
+        key = KEY.match(line)
+        if key and key[1] in seen:
+            found.append("")
+            seen = set()
+        if key:
+            seen.add(key[1])
+        if not found:
+            found.append("")
+        found[-1] += line
+    return found
+
+
+MATERIALS = "\n".join(
+    f"  {name}: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: {remanence} mT}}"
+    for name, remanence in (("magnetic silicone", 138), ("magnetic elastomer", 140), ("plain silicone", 0))
+)
+AROUND = {  # what a part of a scene is put into, where the part does not say it itself
+    "name": "name: page\n",
+    "materials": f"materials:\n{MATERIALS}\n",
+    "body": "body: {catheter: {length: 40 mm, diameter: 4 mm, material: magnetic silicone, segments: [{magnetization: [1, 0, 0]}]}}\n",
+    "field": "field: {uniform: [0 mT, 6 mT, 8 mT], over_time: {ramp: {duration: 1 s}}}\n",
+    "resolution": "resolution: {cells_across: 4}\n",
+}
+IN_ONE_OF = (  # a field with a gradient needs its force; contact and losses need motion
+    {"effects": "effects: {magnetic_torque: {}}\n", "solver": "solver: {static: {}}\n"},
+    {"effects": "effects: {magnetic_torque: {}, magnetic_force: {}}\n", "solver": "solver: {static: {}}\n"},
+    {"effects": "effects: {magnetic_torque: {}, magnetic_force: {}}\n", "solver": "solver: {dynamic: {duration: 0.3 s}}\n"},
+)
+
+
+def whole_scenes(text: str, keys: set[str]) -> list[str]:
+    """Scenes that a part may belong to, with the part in place of what they have under its keys."""
+
+    def indented(under: str) -> str:
+        return f"{under}:\n" + "".join(f"  {line}\n" for line in text.splitlines())
+
+    if keys <= set(Effects.model_fields):
+        text, keys = indented("effects"), {"effects"}
+    return ["".join(part for key, part in {**AROUND, **more}.items() if key not in keys) + text for more in IN_ONE_OF]
+
+
+def load(text: str, folder: Path) -> Any:
+    """A block's scene or study. Its files are those of `data`."""
+    keys = set(KEY.findall(text))
+    for inside in ("scenes", "studies"):
+        (folder / inside).mkdir(exist_ok=True)
+    for inside in ("targets", "references", "measured"):
+        if not (folder / inside).exists():
+            (folder / inside).symlink_to(ROOT / "data" / inside)
+    for scene in (ROOT / "data/scenes").rglob("*.*"):
+        at = folder / "scenes" / scene.relative_to(ROOT / "data/scenes")
+        at.parent.mkdir(parents=True, exist_ok=True)
+        if not at.exists():
+            at.symlink_to(scene)
+    if "scene" in keys or keys & (set(StudyFile.model_fields) - set(Scene.model_fields)):
+        path = folder / "studies/page.yaml"
+        path.write_text(text, encoding="utf-8")
+        return load_study(path)
+    path, refusals = folder / "scenes/page.yaml", []
+    for whole in [text] if {"materials", "body", "name"} <= keys else whole_scenes(text, keys):
+        path.write_text(whole, encoding="utf-8")
+        try:
+            return load_scene(path)
+        except InputError as error:
+            refusals.append(error)
+    raise refusals[0]
+
+
+YAML = [(page, step) for page in PAGES for step in steps(page) if step.kind == "yaml"]
+
+
+@pytest.mark.parametrize(("page", "step"), YAML, ids=lambda x: name(x) if isinstance(x, Path) else f"{x.line}")
+def test_scenes_and_studies_load(page: Path, step: Step, tmp_path: Path) -> None:
+    for text in parts(step.text):
+        assert load(text, tmp_path) is not None
+
+
+@pytest.mark.parametrize("page", following(("sh",)), ids=name)
+def test_commands_can_be_typed(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Options exist, and what they read is there: in the repository, or made by an earlier line of a page."""
+    for step in blocks(page, "sh"):
+        assert step.words[0] in ("magmpm", "python"), f"line {step.line}: {step.text}"
+        if step.words[0] == "magmpm" and step.words[1:] not in (["--help"], ["--version"]):
+            parser().parse_args(step.words[1:])
+        for word in step.words:
+            if word.startswith(("data/", "docs/")):
+                assert (ROOT / word).exists(), f"line {step.line}: {word}"
+
+
+def follow(page: Path, folder: Path, python: str = sys.executable, *options: str) -> subprocess.CompletedProcess[str]:
+    """Do what a page says, in a folder that has the repository's data."""
+    for inside in ("data", "docs"):
+        (folder / inside).symlink_to(ROOT / inside)
+    plan = folder / "steps.json"
+    plan.write_text(json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]), encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    driver = str(ROOT / "tests/docs/follow.py")
+    return subprocess.run([python, driver, str(plan), *options], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", following(("sh", "python", "file")), ids=name)
+def test_a_page_can_be_followed(page: Path, tmp_path: Path) -> None:
+    """All its commands and all its Python, one after the other, studies with two trials."""
+    done = follow(page, tmp_path, sys.executable, "--quick")
+    assert done.returncode == 0, f"{name(page)}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+
+
+def test_what_does_not_work_is_found(tmp_path: Path) -> None:
+    """Wrong Python, a command that fails and a scene with a wrong key: each is told with its line."""
+    page = tmp_path / "page.md"
+    page.write_text("text\n```python\nx = 1\n```\n```python\nassert x == 2\n```\n")
+    folder = tmp_path / "a"
+    folder.mkdir()
+    done = follow(page, folder)
+    assert done.returncode == 1
+    assert "line 6: python: assert x == 2: AssertionError" in done.stderr
+    with pytest.raises(Exception, match="gravitty"):
+        load("effects: {gravitty: {}}\n", tmp_path)
+    page.write_text("<!-- test: maybe -->\n```sh\nmagmpm run x\n```\n")
+    with pytest.raises(ValueError, match="maybe"):
+        steps(page)
