@@ -117,6 +117,7 @@ schema: $(VENV)/.ready
 
 gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py
+	$(BIN)/python docs/gallery/accuracy.py
 
 clean:
 	rm -rf $(VENV) $(GP_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info

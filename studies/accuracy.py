@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import InputError
-from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.statics.error_estimate import ALGEBRAIC, ORDER, factor
 from magmpm.statics.ladder import operations
-from studies.accuracy_beside import Model, Solve, beside, percent, settled, timed
+from studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
 
 LADDER = (2, 3, 4, 5, 6, 8)
 ASKED = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
@@ -28,7 +27,8 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Rung:
-    """One cell size. Errors are the largest distances of the axis over the length; None if there is no reference."""
+    """One cell size. Errors are the largest distances of the axis (of STL parts, of their centers) over the length; None if there is no
+    reference."""
 
     cells_across: int
     cell_size: float  # m
@@ -100,8 +100,6 @@ def climb(
     Raises InputError for fewer than two different cell sizes, or sizes that the scene refuses, and SolveError if a solve fails.
     """
     cells = sorted(set(cells))
-    if scene.body.shape.line is None:
-        raise InputError("accuracy compares centrelines, and a body of STL parts has none; give a scene of a catheter or a strip")
     if len(cells) < 2:
         raise InputError(
             f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
@@ -112,7 +110,7 @@ def climb(
         if on_progress is not None:
             on_progress(k, len(scenes), f"{cells[k]} cells across")
         runs.append(timed(rung, solve))
-    finest, length = runs[-1][0].centreline, scene.length
+    finest, length = answer(runs[-1][0]), scene.length
     rungs, others = _rungs(scene, cells, runs), beside(scene, solve, finest)
     if motion:
         if on_progress is not None:
@@ -127,16 +125,16 @@ def climb(
         order_finest=_order(rungs[:-1], "error_finest"),
         order_reference=_order(rungs, "error_reference"),
         beside=others,
-        algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static else None,
+        algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
         asymptotic=None if len(falling) < 2 else falling == sorted(falling, reverse=True),
         conclusions=_conclusions(rungs, others),
     )
 
 
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
-    finest, reference, length = runs[-1][0].centreline, scene.reference_centreline(), scene.length
+    finest, reference, length = answer(runs[-1][0]), scene.reference_centreline(), scene.length
     bars = _bars([result for result, _ in runs], cells)
-    errors = [measures.largest_distance(result, finest if reference is None else reference) for result, _ in runs]
+    errors = [apart(result, finest if reference is None else reference) for result, _ in runs]
     rungs = []
     for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
         bar = bars[k]
@@ -149,10 +147,10 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
                 dof=result.dof,
                 iterations=result.iterations,
                 seconds=seconds,
-                error_finest=None if n == cells[-1] else measures.largest_distance(result, finest) / length,
+                error_finest=None if n == cells[-1] else apart(result, finest) / length,
                 error_reference=None if reference is None else errors[k] / length,
                 split={key: float(result.seconds.get(key, 0.0)) for key in ("setup", "compile", "solve")},
-                matrix_bytes=operations(scene.with_cells(n))[1] if scene.static else 0.0,
+                matrix_bytes=operations(scene.with_cells(n))[1] if scene.static and scene.body.shape.line is not None else 0.0,
                 bar=None if bar is None else bar / length,
                 pareto=not better,
             )
@@ -169,7 +167,7 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
             bars.append(None)
             continue
         coarse, fine = min(n, cells[other]), max(n, cells[other])
-        bound = factor(coarse, fine) * measures.largest_distance(results[k], results[other].centreline)
+        bound = factor(coarse, fine) * apart(results[k], answer(results[other]))
         bars.append(bound if n == coarse else bound * (coarse / fine) ** ORDER)
     return bars
 

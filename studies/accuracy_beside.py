@@ -58,6 +58,20 @@ def percent(error: float | None) -> str:
     return "-" if error is None else f"{100 * error:.4f} % of L"
 
 
+def answer(result: Result) -> Array:
+    """What is compared, rows [s, x, y, z] m: the axis; of STL parts their centers, with their numbers for s."""
+    if len(result.centreline):
+        return result.centreline
+    return np.column_stack([np.arange(len(result.segment_center)), result.segment_center])
+
+
+def apart(result: Result, rows: Array) -> float:
+    """Largest distance (m) between a result and rows [s, x, y, z] m, of another one or of a reference."""
+    if len(result.centreline):
+        return measures.largest_distance(result, rows)
+    return float(np.linalg.norm(answer(result)[:, 1:] - rows[:, 1:], axis=1).max())
+
+
 def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
     """The result and the median time of setup and solve, s."""
     times: list[float] = []
@@ -73,7 +87,7 @@ def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
 
     finest: rows [s, x, y, z] m of the ladder's last rung.
     """
-    if not scene.static or scene.in_time:
+    if not scene.static or scene.in_time or scene.body.shape.line is None:
         return []
     found, reference = [], scene.reference_centreline()
     begun = perf_counter()
@@ -84,11 +98,11 @@ def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
     if rod is not None:
         seconds = perf_counter() - begun
 
-        def apart(rows: Array) -> float:
+        def off(rows: Array) -> float:
             """Largest distance over the length, between the rod and rows [s, x, y, z]."""
             return float(np.linalg.norm(rod.at(rows[:, 0]) - rows[:, 1:], axis=1).max()) / scene.length
 
-        found.append(Model("rod", seconds, apart(finest), None if reference is None else apart(reference)))
+        found.append(Model("rod", seconds, off(finest), None if reference is None else off(reference)))
     data = scene.with_cells(USUAL_CELLS).to_si()
     more = Scene.from_si({**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}})
     name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
@@ -97,8 +111,8 @@ def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
 
 
 def _compared(name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float) -> Model:
-    to_reference = None if reference is None else measures.largest_distance(result, reference) / length
-    return Model(name, seconds, measures.largest_distance(result, finest) / length, to_reference)
+    to_reference = None if reference is None else apart(result, reference) / length
+    return Model(name, seconds, apart(result, finest) / length, to_reference)
 
 
 def _shifted(scene: Scene, finest: Array, reference: Array | None) -> list[Model]:
@@ -129,7 +143,8 @@ def settled(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
     """The same answer as a motion that settles, at COARSE cells: both formulations, and half the time step. Of a scene that moves, its own
     motion in the same ways. Empty where the materials have no density."""
     coarse = scene.with_cells(COARSE)
-    motion = _settling(coarse) if scene.static and not scene.in_time else coarse
+    resting = scene.static and not scene.in_time
+    motion = coarse if not resting else None if scene.body.shape.line is None else _settling(coarse)
     if motion is None or motion.solver.dynamic is None:
         return []
     same, _ = timed(coarse, solve)
@@ -145,8 +160,7 @@ def settled(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
         step = result.time_step if part == 1.0 else step
         name = f"motion, {formulation} formulation, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
         told = _compared(name, result, seconds, finest, reference, scene.length)
-        apart = measures.largest_distance(result, same.centreline) / scene.length
-        found.append(Model(name, seconds, told.error_finest, told.error_reference, apart))
+        found.append(Model(name, seconds, told.error_finest, told.error_reference, apart(result, answer(same)) / scene.length))
     return found
 
 

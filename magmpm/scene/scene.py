@@ -311,8 +311,13 @@ class Scene(Settings):
         return Scene.from_si({**data, "field": changed})
 
     def with_cells(self, cells_across: int) -> Scene:
-        """The scene with the resolution cells_across, in place of an error or a time: so many through its thickness. Raises InputError."""
+        """The scene with the resolution cells_across, in place of an error, a time or a spacing: so many through its thickness.
+
+        Raises InputError.
+        """
         data, kept = self.to_si(), self.resolution.particles_per_cell
+        if data["body"]["parts"] is not None:
+            data["body"]["parts"]["spacing"] = None
         return Scene.from_si({**data, "resolution": {"cells_across": cells_across, "particles_per_cell": kept}})
 
     def inserted(self, length: float) -> Scene:

@@ -50,3 +50,24 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     rows = 1e-4  # the table has few digits: 4e-9 m of the smallest error
     np.testing.assert_allclose([rung.error_reference for rung in ladder.rungs], [1e-3, 0.25e-3], rtol=10 * rows)
     assert ladder.order_reference == pytest.approx(2.0, abs=0.01)
+
+
+def test_bodies_of_parts_are_compared_by_the_centers_of_these() -> None:
+    """Centers 0.8 mm off over the squared number of cells: at 2 cells 0.15 mm farther than at 4."""
+    scene = load_scene(Path(__file__).parents[2] / "data/scenes/gallery/gripper.yaml")
+
+    assert scene.cell == 0.5e-3, "the file gives a spacing"
+    assert [scene.with_cells(n).cell for n in (2, 4)] == [scene.thickness / n for n in (2, 4)]
+
+    def centers(scene: Scene) -> RodResult:
+        cells = scene.resolution.cells_across
+        found = RodResult(scene.to_si(), np.zeros((0, 4)))
+        places = np.arange(42.0).reshape(14, 3) * 1e-3
+        places[3, 1] += 0.8e-3 / cells**2
+        found.__dict__.update(segment_center=places, seconds={}, particles=cells, dof=cells)
+        return found
+
+    ladder = climb(scene, centers, (2, 4))
+    assert ladder.rungs[0].error_finest == pytest.approx(0.15e-3 / scene.length, rel=1e-9)
+    assert ladder.beside == []
+    assert ladder.algebraic_error is None
