@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: docs test-docs bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean
+.PHONY: docs test-docs bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -16,6 +16,7 @@ help:
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
 	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
+	@echo "make bench-convergence  how the error falls with the cells on 100 bodies drawn at random"
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
@@ -79,6 +80,9 @@ bench-insertion: $(VENV)/.ready-test
 
 bench-advice: $(VENV)/.ready-test
 	PYTHONPATH=. $(BIN)/python tests/benchmarks/advice.py
+
+bench-convergence: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/drawn_convergence.py
 
 bench-accuracy: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/promised_error.py
