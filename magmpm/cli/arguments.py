@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter)
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_run, _view, _design, _accuracy, _effects, _render, _dashboard, _report, _import_robot, _prepare, _stability, _fit):
+    for add in (_run, _view, _map, _design, _accuracy, _effects, _render, _dashboard, _report, _import_robot, _prepare, _stability, _fit):
         add(commands).set_defaults(command=add.__name__.removeprefix("_"))
     return whole
 
@@ -143,6 +143,23 @@ def _report(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--no-pdf", action="store_true", help="HTML only")
     parser.add_argument("--storage", metavar="URL", help="database of the trials, where its URL has a password [the study's]")
     _common(parser, "the study's folder")
+    return parser
+
+
+def _map(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "map",
+        help="where the tip goes over many fields",
+        description="Solve a scene at rest in many uniform fields in place of its own: the tip in each, and which are not sure. "
+        "Table, JSON and picture.",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file of a catheter or strip that is held at its base")
+    parser.add_argument("--fields", type=int, default=1000, metavar="N", help="about how many fields [1000]")
+    parser.add_argument("--max", metavar="B", help="their greatest strength, or component with --plane [20mT]")
+    parser.add_argument("--strengths", type=int, metavar="N", help="strengths along each direction [8]")
+    parser.add_argument("--plane", metavar="AXES", help="a grid of two components, such as xz, in place of directions to all sides")
+    parser.add_argument("--cells", type=int, metavar="N", help="cells across, in place of the scene's resolution")
+    _common(parser, "runs/NAME, with the scene's name")
     return parser
 
 

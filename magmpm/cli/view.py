@@ -27,6 +27,7 @@ def command(options: argparse.Namespace) -> int:
     if scene.in_time:
         from magmpm.cli.view_motion import MotionView
 
+        _fits_motion(options)
         view: Any = MotionView(scene, path, folder)
     else:
         from magmpm.cli.view_shape import ShapeView
@@ -71,6 +72,12 @@ def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     if scene.body.shape.line is None:
         raise InputError(f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out")
     return rows, path.stem.replace("_", " ")
+
+
+def _fits_motion(options: argparse.Namespace) -> None:
+    """Raises InputError for what belongs to shapes at rest."""
+    if options.cells is not None:
+        raise InputError("--cells: received one for a motion, which is shown as it is run; leave it out, or change the scene's resolution")
 
 
 def _at_rest(scene: Scene, cells: int | None) -> Scene:

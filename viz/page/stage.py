@@ -14,6 +14,7 @@ from viz.from_motion import gravity_of
 from viz.from_result import segment_arrows
 from viz.obstacles import ground, sources, standing
 from viz.page.wire import packed
+from viz.snapshot import Obstacle
 
 KEPT = 24  # surfaces of bodies: one for each length outside a guide that was seen
 
@@ -63,11 +64,8 @@ class Stage:
         header = {**about, "surface": name, "field": shape.field, "arrow_width": style.ARROW_WIDTH * body.thickness}
         if name != known:
             arrays |= surface_arrays(body)
-            header["obstacles"] = _obstacles(scene)
-        elif scene.field.varies:
-            header["obstacles"] = _obstacles(scene)
-        for obstacle in header.get("obstacles", ()):
-            arrays[f"{obstacle['id']}.points"], arrays[f"{obstacle['id']}.triangles"] = obstacle.pop("points"), obstacle.pop("triangles")
+        if name != known or scene.field.varies:
+            put_obstacles(obstacles_of(scene), header, arrays)
         return packed(header, arrays)
 
     def _body(self, scene: Scene, shape: DeformedBody) -> tuple[str, Body]:
@@ -109,13 +107,18 @@ def surface_arrays(body: Body) -> dict[str, np.ndarray]:
     return {"triangles": body.surface.triangles, "colors": colors[body.surface.part_of_point]}
 
 
-def _obstacles(scene: Scene, time: float | None = None) -> list[dict[str, Any]]:
-    """What stands around, with its points and triangles."""
-    return [
-        {"id": f"obstacle{k}", "name": one.name, "color": one.color, "hollow": one.hollow, "framed": one.framed,
-         "points": one.points, "triangles": one.triangles}
-        for k, one in enumerate([*standing(scene), *sources(scene, time)])
-    ]  # fmt: skip
+def obstacles_of(scene: Scene, time: float | None = None) -> list[Obstacle]:
+    """What stands around: clamps, walls and guides, and the field's sources at a time (s) or the end of their schedule."""
+    return [*standing(scene), *sources(scene, time)]
+
+
+def put_obstacles(obstacles: list[Obstacle], header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Put obstacles into a message."""
+    header["obstacles"] = []
+    for k, one in enumerate(obstacles):
+        name = f"obstacle{k}"
+        header["obstacles"].append({"id": name, "name": one.name, "color": one.color, "hollow": one.hollow, "framed": one.framed})
+        arrays[f"{name}.points"], arrays[f"{name}.triangles"] = one.points, one.triangles
 
 
 def _spread(points: np.ndarray) -> np.ndarray:
