@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from magmpm.results.whole_file import whole_file
+from studies.file_names import REPORT
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
-REPORT = "study.json"
 
 QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
 OF_SEVERAL = (  # of a trial of an insertion or a schedule

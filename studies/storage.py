@@ -21,15 +21,13 @@ from magmpm.errors import InputError, MagmpmError, report
 from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import naming
 from studies.definition import Study, definition_hash, differences
+from studies.file_names import DATABASE, OWNER, REPORT
 from studies.objectives import NAMES
-from studies.report import REPORT
 
 if TYPE_CHECKING:
     import optuna
     from sqlalchemy.engine import URL
 
-DATABASE = "study.db"
-OWNER = "study-name.txt"
 TIMEOUT = 60.0  # s to wait for a locked database
 _CORRUPT = ("malformed", "corrupt", "disk image")
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind

@@ -33,7 +33,7 @@ def command(options: argparse.Namespace) -> int:
     from importlib.util import find_spec
 
     from studies.records import ARTIFACTS
-    from studies.report import REPORT
+    from studies.file_names import REPORT
     from studies.storage import must_exist, open_storage
 
     folder, port = Path(options.folder), options.port

@@ -142,15 +142,14 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
 def is_study(folder: Path) -> bool:
     """Whether a folder holds a study, or what one left that was ended before its first report."""
-    from studies.report import REPORT
-    from studies.storage import DATABASE, OWNER
+    from studies.file_names import DATABASE, OWNER, REPORT
 
     return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
 
 
 def refuse_study(folder: Path) -> None:
     """Raises InputError where a folder that a run wants belongs to a study."""
-    from studies.storage import OWNER
+    from studies.file_names import OWNER
 
     if is_study(folder) or (folder / OWNER).exists():
         rule = "a study has a folder of its own: a run's result would mix with its designs"
@@ -171,7 +170,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list
 
 def saved_report(folder: Path) -> dict[str, Any]:
     """What a study's folder says of it. Raises InputError."""
-    from studies.report import REPORT
+    from studies.file_names import REPORT
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))

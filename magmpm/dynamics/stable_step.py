@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from magmpm import materials
 from magmpm.compiled.arrays import Array
@@ -164,6 +163,8 @@ def body_step(motion: TotalMotion) -> float:
         return (rest - motion.acceleration(moved)[free]) / (size * root)
 
     begin = np.random.default_rng(0).standard_normal(len(free))  # always the same: a resumed run finds the same step
+    from scipy.sparse.linalg import LinearOperator, eigsh  # 0.1 s to import: not before a motion begins
+
     operator = LinearOperator((len(free), len(free)), matvec=apply, dtype=float)
     largest = eigsh(operator, k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False)[0]
     return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))

@@ -10,7 +10,6 @@ step, so the direction still goes down. Source: retractions, Absil, Mahony, Sepu
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array
 from magmpm.statics.layout import StaticModel
@@ -49,4 +48,6 @@ def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float
 
 def _turned(angles: Array, vectors: Array) -> Array:
     """Vectors (p, n, 3) turned by rotation vectors (p, 3) rad."""
+    from scipy.spatial.transform import Rotation  # 0.1 s to import, and few solves need it
+
     return np.einsum("pij,pnj->pni", Rotation.from_rotvec(angles).as_matrix(), vectors)

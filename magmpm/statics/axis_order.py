@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles
@@ -74,6 +72,9 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
 
 def _all_hang_on_something(model: StaticModel) -> None:
     """Raise SceneError unless every region is held, or is connected through grid nodes to one that is."""
+    from scipy.sparse import coo_matrix  # 0.1 s to import, and straight bodies do not need it
+    from scipy.sparse.csgraph import connected_components
+
     regions, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
     clamped = np.zeros(len(regions), bool)
     # Where a clamp plane changed a cell's splines they no longer sum to one.

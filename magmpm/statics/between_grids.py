@@ -6,7 +6,6 @@ Splines are products of one along the axis and one across, so two small fits do:
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from magmpm.bodies.grid import spline_weights
 from magmpm.compiled.arrays import Array
@@ -55,6 +54,8 @@ def _splines_across(model: StaticModel, points: Array) -> Array:
 
 def _along(coarse: StaticModel, fine: StaticModel, values: Array) -> Array:
     """Plane coefficients on the fine grid from those (planes, k) on the coarse one, fitted at Gauss points of the fine cells."""
+    from scipy.linalg import solveh_banded  # only where a solve goes on to a finer grid
+
     h, cells = fine.grid.spacing[0], fine.grid.cells[0]
     unit = np.polynomial.legendre.leggauss(GAUSS)[0]
     s = (h * (np.arange(cells)[:, None] + (1 + unit) / 2)).ravel()

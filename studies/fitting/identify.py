@@ -18,6 +18,7 @@ from studies.fitting.table import Measured, Readings
 FLAT = 1e-6  # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
 FLAT_OF_DIFFERENCES = 1e-3  # likewise, of slopes by differences
 WIDEST = 1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
+POOR = 0.02  # of the length: residuals above are not noise of a measurement
 SHARE = 0.3  # of a unit vector: constants with less in a direction are not named
 CLEAR = 0.05  # in x: an interval this narrow tells a constant
 
@@ -37,9 +38,12 @@ class Refused(InputError):
 
 
 def check_apart(
-    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, *, differences: bool
+    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, rms: float, *, differences: bool
 ) -> None:
-    """Raises Refused where a combination of constants moves no measured number by more than its error. slopes: in standard errors per x."""
+    """Raises Refused where a combination of constants moves no measured number by more than its error.
+
+    slopes: in standard errors per x; noise: standard deviation of a length, m; rms: of the residuals that are lengths, m.
+    """
     _, values, right = np.linalg.svd(slopes, full_matrices=True)
     values = np.concatenate([values, np.zeros(len(right) - len(values))])
     least = (FLAT_OF_DIFFERENCES if differences else FLAT) * values[0]
@@ -63,6 +67,8 @@ def check_apart(
     )
     if said:
         rule += f"; what they do tell: {'; '.join(said)}"
+    if rms > POOR * scene.length:
+        rule += f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so look first whether it names all that acted there"
     fewer = f"--vary {_fewer(constants, right, lost)} and take the others from the scene" if len(constants) > len(lost) else "other data"
     loads = [c.name for c in involved if c.kind in ("remanence", "density")]
     remedy = fewer

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
@@ -59,7 +58,7 @@ class Axis:
         n, _, k = self.rows_change.shape
         places, slopes = on_rows(self.rows[:, 0], self.rows[:, 1:], s)
         moved, turned = on_rows(self.rows[:, 0], self.rows_change.reshape(n, 3 * k), s)
-        return places, moved.reshape(-1, 3, k), slopes, turned.reshape(-1, 3, k)
+        return places, moved.reshape(len(places), 3, k), slopes, turned.reshape(len(places), 3, k)
 
 
 Found = tuple[list[float], list[Array], list[Label]]
@@ -73,7 +72,7 @@ def compare(shape: Axis, readings: Readings, kind: str, axes: Sequence[int]) -> 
     else:
         _at_points(shape, readings, kind, found)
     residuals, slopes, labels = found
-    return np.array(residuals), np.array(slopes).reshape(len(residuals), -1), labels
+    return np.array(residuals), np.array(slopes).reshape(len(residuals), shape.tip_change.shape[1]), labels
 
 
 def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None:
@@ -197,6 +196,8 @@ class Prediction:
 
     def _moved(self, x: Array) -> Array:
         """Residuals (n,) of the markers along a motion: a cubic spline in time through its frames."""
+        from scipy.interpolate import CubicSpline  # for motions alone
+
         self.solves += 1
         times, shapes, tips = _frames(applied(self.scene, self.constants, x))
         if len(times) < 4:

@@ -15,8 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
+from scipy.special import chdtrc, ndtri, stdtrit  # of scipy.stats, which takes half a second to import
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError, report
@@ -78,8 +77,12 @@ class Fit:
     @property
     def rms_m(self) -> float:
         """Root mean square of the residuals that are lengths, m."""
-        lengths = np.array([r for r, label in zip(self.residuals, self.labels, strict=True) if not label.angle])
-        return float(np.sqrt(np.mean(lengths**2))) if len(lengths) else 0.0
+        return _rms(self.residuals, self.labels)
+
+
+def _rms(residuals: Array, labels: Sequence[Label]) -> float:
+    lengths = np.array([r for r, label in zip(residuals, labels, strict=True) if not label.angle])
+    return float(np.sqrt(np.mean(lengths**2))) if len(lengths) else 0.0
 
 
 @dataclass(frozen=True)
@@ -125,12 +128,12 @@ def fit(
     degrees = len(prediction.labels) - len(constants) + sum(c.known is not None for c in constants)
     sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, prediction.labels)
     model = search.whitened(sigmas)
-    best = replace(best, residuals=model(best.x, True)[0], slopes=search.scaled(best, sigmas))
-    check_apart(scene, measured, constants, best.slopes, quantile, sigmas.length, differences=scene.in_time)
+    best = search.weighed(best, sigmas)
+    raw = best.residuals[: len(prediction.labels)] * sigmas.of(prediction.labels)
+    check_apart(scene, measured, constants, best.slopes, quantile, sigmas.length, _rms(raw, prediction.labels), differences=scene.in_time)
     refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
     intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
-    raw = best.residuals[: len(prediction.labels)] * sigmas.of(prediction.labels)
     shift = search.on_finer_grid(best, sigmas, covariance) if thorough and not scene.in_time else None
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
@@ -207,11 +210,12 @@ class _Search:
 
         return model
 
-    def scaled(self, best: Minimum, sigmas: _Noise) -> Array:
-        """The slopes of a minimum, weighed anew."""
+    def weighed(self, best: Minimum, sigmas: _Noise) -> Minimum:
+        """A minimum in other standard errors."""
         n = len(self.prediction.labels)
-        weight = self._used.of(self.prediction.labels) / sigmas.of(self.prediction.labels)
-        return np.concatenate([best.slopes[:n] * weight[:, None], best.slopes[n:]])
+        weight = np.ones(len(best.residuals))
+        weight[:n] = self._used.of(self.prediction.labels) / sigmas.of(self.prediction.labels)
+        return replace(best, residuals=best.residuals * weight, slopes=best.slopes * weight[:, None])
 
     def best(self, thorough: bool) -> tuple[Minimum, _Noise, list[Minimum]]:
         """The least minimum, the standard deviations that it was weighed by, and the other minima."""
@@ -245,7 +249,8 @@ class _Search:
             raise trouble
         found.sort(key=lambda minimum: minimum.cost)
         found = [m for k, m in enumerate(found) if all(np.max(np.abs(m.x - other.x)) > 1e-3 for other in found[:k])]
-        self.prediction.at(found[0].x)  # its shapes are what further solves start from
+        if len(starts) > 1:
+            self.prediction.at(found[0].x)  # its shapes are what further solves start from
         return found
 
     def _estimated(self, best: Minimum, sigmas: _Noise) -> float:
@@ -276,16 +281,16 @@ def _scatter(best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: 
         factor = float(np.sqrt(best.cost / max(degrees, 1)))
         mixed = any(label.angle for label in labels)
         length = sigmas.length if mixed else max(sigmas.length * factor, 0.0)
-        return _Noise(length, sigmas.angle, False), float(student.ppf(tail, degrees)), "residuals", []
-    if degrees > 0 and chi2.sf(best.cost, degrees) < UNLIKELY:
+        return _Noise(length, sigmas.angle, False), float(stdtrit(degrees, tail)), "residuals", []
+    if degrees > 0 and chdtrc(degrees, best.cost) < UNLIKELY:
         factor = float(np.sqrt(best.cost / degrees))
         says = (
-            f"the residuals are {factor:.2g} times as large as the noise given explains (probability {chi2.sf(best.cost, degrees):.1g}): "
+            f"the residuals are {factor:.2g} times as large as the noise given explains (probability {chdtrc(degrees, best.cost):.1g}): "
             "the scene lacks something that the measurement has, or the noise is larger; the intervals go by the residuals"
         )
         wider = _Noise(sigmas.length * factor, sigmas.angle * factor, True)
-        return wider, float(student.ppf(tail, degrees)), "given, enlarged", [says]
-    return sigmas, float(norm.ppf(tail)), "given", []
+        return wider, float(stdtrit(degrees, tail)), "given, enlarged", [says]
+    return sigmas, float(ndtri(tail)), "given", []
 
 
 def _fitted(constant: Constant, k: int, best: Minimum, covariance: Array, interval: Interval, shift: Array | None) -> Fitted:

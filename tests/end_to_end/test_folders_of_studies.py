@@ -8,8 +8,7 @@ import pytest
 from test_commands import SCENE
 
 from magmpm.cli import main
-from studies.report import REPORT
-from studies.storage import OWNER
+from studies.file_names import OWNER, REPORT
 
 Said = pytest.CaptureFixture[str]
 

@@ -1,0 +1,102 @@
+"""`make bench-fit`: how often the intervals of `magmpm fit` hold the true constants, over synthetic measurements.
+
+    python tests/benchmarks/fit_coverage.py [FITS]
+
+Each fit has five tips with normal errors of 0.2 mm in each coordinate, of a body whose constants are drawn within 25 % of the scene's. Four
+kinds in turn: the shear modulus alone, or both shear modulus and remanence, of a body with weight; the noise given, or estimated. The
+95 % intervals should hold 95 % of the true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+FIELDS = (0.0, 1.5, 3.0, 4.5, 6.0)  # mT along z
+NOISE = 0.2e-3  # m
+KINDS = (("shear_modulus",), ("shear_modulus", "remanence"))
+
+
+def scene() -> Any:
+    """The scene that the fits begin with: 40 x 4 mm, magnetized along its axis, with its weight."""
+    from magmpm import load_scene
+
+    found = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
+    data = found.to_si()
+    data["materials"]["magnetic silicone"]["density"] = 1882.0
+    return type(found).from_si(data).with_effects(gravity={})
+
+
+def one(number: int) -> dict[str, Any]:
+    """A fit: the true values, and the intervals."""
+    from magmpm import run
+    from studies.fitting import fit, read_measured
+
+    rng, start = np.random.default_rng([11, number]), scene()
+    data = start.to_si()
+    vary = KINDS[number % 2]
+    material = data["materials"]["magnetic silicone"]
+    for name in vary:
+        material[name] *= float(np.exp(rng.uniform(-0.22, 0.22)))
+    truth = {name: material[name] for name in vary}
+    body = type(start).from_si(data)
+    rows, last = ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"], None
+    for strength in FIELDS:
+        last = run(body.with_field([0.0, 0.0, 1e-3 * strength]), start=last)
+        tip = 1e3 * (last.tip + rng.normal(0.0, NOISE, 3))
+        rows.append(f"{strength},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tips.csv"
+        path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+        given = NOISE if number % 4 >= 2 else None
+        found = fit(read_measured(path, start), start, vary=vary, noise=given, thorough=False)
+    held = {}
+    for each in found.constants:
+        low, high = each.low or 0.0, math.inf if each.high is None else each.high
+        held[each.constant.kind] = {"true": truth[each.constant.kind], "low": low, "high": high, "method": each.method}
+    return {"number": number, "noise": "given" if given else "estimated", "constants": held, "seconds": found.seconds, "solves": found.solves}
+
+
+def main(fits: str = "1000") -> int:
+    """Print the table, and write runs/bench/fit.json."""
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    begun = time.perf_counter()
+    one(1)  # kernels
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        done = []
+        for each in pool.imap_unordered(one, range(int(fits)), chunksize=4):
+            done.append(each)
+            if sys.stderr.isatty() or len(done) % 100 == 0:
+                print(f"{len(done)} of {fits} fits, {time.perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
+    groups: dict[tuple[str, str], list[bool]] = {}
+    for each in done:
+        for name, interval in each["constants"].items():
+            held = interval["low"] <= interval["true"] <= interval["high"]
+            groups.setdefault((f"{name} of {len(each['constants'])}", each["noise"]), []).append(held)
+    print(f"{'constant':<24}{'noise':<12}{'intervals':>10}{'hold the truth':>16}")
+    for (name, noise), held in sorted(groups.items()):
+        print(f"{name:<24}{noise:<12}{len(held):>10}{100 * np.mean(held):>14.1f} %")
+    every = [held for group in groups.values() for held in group]
+    share, scatter = float(np.mean(every)), math.sqrt(0.95 * 0.05 / len(every))
+    seconds = float(np.median([each["seconds"] for each in done]))
+    print(f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)")
+    print(f"median {seconds:.2f} s and {np.median([each['solves'] for each in done]):.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
+    out = ROOT / "runs/bench/fit.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps({"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done}, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
