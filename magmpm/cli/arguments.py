@@ -29,7 +29,9 @@ def parser() -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(prog="magmpm", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter)
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_run, _view, _map, _design, _accuracy, _effects, _render, _dashboard, _report, _import_robot, _prepare, _stability, _fit):
+    for add in (
+        _run, _view, _map, _design, _accuracy, _effects, _render, _dashboard, _report, _import_robot, _prepare, _stability, _fit, _doctor,
+    ):  # fmt: skip
         add(commands).set_defaults(command=add.__name__.removeprefix("_"))
     return whole
 
@@ -224,6 +226,18 @@ def _fit(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--level", metavar="PERCENT", type=float, default=95.0, help="of the intervals [95]")
     parser.add_argument("--quick", action="store_true", help="one descent alone, and no finer grid to compare with")
     _common(parser, "runs/NAME-fit, with the scene's name")
+    return parser
+
+
+def _doctor(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "doctor",
+        help="what is missing here, and whether the numbers come out right",
+        description="Look at Python, libraries, OpenGL, threads and the cache of kernels, and test a few numbers against stored answers. "
+        "Exit status 1 where something fails.",
+    )
+    parser.add_argument("--quick", action="store_true", help="leave out the self-test")
+    _json(parser)
     return parser
 
 

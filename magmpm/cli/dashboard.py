@@ -32,8 +32,8 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
-    from studies.records import ARTIFACTS
     from studies.file_names import REPORT
+    from studies.records import ARTIFACTS
     from studies.storage import must_exist, open_storage
 
     folder, port = Path(options.folder), options.port

@@ -38,7 +38,15 @@ class Refused(InputError):
 
 
 def check_apart(
-    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, rms: float, *, differences: bool
+    scene: Scene,
+    measured: Measured,
+    constants: Sequence[Constant],
+    slopes: Array,
+    quantile: float,
+    noise: float,
+    rms: float,
+    *,
+    differences: bool,
 ) -> None:
     """Raises Refused where a combination of constants moves no measured number by more than its error.
 

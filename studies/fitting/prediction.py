@@ -15,7 +15,6 @@ from magmpm.errors import InputError, report
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles, region_means
 from magmpm.results.result import Result
-from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.simulate import run, sensitivities
 from studies.fitting.constants import Constant, applied, chain
@@ -219,6 +218,8 @@ def _shape_of(result: Result) -> Axis:
 
 def _frames(scene: Scene) -> tuple[Array, Array, Array]:
     """Times (f,) s, axes (f, n, 4) m and tips (f, 3) m of a scene along time."""
+    from magmpm.results.trajectory import Motion  # and HDF5
+
     with tempfile.TemporaryDirectory(prefix="magmpm-fit-") as folder:
         run(scene, folder=folder)
         motion: Any = Motion.load(folder)

@@ -15,7 +15,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, ndtri, stdtrit  # of scipy.stats, which takes half a second to import
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError, report
@@ -276,6 +275,8 @@ class _Search:
 
 def _scatter(best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: Sequence[Label]) -> tuple[_Noise, float, str, list[str]]:
     """Standard deviations to go by, the quantile for intervals, where they are from, and what is to be said."""
+    from scipy.special import chdtrc, ndtri, stdtrit  # what scipy.stats calls, without its half second
+
     tail = 0.5 + level / 2
     if not sigmas.given:
         factor = float(np.sqrt(best.cost / max(degrees, 1)))

@@ -64,7 +64,8 @@ def one(number: int) -> dict[str, Any]:
     for each in found.constants:
         low, high = each.low or 0.0, math.inf if each.high is None else each.high
         held[each.constant.kind] = {"true": truth[each.constant.kind], "low": low, "high": high, "method": each.method}
-    return {"number": number, "noise": "given" if given else "estimated", "constants": held, "seconds": found.seconds, "solves": found.solves}
+    about = {"number": number, "noise": "given" if given else "estimated"}
+    return {**about, "constants": held, "seconds": found.seconds, "solves": found.solves}
 
 
 def main(fits: str = "1000") -> int:
@@ -91,7 +92,8 @@ def main(fits: str = "1000") -> int:
     share, scatter = float(np.mean(every)), math.sqrt(0.95 * 0.05 / len(every))
     seconds = float(np.median([each["seconds"] for each in done]))
     print(f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)")
-    print(f"median {seconds:.2f} s and {np.median([each['solves'] for each in done]):.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
+    solves = np.median([each["solves"] for each in done])
+    print(f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
     out = ROOT / "runs/bench/fit.json"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps({"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done}, indent=1) + "\n")

@@ -1,0 +1,294 @@
+"""`magmpm doctor`: what is here, what is missing, whether the numbers come out right, and what to install.
+
+Only the standard library is imported here, so that it can say which other library is missing. What may crash or hang (libraries, OpenGL,
+the self-test) is tried in processes of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from magmpm.cli.answers import print_summary
+
+OK, WARN, FAIL = "ok", "warning", "failure"
+LARGE_CACHE = 2_000_000_000  # bytes of kernels: more is said
+LEAST_DISK = 1_000_000_000  # bytes
+IMPORTS = {"PyYAML": "yaml"}  # where names differ
+PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold self-test compiles kernels
+EXTRAS_FOR = {
+    "render": "pictures by PyVista, and movies", "magnets": "fields of magnets of any shape", "dashboard": "magmpm dashboard",
+    "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna", "fem": "finite-element references", "test": "the tests and linters",
+    "report": "magmpm report as PDF", "view": "magmpm view", "workers": "studies on several machines",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at: its name, how it is, what was found, and what to do."""
+
+    name: str
+    status: str
+    found: str
+    remedy: str = ""
+
+
+def command(options: argparse.Namespace) -> int:
+    """Look at everything, and print it. Returns the exit status: 0, or 1 where something fails."""
+    checks: list[Check] = []
+    for check in looked_at(quick=options.quick):
+        checks.append(check)
+        if not options.json:
+            print(_line(check), flush=True)
+    failed, warned = (sum(check.status == status for check in checks) for status in (FAIL, WARN))
+    last = f"{len(checks)} checks: {failed} failed, {warned} warnings" if failed or warned else f"{len(checks)} checks: all is well"
+    print_summary(options, {"checks": [asdict(check) for check in checks], "failed": failed, "warnings": warned}, last)
+    return 1 if failed else 0
+
+
+def looked_at(*, quick: bool = False) -> Iterator[Check]:
+    """All checks, one after the other. quick: without the self-test."""
+    yield _python()
+    libraries = list(_libraries())
+    yield from libraries
+    yield from _extras()
+    yield from _threads()
+    yield from _room()
+    if any(check.status == FAIL for check in libraries):
+        yield Check("self-test", WARN, "left out: a library is missing")
+        return
+    yield _opengl()
+    if quick:
+        return
+    yield from _self_test()
+
+
+def _line(check: Check) -> str:
+    mark = {OK: "ok     ", WARN: "warning", FAIL: "FAILURE"}[check.status]
+    return f"{mark}  {check.name:<24} {check.found}" + (f"\n{'':34}remedy: {check.remedy}" if check.remedy else "")
+
+
+def _python() -> Check:
+    found = f"{platform.python_version()} at {sys.executable}, {platform.system()} {platform.machine()}"
+    if sys.prefix == sys.base_prefix:
+        return Check("Python", WARN, f"{found}, no virtual environment", f"{sys.executable} -m venv .venv keeps the libraries of others apart")
+    return Check("Python", OK, found)
+
+
+@dataclass(frozen=True)
+class _Needed:
+    """A library that magmpm needs: name, least version, and the extra that it belongs to, "" for all."""
+
+    name: str
+    least: str
+    extra: str
+
+
+def _needed() -> list[_Needed]:
+    """What magmpm needs, as its installed metadata or its setup.cfg says."""
+    try:
+        lines = metadata.requires("magmpm") or []
+    except metadata.PackageNotFoundError:
+        lines = list(_of_setup_cfg())
+    found = []
+    for line in lines:
+        match = re.match(r"([A-Za-z0-9_.-]+)\s*(?:>=\s*([\d.]+))?", line)
+        extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)", line)
+        if match:
+            found.append(_Needed(match.group(1), match.group(2) or "0", extra.group(1) if extra else ""))
+    return found
+
+
+def _of_setup_cfg() -> Iterator[str]:
+    """Requirements of a checkout that is run without being installed."""
+    import configparser
+
+    path = Path(__file__).resolve().parents[2] / "setup.cfg"
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.read(path, encoding="utf-8")
+    if parser.has_section("options"):
+        yield from parser.get("options", "install_requires", fallback="").split("\n")[1:]
+    if parser.has_section("options.extras_require"):
+        for extra, names in parser.items("options.extras_require"):
+            yield from (f"{name}; extra == '{extra}'" for name in names.split("\n") if name)
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The leading numbers of a version: 3.10.1rc2 as (3, 10, 1)."""
+    found = re.match(r"\d+(?:\.\d+)*", version)
+    parts = [int(part) for part in found.group().split(".")] if found else []
+    while parts and parts[-1] == 0:
+        parts.pop()
+    return tuple(parts)
+
+
+def _install(what: str) -> str:
+    """The command that installs an extra, or everything."""
+    checkout = (Path(__file__).resolve().parents[2] / "setup.cfg").exists()
+    where = f"-e '{Path(__file__).resolve().parents[2]}{what}'" if checkout else f"'magmpm{what}'"
+    return f"{Path(sys.executable).name} -m pip install {where}"
+
+
+def _libraries() -> Iterator[Check]:
+    """The libraries that everything needs: there, new enough, and that they can be imported."""
+    for needed in (one for one in _needed() if not one.extra):
+        version = _installed(needed.name)
+        name = f"library {needed.name}"
+        if version is None:
+            yield Check(name, FAIL, f"missing; {needed.least} or newer is needed", _install(""))
+        elif _numbers(version) < _numbers(needed.least):
+            yield Check(name, FAIL, f"{version}; {needed.least} or newer is needed", _install("") + " --upgrade")
+        else:
+            trouble = _tried([sys.executable, "-c", f"import {IMPORTS.get(needed.name, needed.name)}"], PATIENCE["import"])[1]
+            remedy = f"{Path(sys.executable).name} -m pip install --force-reinstall {needed.name}"
+            yield Check(name, FAIL, f"{version} can't be imported: {trouble}", remedy) if trouble else Check(name, OK, version)
+
+
+def _extras() -> Iterator[Check]:
+    """What the extras lack: without them magmpm works, less what they are for."""
+    extras: dict[str, list[_Needed]] = {}
+    for needed in _needed():
+        if needed.extra:
+            extras.setdefault(needed.extra, []).append(needed)
+    for extra, all_needed in extras.items():
+        lacking = []
+        for needed in all_needed:
+            version = _installed(needed.name)
+            if version is None or _numbers(version) < _numbers(needed.least):
+                lacking.append(f"{needed.name} {version or ''}".strip() + ("" if version is None else f" (older than {needed.least})"))
+        purpose = EXTRAS_FOR.get(extra, "an extra")
+        if lacking:
+            yield Check(f"extra {extra}", WARN, f"not there: {', '.join(lacking)}; {purpose}", _install(f"[{extra}]"))
+        else:
+            yield Check(f"extra {extra}", OK, purpose)
+
+
+def _tried(arguments: list[str], patience: float) -> tuple[str, str]:
+    """What a process printed, and why it failed, "" if it did not."""
+    try:
+        done = subprocess.run(arguments, capture_output=True, text=True, errors="replace", timeout=patience, check=False)
+    except subprocess.TimeoutExpired:
+        return "", f"no answer within {patience:g} s"
+    except OSError as error:
+        return "", str(error)
+    if done.returncode == 0:
+        return done.stdout, ""
+    last = (done.stderr.strip().splitlines() or ["without a word"])[-1][:200]
+    ended = f"killed by signal {-done.returncode}" if done.returncode < 0 else f"exit status {done.returncode}"
+    return done.stdout, f"{ended}: {last}"
+
+
+def _threads() -> Iterator[Check]:
+    """Cores that this process may use, and what the environment says about threads."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    asked = os.environ.get("NUMBA_NUM_THREADS")
+    found = f"{cores} of {os.cpu_count()} processors may be used" + (f"; NUMBA_NUM_THREADS={asked}" if asked else "")
+    allowed = _allowed_by_cgroup()
+    if allowed is not None and allowed < cores:
+        found += f"; the container's limit is {allowed:.3g}"
+    if asked and asked.strip().isdigit() and int(asked) > cores:
+        yield Check("threads", WARN, found, "more threads than processors are slower: unset NUMBA_NUM_THREADS")
+    elif allowed is not None and allowed < cores and not asked:
+        yield Check("threads", WARN, found, f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower than none")
+    else:
+        yield Check("threads", OK, found)
+    if hasattr(os, "getloadavg") and os.getloadavg()[0] > 1.5 * cores:
+        busy = f"{os.getloadavg()[0]:.1f} processes want {cores} processors"
+        yield Check("load", WARN, busy, "runs are slower than their figures while others compute")
+
+
+def _allowed_by_cgroup() -> float | None:
+    """Processors that a container may use at once, by cgroup v2; None without a limit."""
+    try:
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text(encoding="ascii").split()
+        return None if quota == "max" else int(quota) / int(period)
+    except (OSError, ValueError):
+        return None
+
+
+def _room() -> Iterator[Check]:
+    """The folder of compiled kernels: whether it takes files, how large it is, whether it is warm; and room for results."""
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])  # set by `import magmpm`
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        remedy = "see to its permissions, or set NUMBA_CACHE_DIR to a folder that takes files"
+        yield Check("cache of kernels", FAIL, f"{folder} takes no files ({error.strerror}): every run would compile its own", remedy)
+    else:
+        files = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+        size, kernels = sum(files), sum(1 for path in folder.rglob("*.nbc"))
+        found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
+        if not kernels:
+            yield Check("cache of kernels", WARN, f"{found}: the first run compiles for 5 to 20 s", "magmpm prepare")
+        elif size > LARGE_CACHE:
+            yield Check("cache of kernels", WARN, found, f"remove {folder}; what is needed is compiled again")
+        else:
+            yield Check("cache of kernels", OK, found)
+    free = shutil.disk_usage(Path.cwd()).free
+    written = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
+    if not os.access(Path.cwd(), os.W_OK):
+        yield Check("folder of results", WARN, f"{Path.cwd()} can't be written", "go to another folder, or give --out")
+    elif free < LEAST_DISK:
+        yield Check("folder of results", WARN, written, "motions take some 100 MB: free room, or give --out on another disk")
+    else:
+        yield Check("folder of results", OK, written)
+
+
+_OPENGL = """
+import json
+from viz.worker import Renderer
+with Renderer() as renderer:
+    renderer.wait_ready()
+    print(json.dumps([renderer.backend, renderer.note]))
+"""
+
+
+def _opengl() -> Check:
+    """Who draws: tried in a process, since a missing OpenGL library is a segmentation fault."""
+    printed, trouble = _tried([sys.executable, "-c", _OPENGL], PATIENCE["opengl"])
+    if trouble:
+        remedy = "apt-get install libegl1 libgl1-mesa-dri; or set MAGMPM_RENDER=matplotlib"
+        return Check("OpenGL", FAIL, f"no picture can be drawn: {trouble}", remedy)
+    backend, note = json.loads(printed.strip().splitlines()[-1])
+    if backend == "pyvista":
+        return Check("OpenGL", OK, "PyVista draws")
+    if not note:
+        return Check("OpenGL", OK, f"{backend} draws, as MAGMPM_RENDER asks")
+    says, _, remedy = note.partition(": ")
+    return Check("OpenGL", WARN, says, remedy or "apt-get install libegl1 libgl1-mesa-dri")
+
+
+def _self_test() -> Iterator[Check]:
+    """Numbers against stored answers, in a process of their own."""
+    printed, trouble = _tried([sys.executable, "-m", "magmpm.cli.self_test"], PATIENCE["self-test"])
+    try:
+        rows: list[dict[str, Any]] = json.loads(printed.strip().splitlines()[-1])
+    except (ValueError, IndexError):
+        rows = []
+    for row in rows:
+        found = f"{row['found']} ({row['rule']})"
+        remedy = "" if row["passed"] else "report it, with the output of magmpm doctor --json; trust no result until then"
+        yield Check(f"self-test: {row['name']}", OK if row["passed"] else FAIL, found, remedy)
+    if trouble or not rows:
+        yield Check("self-test", FAIL, trouble or "it said nothing", "reinstall numba and llvmlite; then: magmpm doctor")

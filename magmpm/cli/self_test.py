@@ -1,0 +1,96 @@
+"""The self-test of `magmpm doctor`: an equilibrium, a motion and a rod against stored answers; prints one JSON list.
+
+    python -m magmpm.cli.self_test
+
+The stored answers are those of this version's own solvers: they tell whether this machine computes what ours did. The known answer is a
+finite-element solution, data/references/axial_transverse_5mT.csv: it tells whether that is right. Ten seconds with warm kernels; before
+that, they are compiled.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+LENGTH = 40e-3  # m
+SCENE: dict[str, Any] = {  # data/scenes/axial_transverse.yaml
+    "name": "self-test",
+    "materials": {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
+    "body": {
+        "catheter": {
+            "length": LENGTH, "diameter": 4e-3, "material": "silicone", "clamp": "base", "segments": [{"magnetization": [1.0, 0.0, 0.0]}],
+        }
+    },
+    "field": {"uniform": [0.0, 0.0, 5e-3]},
+    "effects": {"magnetic_torque": {}},
+    "advice": "off",
+}  # fmt: skip
+KNOWN_AT, KNOWN = 39.8e-3, (34.356642e-3, 18.306328e-3)  # arc length and (x, z) m there, by finite elements of order 4
+EQUILIBRIUM = (0.034462825956075444, 0.01849703241471859)  # tip (x, z) m, two cells across
+MOTION = (0.03998584017470469, 0.0006029647107079583)  # tip (x, z) m, two cells across, after 5 ms from rest
+STABILITY = 1.2376528590218245
+SOLVED, MOVED, TRUE = 1e-6, 1e-5, 1e-3  # of the length
+
+
+def main() -> int:
+    """Run the tests and print their rows. Returns 0: a wrong number is a row, not an error."""
+    rows = [_stored(), _stability(), _known(), _motion()]
+    print(json.dumps(rows))
+    return 0
+
+
+def _row(name: str, away: float, bound: float, rule: str, result: Any) -> dict[str, Any]:
+    seconds = result.seconds
+    compiled = f", and {seconds['compile']:.0f} s to compile" if seconds["compile"] > 1 else ""
+    found = f"{away / LENGTH:.1e} of the length away, {seconds['setup'] + seconds['solve']:.2f} s{compiled}"
+    return {"name": name, "passed": away <= bound * LENGTH, "found": found, "rule": rule, "away_m": away}
+
+
+def _away(tip: Any, stored: tuple[float, float]) -> float:
+    x, y, z = (float(part) for part in tip)
+    return float(((x - stored[0]) ** 2 + y**2 + (z - stored[1]) ** 2) ** 0.5)
+
+
+def _stored() -> dict[str, Any]:
+    from magmpm import Scene, run
+
+    result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 2}}))
+    return _row("equilibrium", _away(result.tip, EQUILIBRIUM), SOLVED, "at most 1e-6 from what is stored: where the solve ends", result)
+
+
+def _known() -> dict[str, Any]:
+    import numpy as np
+
+    from magmpm import Scene, run
+    from magmpm.results.measures import centreline_at
+
+    result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 4}}))
+    place = centreline_at(result, np.array([KNOWN_AT]))[0]
+    return _row("finite elements", _away(place, KNOWN), TRUE, "at most 1e-3 from finite elements: the error of 4 cells across", result)
+
+
+def _stability() -> dict[str, Any]:
+    """The softest stiffness over that of the unloaded body, an eigenvalue: it sees the whole tangent."""
+    from magmpm import Scene, run
+
+    result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 2}}))
+    found = float(result.stability or 0.0)
+    away = abs(found - STABILITY) / STABILITY
+    return {
+        "name": "eigenvalue", "passed": away <= 1e-3, "found": f"{found:.6f}, {away:.1e} from what is stored",
+        "rule": "at most 1e-3: its iteration stops there", "away_m": 0.0,
+    }  # fmt: skip
+
+
+def _motion() -> dict[str, Any]:
+    from magmpm import Scene, run
+
+    moving = {"solver": {"dynamic": {"duration": 5e-3}}, "effects": {"magnetic_torque": {}, "damping": {"rate": 60.0}}}
+    result = run(Scene.from_si({**SCENE, **moving, "resolution": {"cells_across": 2}}))
+    rule = "at most 1e-5 from what is stored: hundreds of steps add up their rounding"
+    return _row("motion of 5 ms", _away(result.tip, MOTION), MOVED, rule, result)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
