@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 2 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: fuzz bench-fit bench-startup docs test-docs bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
+.PHONY: fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -25,6 +25,7 @@ help:
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
 	@echo "make docs       the pages as a site, in runs/site; broken links fail"
 	@echo "make test-docs  every page's code, followed in order, and the notebook"
+	@echo "make tour       every page followed word for word in a clean environment, with the wheel alone (PAGES=first_scene.md)"
 	@echo "make stability  the hard cases, each with its measure and bound; CONTROLS=1: each with its remedy off; RANDOM=300 SEED=1: random scenes"
 	@echo "make clean      remove the virtual environment and caches"
 
@@ -118,6 +119,9 @@ docs: $(VENV)/.ready-docs
 
 test-docs: $(VENV)/.ready-docs
 	$(BIN)/python -m pytest tests/docs $(WORKERS)
+
+tour: $(VENV)/.ready-test
+	$(BIN)/python tests/docs/tour.py $(PAGES)
 
 schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.scene.json_schema

@@ -30,7 +30,8 @@ def parser() -> argparse.ArgumentParser:
     whole.add_argument("--version", action=_Version, nargs=0, help="print versions and exit")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for add in (
-        _run, _view, _map, _design, _accuracy, _effects, _render, _dashboard, _report, _import_robot, _prepare, _stability, _fit, _doctor,
+        _run, _view, _map, _design, _accuracy, _effects, _render, _dashboard, _report, _examples, _import_robot, _prepare, _stability, _fit,
+        _doctor,
     ):  # fmt: skip
         add(commands).set_defaults(command=add.__name__.removeprefix("_"))
     return whole
@@ -162,6 +163,18 @@ def _map(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--plane", metavar="AXES", help="a grid of two components, such as xz, in place of directions to all sides")
     parser.add_argument("--cells", type=int, metavar="N", help="cells across, in place of the scene's resolution")
     _common(parser, "runs/NAME, with the scene's name")
+    return parser
+
+
+def _examples(commands: Commands) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        "examples",
+        help="copy the example scenes and studies",
+        description="Copy the scenes, studies, targets and tables that come with magmpm into DIR/data; the pages name them there.",
+    )
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder that gets `data`, such as .")
+    _overwriting(parser, "files there that were changed")
+    _json(parser)
     return parser
 
 

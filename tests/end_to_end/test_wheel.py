@@ -1,0 +1,99 @@
+"""The wheel: installed with its extra `render` in an empty environment, and used there without the checkout. Also: examples, citation."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+from magmpm.cli import main
+from magmpm.cli.examples import examples_folder
+from magmpm.results.versions import CITATION
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_examples_are_copied_once_and_changes_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["examples", str(tmp_path)]) == 0
+    assert "magmpm run" in capsys.readouterr().out
+    scene = tmp_path / "data/scenes/five_segments.yaml"
+    assert scene.read_bytes() == (ROOT / "data/scenes/five_segments.yaml").read_bytes()
+    assert main(["examples", str(tmp_path)]) == 0
+    scene.write_text("mine")
+    assert main(["examples", str(tmp_path)]) == 2
+    assert "five_segments.yaml" in capsys.readouterr().err
+    assert scene.read_text() == "mine"
+    assert main(["examples", str(tmp_path), "--overwrite"]) == 0
+    assert scene.read_text() != "mine"
+    assert main(["examples", str(ROOT)]) == 2
+    assert examples_folder() == ROOT / "data"
+
+
+def test_how_to_cite_is_said_in_one_way() -> None:
+    """CITATION.cff, setup.cfg and the pages of studies agree."""
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= set(cited)
+    assert cited["title"] in CITATION
+    assert cited["authors"][0]["name"] in CITATION
+    assert f"version {cited['version']}" in CITATION
+    assert str(cited["date-released"])[:4] in CITATION
+    assert f"version = {cited['version']}\n" in (ROOT / "setup.cfg").read_text(encoding="utf-8")
+
+
+def test_the_paper_is_as_long_as_its_journal_wants() -> None:
+    """JOSS: 250 to 1000 words, with its sections, and every reference in paper.bib."""
+    import re
+
+    _, head, text = (ROOT / "paper.md").read_text(encoding="utf-8").split("---\n", 2)
+    assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(yaml.safe_load(head))
+    assert 250 <= len(re.findall(r"\w+", re.sub(r"\[@[^\]]*\]", "", text))) <= 1000
+    for section in ("# Summary", "# Statement of need", "# State of the field"):
+        assert section in text
+    keys = set(re.findall(r"@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8")))
+    assert set(re.findall(r"@(\w+)", text)) == keys
+
+
+def run(*words: str | Path, cwd: Path) -> str:
+    """A command's output; fails with all it said."""
+    names = ("PYTHONPATH", "VIRTUAL_ENV", "NUMBA_CACHE_DIR")
+    environment = {name: value for name, value in os.environ.items() if name not in names}
+    done = subprocess.run([str(word) for word in words], cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{words}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
+    """Built of a clean copy of what git knows; every file of `data` is in it."""
+    source, wheels, home = tmp_path / "source", tmp_path / "wheels", tmp_path / "home"
+    home.mkdir()
+    known = run("git", "ls-files", cwd=ROOT).split()
+    for name in known:
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        (source / name).write_bytes((ROOT / name).read_bytes())
+    run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", wheels, ".", cwd=source)
+    (wheel,) = wheels.glob("magmpm-*.whl")
+    with zipfile.ZipFile(wheel) as content:
+        held = {name.partition("/data/share/magmpm/")[2] for name in content.namelist()}
+        assert {"magmpm/py.typed", "magmpm/scene.schema.json", "studies/study.schema.json"} <= set(content.namelist())
+    assert {name for name in known if name.startswith("data/")} <= held
+    run(sys.executable, "-m", "venv", tmp_path / "empty", cwd=home)
+    bin_folder = tmp_path / "empty/bin"
+    run(bin_folder / "python", "-m", "pip", "install", "-c", ROOT / "constraints.txt", f"{wheel}[render]", cwd=home)
+    magmpm = bin_folder / "magmpm"
+    run(magmpm, "examples", ".", cwd=home)
+    told = json.loads(run(magmpm, "run", "data/scenes/five_segments.yaml", "--render", "--json", cwd=home))
+    assert told["converged"]
+    assert (home / "runs/five-segment-catheter/picture.png").stat().st_size > 10_000
+    where = run(bin_folder / "python", "-c", "import magmpm, viz; print(magmpm.__file__, viz.__file__)", cwd=home)
+    assert all(str(tmp_path / "empty") in path for path in where.split())
+    design = json.loads(run(magmpm, "design", "data/studies/c_shape.yaml", "--trials", "2", "--json", cwd=home))
+    assert design["trials"] == 2
+    run(magmpm, "report", "runs/c_shape", "--no-pdf", cwd=home)
+    assert (home / "runs/c_shape/report.html").exists()
