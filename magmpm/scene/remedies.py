@@ -15,7 +15,8 @@ RAMPED = {"field_steps": 40, "max_steps": 500}  # of statics: small steps, each 
 FOLLOWED = 60  # equilibria along a ramp of the field
 GENTLE = (0.4, 0.1)  # of the stable step
 SHARE = 0.9  # of the load or the time that was reached
-WEAKER = (0.5, 0.1)  # of the field, where it is not known how much was borne
+WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
+FAINT = 2e-3  # of the load, where none was
 HOLDS = (0.25, 0.03)  # Br^2/(mu0 G): segments whose attraction stretches them by as much; from about 1 on they fall onto each other
 
 
@@ -122,18 +123,29 @@ def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
 
 
 def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
-    """A weaker field, where the body finds no rest in the whole one: as much of it as was borne, or a half and a tenth."""
-    if scene.field.over_time is not None:
-        return ()
+    """A weaker load, where the body finds no rest under the whole one: as much of it as was borne, or parts where that is not known."""
     share = getattr(error.state, "load_share", 1.0)
-    parts = (float(f"{SHARE * share:.3g}"),) if 0.0 < share < 1.0 else WEAKER
-    return tuple(
-        Remedy(
-            f"a weaker field, field.over_time: {{ramp: {{duration: 1 s, begin: {part:g}, end: {part:g}}}}}",
-            {"field.over_time": {"ramp": {"duration": 1.0, "begin": part, "end": part}}},
+    parts = WEAKER if share >= 1.0 else (float(f"{SHARE * share:.3g}"),) if share > 0.0 else (WEAKER[-1], FAINT)
+    weight = scene.effects.gravity
+    if weight is None and scene.field.over_time is None:
+        return tuple(
+            Remedy(
+                f"a weaker field, field.over_time: {{ramp: {{duration: 1 s, begin: {part:g}, end: {part:g}}}}}",
+                {"field.over_time": {"ramp": {"duration": 1.0, "begin": part, "end": part}}},
+            )
+            for part in parts
         )
-        for part in parts
-    )
+    found = []
+    for part in parts:
+        changes: dict[str, Any] = {
+            dotted(("materials", name, "remanence")): part * material.remanence for name, material in scene.materials.items()
+        }
+        words = f"a weaker load: remanence of all materials times {part:g}"
+        if weight is not None:
+            changes["effects.gravity.acceleration"] = [part * component for component in weight.acceleration]
+            words += f", and effects.gravity.acceleration times {part:g}"
+        found.append(Remedy(words, changes))
+    return tuple(found)
 
 
 def _put(data: Any, at: Key, value: Any) -> None:

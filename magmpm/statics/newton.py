@@ -31,6 +31,8 @@ SPURIOUS_PRESSURE = 1.0  # of G: a start with more is shifted before its first f
 NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 LARGEST_SHIFT = 1e3
 POOR = 0.5  # of the decrement, half of what a full step wins in a quadratic: a straight step that wins less is compared with an arc
+CRAWL = 8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
+NEAREST, FARTHEST = 2.0**-6, 16.0  # times as far as `_leave` says
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
@@ -62,10 +64,10 @@ def minimize(
     rest = energy.rest_energy()
     if not point.min_det_F > 0:
         raise SolveError("the start has det F <= 0", point)
-    left, least_shift = 0, _expected_shift(energy, point)
+    left, shifted, least_shift = 0, 0, _expected_shift(energy, point)
     for step in range(1, max_steps + 1):
         residual, direction, shift = _step(energy, point, least_shift)
-        least_shift = 0.0
+        least_shift, shifted = 0.0, shifted + 1 if shift > 0.0 else 0
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
         if tolerance * scale < decrement < NEAR * scale and shift > 0.0:  # only a soft mode is left: FIRST_SHIFT would freeze it
@@ -84,6 +86,8 @@ def minimize(
             point = _search(energy, point, _leave(energy, residual, left), 0.0, scale)
         else:
             point = _search(energy, point, direction, decrement, scale)
+            if shifted and shifted % CRAWL == 0:
+                point = _along_mode(energy, point, residual, shifted // CRAWL)
         if on_step is not None:
             on_step(step, decrement / scale)
     raise SolveError(
@@ -183,6 +187,25 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
         d = -d
     length = x[-1] - x[0]
     return 0.05 * length * d
+
+
+def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> Point:
+    """The lowest of states along the direction of least curvature, each twice as far as the one before; the point itself if none is lower.
+
+    Where a body is about to buckle, a shift that makes the tangent positive definite slows down the very mode that it buckles in: steps
+    then grow by a percent each, for hundreds of steps.
+    """
+    way, best = _leave(energy, residual, attempt), point
+    for side in (1.0, -1.0):
+        part = NEAREST
+        while part <= FARTHEST:
+            trial = energy.at(along_arc(energy.model, point.grid, way, side * part))
+            if not (trial.min_det_F > 0 and trial.energy < best.energy):
+                break
+            best, part = trial, 2.0 * part
+        if best is not point:
+            break
+    return best
 
 
 def _search(energy: Energy, point: Point, direction: Array, decrement: float, scale: float) -> Point:
