@@ -28,7 +28,7 @@ class MotionView:
         self._reading = threading.Lock()
         self._stage: MotionStage | None = None
         self._run: subprocess.Popen[bytes] | None = None
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115: closed by `close`
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115
         if not self._saved():
             command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--out", str(folder), "--resume"]
             self._run = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said)

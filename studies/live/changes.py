@@ -120,7 +120,6 @@ def _put_inserted(content: Data, shown: Scene) -> None:
     lengths = catheter.segment_lengths()
     own = content["body"]["catheter"]["segments"][-len(lengths) :]
     segments = [{**dict(old), "length": f"{1e3 * length:.15g} mm"} for old, length in zip(own, lengths, strict=True)]
-    del segments[max(range(len(lengths)), key=lengths.__getitem__)]["length"]  # it takes the rest, to the last bit
     content["body"]["catheter"].update(length=f"{1e3 * catheter.length:.15g} mm", segments=segments, clamp="base")
     kept = shown.effects.named()
     content["effects"] = {key: value for key, value in content["effects"].items() if key in kept}
