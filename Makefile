@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Most tests keep one core busy: compiling, and bodies too small for threads. `make test WORKERS=` runs them one after the other.
-WORKERS ?= -n 2 --dist worksteal
+# Most tests keep one core busy: compiling, and bodies too small for threads. Three on two cores, because some wait for what another compiles.
+# `make test WORKERS=` runs them one after the other.
+WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence

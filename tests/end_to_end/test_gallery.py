@@ -67,6 +67,7 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     assert result.stat().st_mtime_ns > stamp
 
 
+@pytest.mark.slow
 def test_a_scene_shown_beside_another_is_on_its_page(
     build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

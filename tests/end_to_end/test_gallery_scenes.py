@@ -109,6 +109,7 @@ def settles(measure: ModuleType, what: Scene, folder: Path) -> None:
     assert np.linalg.norm(result.tip - [what.length, 0, 0]) > 0.2 * what.length  # it bends
 
 
+@pytest.mark.slow
 def test_a_tentacle_settles_where_statics_has_it(measure: ModuleType, tmp_path: Path) -> None:
     settles(measure, scene("tentacle_hook", resolution__cells_across=3), tmp_path)
 
@@ -151,6 +152,7 @@ def mirror_of(what: Scene) -> Scene:
     return Scene.from_si(data)
 
 
+@pytest.mark.slow
 def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(
     measure: ModuleType, tmp_path: Path
 ) -> None:

@@ -55,7 +55,7 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
 
 
-@pytest.mark.parametrize("formulation", ["total", "updated"])
+@pytest.mark.parametrize("formulation", ["total", pytest.param("updated", marks=pytest.mark.slow)])
 def test_killed_and_resumed_is_the_same_motion(formulation: str, tmp_path: Path) -> None:
     """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit, and no frame is missing.
     """

@@ -82,7 +82,7 @@ def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: P
 
 
 @of(name for name in SAMPLERS if name != "nsga2")  # below, as Optuna's NSGAIISampler
-@pytest.mark.parametrize("where", ["solve", "tell"])
+@pytest.mark.parametrize("where", ["solve", pytest.param("tell", marks=pytest.mark.slow)])
 def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: str, tmp_path: Path) -> None:
     # 23 trials: CMA-ES (population 10) has finished its second generation, TPE its random trials
     path = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 23"))

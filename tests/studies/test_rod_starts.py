@@ -112,7 +112,7 @@ def test_parameters_stand_for_the_designs(tmp_path: Path) -> None:
     np.testing.assert_allclose(space.field(params), found[0].field, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "gauss-newton"])
+@pytest.mark.parametrize("sampler", ["tpe", pytest.param("gauss-newton", marks=pytest.mark.slow)])
 def test_killed_among_its_starts_it_resumes_as_the_same_study(sampler: str, tmp_path: Path) -> None:
     path = write_study(tmp_path, START)
     whole, parts = tmp_path / "whole", tmp_path / "parts"

@@ -60,6 +60,7 @@ def test_total(model: Model, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=ROUNDING * np.abs(v).max())
 
 
+@pytest.mark.slow
 def test_updated(model: Model, rng: np.random.Generator) -> None:
     model = replace(model, modes=np.zeros((len(model.density), 0)))
     n = len(model.density)

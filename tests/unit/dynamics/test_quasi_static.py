@@ -109,6 +109,7 @@ def strip(frames: list[dict[str, Any]], steps: int) -> Scene:
 BX, BZ = 2.8e-3, 0.6e-3  # T: 1.3 times the buckling load, and a transverse field that is enough to press the strip to the other side
 
 
+@pytest.mark.slow
 def test_a_bent_strip_snaps_through() -> None:
     """Buckled to one side and pressed to the other by a transverse field, it snaps at a limit point; back at the opposite one.
 
