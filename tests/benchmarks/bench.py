@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import asked
 import critical_loads
 import derivatives
 import frames
@@ -166,6 +167,9 @@ FIGURES = {
     "jacobian_over_solve_percent": Figure(derivatives.jacobian_over_solve_percent, "%", 25.0, 10.0),
     "derivative_error": Figure(derivatives.derivative_error, "", 1e-5, 1e-7),
     "stability_over_solve_percent": Figure(derivatives.stability_over_solve_percent, "%", None, 10.0),
+    "asked_error_s": Figure(asked.error_seconds, "s", None),
+    "estimate_over_solve_percent": Figure(asked.estimate_percent, "%", 30.0, 15.0),
+    "kept_seconds": Figure(asked.kept_seconds, "", 1.2),
     "trial_s": Figure(trial, "s", 1.0, 0.5),
     "first_compile_s": Figure(first_compile, "s", 30.0),
     "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
