@@ -79,6 +79,16 @@ class Catheter(StraightBody):
         """Whether it has a bore."""
         return self.inner_diameter > 0.0
 
+    def kink_radius(self, poisson: float) -> float:
+        """Radius (m) of its axis below which a tube has no equilibrium: its section flattens, and it kinks. 0 for a solid rod.
+
+        The bending moment of a long thin tube is largest at the curvature (sqrt(2)/3) t/(r^2 sqrt(1 - nu^2)); t: wall, r: middle radius.
+        Source: Brazier, Proc. R. Soc. A 116 (1927) 104-114; Calladine, Theory of Shell Structures, section 16.2.
+        """
+        wall = (self.diameter - self.inner_diameter) / 2
+        middle = (self.diameter + self.inner_diameter) / 4
+        return 3 / math.sqrt(2) * middle**2 * math.sqrt(1 - poisson**2) / wall if self.hollow else 0.0
+
     @property
     def radii(self) -> dict[str, float]:
         """Outer and inner radius, m."""

@@ -24,7 +24,7 @@ import numpy as np
 from magmpm.bodies.curves import tightest_radius
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.materials import determinant
+from magmpm.materials import determinant, poisson_ratio
 from magmpm.model import Model
 
 STRETCH = 1.5
@@ -81,6 +81,11 @@ class Strain:
                 f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
                 f"mm: its inner side is crushed; {REMEDY}"
             )
+        elif model.line is not None and (kinks := _kink_radius(model)) > self.radius:
+            found.append(
+                f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
+                "and it kinks (Brazier), which cells larger than the wall do not show; thicken the wall, or bend it less"
+            )
         return found
 
     def state(self) -> dict[str, float]:
@@ -114,6 +119,14 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
         radius=np.inf if model.line is None else tightest_radius(_slices(model, position)),
         time=time,
     )
+
+
+def _kink_radius(model: Model) -> float:
+    """Radius (m) of its axis at which a tube kinks (Catheter.kink_radius); 0 for other bodies."""
+    tube = model.scene.body.catheter
+    if tube is None:
+        return 0.0
+    return tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
 
 
 @compiled

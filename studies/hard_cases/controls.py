@@ -169,6 +169,7 @@ CONTROLS = {  # by the beginning of a case's name
     "parts of two cells": LOCKS,
     "stiff inclusion": FROM_STRAIGHT,
     "needle, L/D 200": FROM_STRAIGHT,
+    "thin tube bent until it kinks": Control("the limit of thin tubes (Brazier)", off(Catheter, "kink_radius", lambda self, poisson: 0.0)),
     "thin tube": LOCKS,
     "stress without ringing": LOCKS,
     "magnet passed at one diameter": Control("equilibrium iterations at each moment", off(branch.Branch, "_attempt", _as_it_was)),

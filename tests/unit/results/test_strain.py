@@ -80,6 +80,20 @@ def test_the_axis_bends_no_tighter_than_the_body_is_thick(radius: float, model: 
     assert [f"less than the body is thick, {1e3 * D:g} mm" in text for text in found.warnings(model)] == [True] * (radius < D)
 
 
+def test_a_tube_that_would_kink_is_told(model: Model) -> None:
+    """Brazier's curvature, (sqrt(2)/3) t/(r^2 sqrt(1 - nu^2)), from both sides; a solid rod has none."""
+    data = model.scene.to_si()
+    across, wall = data["body"]["catheter"]["diameter"], 0.1e-3
+    data["body"]["catheter"]["inner_diameter"] = across - 2 * wall
+    tube, K, G = build(Scene.from_si(data)), model.bulk[0], model.shear[0]
+    nu = (3 * K - 2 * G) / (2 * (3 * K + G))
+    curvature = np.sqrt(2) / 3 * wall / ((across - wall) / 2) ** 2 / np.sqrt(1 - nu**2)
+    assert Strain(radius=1.01 / curvature).warnings(tube) == []
+    [told] = Strain(radius=0.99 / curvature).warnings(tube)
+    assert "kinks" in told
+    assert Strain(radius=0.99 / curvature).warnings(model) == []
+
+
 def test_radius_of_a_curve() -> None:
     arc = np.array([[np.cos(t), np.sin(t), 0.0] for t in np.linspace(0, 1, 9)])
     assert tightest_radius(3e-3 * arc) == pytest.approx(3e-3)
