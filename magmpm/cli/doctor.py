@@ -31,7 +31,7 @@ PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold s
 EXTRAS_FOR = {
     "render": "pictures by PyVista, and movies", "magnets": "fields of magnets of any shape", "dashboard": "magmpm dashboard",
     "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna", "fem": "finite-element references", "test": "the tests and linters",
-    "report": "magmpm report as PDF", "view": "magmpm view", "workers": "studies on several machines",
+    "report": "magmpm report as PDF", "docs": "make docs", "notebook": "make test-docs", "view": "magmpm view", "workers": "studies on several machines",
 }  # fmt: skip
 
 
@@ -83,7 +83,8 @@ def _line(check: Check) -> str:
 def _python() -> Check:
     found = f"{platform.python_version()} at {sys.executable}, {platform.system()} {platform.machine()}"
     if sys.prefix == sys.base_prefix:
-        return Check("Python", WARN, f"{found}, no virtual environment", f"{sys.executable} -m venv .venv keeps the libraries of others apart")
+        remedy = f"{sys.executable} -m venv .venv keeps the libraries of others apart"
+        return Check("Python", WARN, f"{found}, no virtual environment", remedy)
     return Check("Python", OK, found)
 
 

@@ -53,7 +53,8 @@ def _away(tip: Any, stored: tuple[float, float]) -> float:
 
 
 def _stored() -> dict[str, Any]:
-    from magmpm import Scene, run
+    from magmpm.scene import Scene
+    from magmpm.simulate import run
 
     result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 2}}))
     return _row("equilibrium", _away(result.tip, EQUILIBRIUM), SOLVED, "at most 1e-6 from what is stored: where the solve ends", result)
@@ -62,7 +63,8 @@ def _stored() -> dict[str, Any]:
 def _known() -> dict[str, Any]:
     import numpy as np
 
-    from magmpm import Scene, run
+    from magmpm.scene import Scene
+    from magmpm.simulate import run
     from magmpm.results.measures import centreline_at
 
     result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 4}}))
@@ -72,7 +74,8 @@ def _known() -> dict[str, Any]:
 
 def _stability() -> dict[str, Any]:
     """The softest stiffness over that of the unloaded body, an eigenvalue: it sees the whole tangent."""
-    from magmpm import Scene, run
+    from magmpm.scene import Scene
+    from magmpm.simulate import run
 
     result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 2}}))
     found = float(result.stability or 0.0)
@@ -84,7 +87,8 @@ def _stability() -> dict[str, Any]:
 
 
 def _motion() -> dict[str, Any]:
-    from magmpm import Scene, run
+    from magmpm.scene import Scene
+    from magmpm.simulate import run
 
     moving = {"solver": {"dynamic": {"duration": 5e-3}}, "effects": {"magnetic_torque": {}, "damping": {"rate": 60.0}}}
     result = run(Scene.from_si({**SCENE, **moving, "resolution": {"cells_across": 2}}))
