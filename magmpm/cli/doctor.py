@@ -31,7 +31,8 @@ PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold s
 EXTRAS_FOR = {
     "render": "pictures by PyVista, and movies", "magnets": "fields of magnets of any shape", "dashboard": "magmpm dashboard",
     "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna", "fem": "finite-element references", "test": "the tests and linters",
-    "report": "magmpm report as PDF", "docs": "make docs", "notebook": "make test-docs", "view": "magmpm view", "workers": "studies on several machines",
+    "docs": "make docs", "notebook": "make test-docs",
+    "report": "magmpm report as PDF", "view": "magmpm view", "workers": "studies on several machines",
 }  # fmt: skip
 
 

@@ -63,9 +63,9 @@ def _stored() -> dict[str, Any]:
 def _known() -> dict[str, Any]:
     import numpy as np
 
+    from magmpm.results.measures import centreline_at
     from magmpm.scene import Scene
     from magmpm.simulate import run
-    from magmpm.results.measures import centreline_at
 
     result = run(Scene.from_si({**SCENE, "resolution": {"cells_across": 4}}))
     place = centreline_at(result, np.array([KNOWN_AT]))[0]
