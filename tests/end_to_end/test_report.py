@@ -136,3 +136,20 @@ def test_a_page_that_cannot_be_printed_says_what_to_install(tmp_path: Path, monk
     with pytest.raises(PrintError, match=r"WeasyPrint is not at hand.*no Chromium.*magmpm\[report\]"):
         printed("<p>page</p>", tmp_path / "page.pdf")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_page_is_printed_where_a_printer_is(tmp_path: Path) -> None:
+    """By WeasyPrint or Chromium; skipped where neither is: pip install 'magmpm[report]', or apt-get install chromium."""
+    from viz.sheet import PrintError, printed
+
+    folder = finished(tmp_path, trials=2)
+    reported(folder, "--quick")
+    try:
+        by = printed((folder / "report.html").read_text(encoding="utf-8"), tmp_path / "page.pdf")
+    except PrintError as error:
+        pytest.skip(str(error))
+    content = (tmp_path / "page.pdf").read_bytes()
+    assert by
+    assert content.startswith(b"%PDF")
+    assert len(content) > 10_000

@@ -40,15 +40,15 @@ def printed(html: str, path: Path) -> str:
 def _by_weasyprint(html: str, path: Path) -> str:
     try:
         import weasyprint
+        from weasyprint.urls import URLFetcher
     except (ImportError, OSError) as error:  # OSError: Pango, which it draws with, is missing
         raise PrintError(f"WeasyPrint is not at hand ({str(error).splitlines()[0]})") from None
 
-    def nothing_else(url: str, *_: object, **__: object) -> object:
-        if url.startswith("data:"):
-            return weasyprint.default_url_fetcher(url)
-        raise ValueError(f"a page loads nothing from elsewhere: {url}")
-
-    weasyprint.HTML(string=html, url_fetcher=nothing_else).write_pdf(str(path))
+    try:
+        only_within = URLFetcher(allowed_protocols=["data"])  # a page loads nothing from elsewhere
+        weasyprint.HTML(string=html, url_fetcher=only_within).write_pdf(str(path))
+    except Exception as error:  # a printer's own faults: the other one may do
+        raise PrintError(f"WeasyPrint did not print ({type(error).__name__}: {error})") from None
     return f"WeasyPrint {weasyprint.__version__}"
 
 
