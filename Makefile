@@ -7,12 +7,13 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
+.PHONY: test-workers faults fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
+	@echo "make test-workers  several workers on PostgreSQL (apt-get install postgresql) and Optuna's gRPC proxy, killed now and then"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
@@ -73,6 +74,15 @@ $(GP_VENV)/.ready: setup.cfg pyproject.toml constraints.txt
 test-gp: $(GP_VENV)/.ready
 	$(GP_VENV)/bin/python -c "import torch; print('torch', torch.__version__)"
 	$(GP_VENV)/bin/python -m pytest tests/studies -k "gp or GP" -rs
+
+# Several workers need a database server, which the tests start themselves on the loopback.
+$(VENV)/.ready-workers: $(VENV)/.ready-test
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[postgresql,grpc,s3,test]'
+	@touch $@
+
+test-workers: $(VENV)/.ready-workers
+	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || echo "no PostgreSQL here: apt-get install postgresql"
+	$(BIN)/python -m pytest tests/workers -rs
 
 bench-sampler: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/sampler.py $(or $(SAMPLER),tpe)

@@ -1,77 +1,55 @@
 """The study itself: ask for a design, solve, compare, keep, until it is good enough or the trials are used up.
 
-One trial at a time, by Optuna's ask and tell. A trial depends only on the study's definition, its seed and the earlier trials. A process
-may end at any moment; the next one continues as if nothing had happened.
+By Optuna's ask and tell. With one worker, a trial depends only on the study's definition, its seed and the earlier trials; with several,
+also on which trials were running when it was asked for. A process may end at any moment; the next one continues as if nothing had happened.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import shutil
 import statistics
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
-from studies.best_scene import write_best_scene
 from studies.definition import Study
-from studies.insertion import Insertion, shapes_of
-from studies.judged import judged
-from studies.limited_designs import improved
-from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
-from studies.objectives import pareto_report, trial_values
-from studies.reach import findings
+from studies.insertion import Insertion
+from studies.judge import FAILURES, Judge, Judged, Picture, trial_of
+from studies.linear_model import Differentiate, needs_derivatives
+from studies.objectives import trial_values
+from studies.opened import STARTS, OpenStudy
 from studies.report import StudyReport
-from studies.rod_designs import rod_starts
-from studies.samplers import check_available, check_suits, make_sampler, settings
-from studies.schedule import Schedule
+from studies.samplers import check_available, check_suits, check_workers, make_sampler
 from studies.search_space import SearchSpace
-from studies.storage import (
-    TIMEOUT,
-    StorageError,
-    claim_folder,
-    must_exist,
-    must_hold,
-    open_storage,
-    open_study,
-    shown_url,
-    storage_faults,
-    storage_url,
-)
-from studies.trial import Outcome, Solve, Trial, attributes, constraints, evaluate
+from studies.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder, shown_url, storage_url
+from studies.trial import Solve, Trial, constraints
 from studies.well_posed import check_search
+from studies.workers.per_trial import READY, PerTrial
+from studies.workers.pool import Pool
+from studies.workers.sessions import Session
 
 if TYPE_CHECKING:
     import optuna
     from optuna.samplers import BaseSampler
-    from optuna.trial import FrozenTrial
 
-    from magmpm.results.result import Result
-    from magmpm.scene import Scene
+__all__ = ["FAILURES", "STARTS", "Picture", "check_study", "kernel_uses", "run_study"]
 
-FAILURES = "failures.log"
-JUDGED = "judged"  # attribute of a study: its best designs on finer grids
-STARTS = "starts"  # attribute of a study: the rod's designs
 REMEMBERED = 50  # durations of trials by which the time left is guessed
+LOOK = 1.0  # s between two looks at what other sessions do
 
 
-class Picture(Protocol):
-    """Draws a trial's result to a file; returns the file (another ending is fine). What it raises never harms the trial."""
-
-    def __call__(self, result: Result, path: Path, trial: Trial) -> Path: ...
-
-
-def check_study(study: Study) -> list[str]:
+def check_study(study: Study, workers: int | None = None) -> list[str]:
     """What the search of a study should know, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
     check_available(study.sampler)
     check_suits(study)
+    check_workers(study, workers)
     return check_search(study, SearchSpace.of(study))
 
 
@@ -88,31 +66,42 @@ def run_study(
     sampler: str | None = None,
     storage: str | None = None,
     storage_timeout: float = TIMEOUT,
+    workers: int | None = None,
+    outage: float = OUTAGE,
 ) -> StudyReport:
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
     solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
     use them (magmpm.sensitivities); ValueError where it is missing. trials, sampler: in place of the study's; trials
     counts all trials, including those of earlier runs; if it is given, the study runs that many, past its `stop` too. After an interrupt
-    (Ctrl-C) everything finished is kept. on_advice: called before the first trial with what a user should know of the search.
+    (Ctrl-C) everything finished is kept. on_advice: called before the first trial with what a user should know of the search, and when
+    the storage's server goes away and comes back, for which `outage` s are waited. workers: processes that solve; then solve, differentiate
+    and picture must be importable or picklable, and other sessions may share the storage, if it is not the folder's own. None: this
+    process solves, and works on the study alone.
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
-    advice = check_study(study)
+    advice = check_study(study, workers)
     if needs_derivatives(study) and differentiate is None:
         raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
     if on_advice is not None:
         on_advice(advice)
     folder = Path(out)
     url = storage_url(folder, storage)
+    shared = workers is not None and storage is not None
+    store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(study, folder, url, storage_timeout, differentiate)
-        ended = run.to_the_end(solve, picture, on_trial, study.stop_rms if trials is None else None)
+        run = _Run(Judge(study, solve, differentiate, picture, folder), folder, store, shared)
+        stop = study.stop_rms if trials is None else None
+        if workers is None or (workers == 1 and not shared):
+            ended = run.to_the_end(on_trial, stop)
+        else:
+            ended = run.with_workers(workers, on_trial, stop)
         if ended != "interrupted":
-            run.keep_best(solve)
-        summary = dataclasses.replace(run.report(ended), warnings=advice)
+            run.keep_best()
+        summary = dataclasses.replace(run.report(ended), warnings=[*advice, *run.notes])
         summary.save()
     return summary
 
@@ -134,180 +123,157 @@ def _trials_kept(url: str) -> Iterator[None]:
         raise kind(explained(error, kept)) from None
 
 
-class _Run:
-    """A study that is open in this process."""
+class _Run(OpenStudy):
+    """A study that this process works on."""
 
-    def __init__(self, study: Study, out: Path, url: str, timeout: float, differentiate: Differentiate | None) -> None:
-        import optuna
-
-        optuna.logging.set_verbosity(optuna.logging.ERROR)
-        self.study, self.out, self.url, self.timeout, self.differentiate = study, out, url, timeout, differentiate
-        self.space = SearchSpace.of(study)
-        self.trajectory = Insertion.of(study, self.space) or Schedule.of(study, self.space)
-        self.distributions = self.space.distributions()
-        search = {"parameters": list(self.distributions), **settings(study.sampler)}
-        held = records.designs(out)
-        if held:
-            must_exist(url, out)
-        self.storage = open_storage(url, timeout)
-        must_hold(self.storage, study.name, held, out, url, timeout)
-        definition = {**study.definition(), "search": search}
-        self.kept = open_study(self.storage, study, definition, out, url, timeout)
+    def __init__(self, judge: Judge, out: Path, store: Store, shared: bool) -> None:
+        super().__init__(judge, out, store)
+        self.shared, self.session = shared, Session(self.kept, store, out, shared)
+        self.session.begin()
         self.starts = self.rod_starts()
-        self.gallery = records.Gallery(out, self.storage)
+        self.kept.sampler = self.sampler()
+        self.gallery = records.Gallery(out, self.storage, store.url)
+        self.deaths, self.looked = 0, 0.0
+        self.look()
+        self.durations = [t.user_attrs["seconds"]["total"] for t in self.finished() if "seconds" in t.user_attrs]
+
+    @property
+    def notes(self) -> list[str]:
+        """What happened to trials and workers on the way, a sentence each."""
+        died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
+        return [*self.session.lost, *[died] * (self.deaths > 0)]
+
+    def look(self) -> None:
+        """See what is finished."""
         finished = self.finished()
         best = report.best_trial(finished)
         self.count, self.best = len(finished), None if best is None else best.values[0]
-        self.durations = [t.user_attrs["seconds"]["total"] for t in finished if "seconds" in t.user_attrs]
 
-    def finished(self) -> list[FrozenTrial]:
-        """Finished trials in order."""
-        from optuna.trial import TrialState
+    def sampler(self) -> BaseSampler:
+        """What chooses the trials."""
+        study, insertion = self.study, self.judge.trajectory
 
-        with storage_faults(self.url, self.timeout):
-            return list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
+        def of(number: int) -> BaseSampler:
+            if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
+                from studies.projected import FieldsByRod
 
-    def rod_starts(self) -> list[dict[str, float]]:
-        """The rod's best designs, if this study begins with them. They are found once and kept with the study."""
-        if self.study.sampler != "gauss-newton" and self.study.start is None:
-            return []
-        with storage_faults(self.url, self.timeout):
-            if STARTS not in self.kept.user_attrs:
-                if self.trajectory is not None:
-                    starts = self.trajectory.rod_starts()
-                else:
-                    starts = rod_starts(self.space, self.study.target, self.study.seed)
-                    starts = improved(self.space, self.study.target, starts)
-                self.kept.set_user_attr(STARTS, starts)
-            return list(self.kept.user_attrs[STARTS])
+                return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
+            return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
 
-    def queue_start(self) -> None:
-        """Makes the rod's next design the next trial, for samplers that do not begin from the rod's designs by themselves.
+        first = self.starts if study.sampler != "gauss-newton" else []
+        return PerTrial(of, starts=first, session=self.session.name if self.shared else None, wait=self.shared)
 
-        Only as it is due, so that a trial's number says which design it has: `ask` takes what waits before it asks the sampler.
-        """
-        from optuna.trial import TrialState
+    def ended(self, stop: float | None) -> report.Ended | None:
+        """Why no more trials are wanted, if so; stop: m."""
+        if stop is not None and self.best is not None and self.best <= stop:
+            return "stop"
+        return "trials" if self.count >= self.study.trials else None
 
-        due = self.study.start == "rod" and self.study.sampler != "gauss-newton" and self.count < len(self.starts)
-        if due and not self.kept.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
-            self.kept.enqueue_trial(self.starts[self.count], user_attrs={"start": "rod"})
-
-    def to_the_end(
-        self,
-        solve: Solve,
-        picture: Picture | None,
-        on_trial: Callable[[Trial], None] | None,
-        stop: float | None,
-    ) -> report.Ended:
-        """Runs the remaining trials, or until one comes within `stop`, m. Returns why it ended."""
+    def to_the_end(self, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
+        """Runs the remaining trials in this process, or until one comes within `stop`, m. Returns why it ended."""
         while True:
-            if stop is not None and self.best is not None and self.best <= stop:
-                return "stop"
-            if self.count >= self.study.trials:
-                return "trials"
+            ended = self.ended(stop)
+            if ended is not None:
+                return ended
             try:
-                trial = self.one_trial(solve, picture)
-                if on_trial is not None:
+                trial = self.one_trial()
+                if trial is not None and on_trial is not None:
                     on_trial(trial)
             except KeyboardInterrupt:
                 return "interrupted"
 
-    def one_trial(self, solve: Solve, picture: Picture | None) -> Trial:
+    def one_trial(self) -> Trial | None:
         """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
-        with storage_faults(self.url, self.timeout):
-            self.kept.sampler = self.sampler()
-            self.queue_start()
-            asked = self.kept.ask(self.distributions)
+        asked = self.ask()
         try:
-            scene = self.scene_of(asked.params)
-            outcome = self.outcome(solve, asked.params, scene)
-            known = attributes(
-                outcome, scene, self.space.directions(asked.params), self.space.field(asked.params)
-            )
-            known |= self.space.quantities(asked.params)
-            return self.keep(asked, outcome, known, picture, begun)
+            return self.keep(asked, self.judge.judged(asked.number, asked.params), begun)
         except KeyboardInterrupt:
-            self.put_back(asked)
+            self.session.put_back(asked._trial_id)
             raise
 
-    def scene_of(self, params: Mapping[str, Any]) -> Scene:
-        """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""
-        return self.space.scene_of(params) if self.trajectory is None else self.trajectory.scenes(params)[-1]
+    def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
+        """As `to_the_end`, with processes that solve. Trials that are being solved when one comes within `stop` are finished and kept."""
+        at_work: dict[int, tuple[optuna.Trial, float]] = {}
+        with Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
+            try:
+                while True:
+                    self.look_around(set(at_work))
+                    ended = self.ended(stop)
+                    if pool is None or (ended is not None and not at_work):
+                        return ended or "trials"
+                    while ended is None and pool.idle and self.wanted(len(at_work)):
+                        begun, asked = time.perf_counter(), self.ask()
+                        if not self.shared or self.in_time(asked):
+                            at_work[asked.number] = asked, begun
+                            pool.begin(asked.number, asked.params)
+                    for number, answer in pool.answers(LOOK):
+                        asked, begun = at_work[number]
+                        judged = answer if isinstance(answer, Judged) else self.judge.failed(asked.params, answer)
+                        trial = self.keep(asked, judged, begun)
+                        del at_work[number]
+                        if trial is not None and on_trial is not None:
+                            on_trial(trial)
+                    self.deaths = pool.deaths
+            except BaseException as error:
+                for asked, _ in at_work.values():
+                    self.session.put_back(asked._trial_id)
+                if isinstance(error, KeyboardInterrupt):
+                    return "interrupted"
+                raise
 
-    def outcome(self, solve: Solve, params: Mapping[str, Any], scene: Scene) -> Outcome:
-        """A trial's outcome, with what its sampler reads."""
-        if self.trajectory is not None:
-            differentiate = self.differentiate if self.study.sampler == "gauss-newton" else None
-            return self.trajectory.evaluate(solve, differentiate, params, self.out / FAILURES)
-        return evaluate(self.solved(solve, params), scene, self.study.target, self.out / FAILURES, self.study.margin)
+    def look_around(self, mine: set[int]) -> None:
+        """What other sessions have done meanwhile, and have left behind."""
+        if self.shared and time.monotonic() - self.looked > LOOK:
+            self.session.beat()
+            self.session.sweep(mine)
+            self.look()
+            self.looked = time.monotonic()
 
-    def sampler(self) -> BaseSampler:
-        """What chooses the next trial."""
-        study, insertion = self.study, self.trajectory
-        if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
-            from studies.projected import FieldsByRod
-
-            return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, self.count), insertion)
-        return make_sampler(study.sampler, self.space, study.seed, self.count, starts=self.starts, goal=study.stop_rms or 0.0)
-
-    def solved(self, solve: Solve, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
-        """How the trial with these parameters is solved: with derivatives where they are read."""
-        differentiate = self.differentiate
-        if differentiate is None or not needs_derivatives(self.study):
-            return solve
-        return lambda scene: solve_with_derivatives(differentiate, scene, self.study, self.space, params)
-
-    def put_back(self, asked: optuna.Trial) -> None:
-        """Lets `ask` take up this trial again, with the same number and parameters, unless it has ended."""
+    def wanted(self, at_work: int) -> bool:
+        """Whether another trial is wanted beside those that are being solved, at_work of them here."""
         from optuna.trial import TrialState
 
-        with storage_faults(self.url, self.timeout):
-            if not self.storage.get_trial(asked._trial_id).state.is_finished():
-                self.storage.set_trial_state_values(asked._trial_id, state=TrialState.WAITING)
+        if not self.shared:
+            return self.count + at_work < self.study.trials
+        known = [t.state for t in self.store(lambda: self.kept.get_trials(deepcopy=False)) if t.state != TrialState.FAIL]
+        return len(known) < self.study.trials or TrialState.WAITING in known
 
-    def keep(
-        self,
-        asked: optuna.Trial,
-        outcome: Outcome,
-        known: dict[str, Any],
-        picture: Picture | None,
-        begun: float,
-    ) -> Trial:
-        """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count."""
-        result = outcome.result
-        improved = outcome.accepted and (self.best is None or outcome.value < self.best)
-        best = outcome.value if improved else self.best
-        trial = Trial(
-            asked.number,
-            outcome.value,
-            outcome.tip_error,
-            best,
-            improved,
-            outcome.reason,
-            self.study.target,
-            shapes=shapes_of(outcome.model),
-        )
-        solved = time.perf_counter()
-        if result is not None and picture is not None:
-            note = self.gallery.add(asked, lambda path: picture(result, path, trial))
+    def ask(self) -> optuna.Trial:
+        """The next trial, with its design."""
+        asked = self.store(lambda: self.kept.ask(self.distributions))
+        if self.shared:
+            self.store(lambda: self.storage.set_trial_user_attr(asked._trial_id, READY, True))
+        return asked
+
+    def in_time(self, asked: optuna.Trial) -> bool:
+        """Whether a trial is one of those that are wanted; one that another session was faster with is withdrawn."""
+        from optuna.trial import TrialState
+
+        known = self.store(lambda: self.kept.get_trials(deepcopy=False))
+        before = sum(t.number < asked.number and t.state != TrialState.FAIL for t in known)
+        if before < self.study.trials:
+            return True
+        self.session.withdraw(asked._trial_id)
+        return False
+
+    def keep(self, asked: optuna.Trial, judged: Judged, begun: float) -> Trial | None:
+        """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count.
+
+        None where another session has taken up the trial meanwhile, because this one could not reach the storage for long.
+        """
+        outcome, known = judged.outcome, judged.known
+        trial = trial_of(self.study, asked.number, outcome, self.best)
+        if judged.files:
+            note = self.store(lambda: self.gallery.attach(asked, judged.files))
             known |= {} if note is None else {"picture_note": note}
-        drawn = time.perf_counter()
-        if result is not None and improved:
+        if outcome.result is not None and trial.improved:
             design = {"number": asked.number, "rms_m": outcome.rms, "params": asked.params, **known}
-            records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", result, design)
-        with storage_faults(self.url, self.timeout):
-            for key, value in known.items():
-                asked.set_user_attr(key, value)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
-                for key, value in constraints(outcome, self.study.margin).items():
-                    asked.set_constraint(key, value)
-            # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
-            seconds = {"solve": outcome.seconds, "render": drawn - solved, "total": time.perf_counter() - begun}
-            asked.set_user_attr("seconds", seconds)
-            self.kept.tell(asked, trial_values(self.study.minimize, self.space, asked.params, outcome.value, not outcome.accepted))
-        self.count, self.best = self.count + 1, best
+            records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", outcome.result, design)
+        if not self.store(lambda: self.told(asked, judged, begun)):
+            self.session.lost.append(f"trial {asked.number}: taken up by another session while this one could not reach the storage")
+            return None
+        self.count, self.best = self.count + 1, trial.best_rms_m
         self.durations.append(time.perf_counter() - begun)
         del self.durations[:-REMEMBERED]
         left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
@@ -319,82 +285,26 @@ class _Run:
             seconds_left=left,
         )
 
-    def keep_best(self, solve: Solve) -> None:
-        """Makes sure that OUT/best holds the best trial and its scene; solves it again if its result is not in this folder."""
-        best = report.best_trial(self.finished())
-        if best is None:
-            return
-        self.mend_improvements(solve)
-        if not records.holds(self.out / records.BEST, best):
-            self.replace_best(best, solve)
-        self.judge(solve)
-        if records.holds(self.out / records.BEST, best):
-            if isinstance(self.trajectory, Insertion):
-                self.trajectory.keep_best(self.out / records.BEST, solve, best.params)
-                return
-            write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
+    def told(self, asked: optuna.Trial, judged: Judged, begun: float) -> bool:
+        """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
+        from optuna.exceptions import UpdateFinishedTrialError
+        from optuna.trial import TrialState
 
-    def judge(self, solve: Solve) -> None:
-        """Runs the best designs with the error that the study's scene asks for, if it does. What is found is kept with the study."""
-        if self.study.asked is None:
-            return
-        with storage_faults(self.url, self.timeout):
-            known = self.kept.user_attrs.get(JUDGED, [])
-            found = judged(self.study, report.nearest_first(self.finished()), lambda trial: self.scene_of(trial.params), solve, known)
-            self.kept.set_user_attr(JUDGED, found)
-
-    def mend_improvements(self, solve: Solve) -> None:
-        """Solves again those designs among the best so far that can't be read."""
-        trials = {trial.number: trial for trial in self.finished()}
-        for folder in sorted((self.out / records.IMPROVEMENTS).glob("[0-9]*")):
-            trial = trials.get(int(folder.name)) if folder.name.isdigit() else None
-            if trial is None or records.holds(folder, trial):
-                continue
-            try:
-                records.save_design(folder, self.solved_again(solve, trial), report.whole_design(trial))
-            except SolveError:
-                shutil.rmtree(folder)  # a picture less, where it would stop all of them
-
-    def replace_best(self, best: FrozenTrial, solve: Solve) -> None:
-        """Puts the best trial's result into OUT/best."""
-        source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
-        if not records.holds(source, best):
-            try:
-                result = self.solved_again(solve, best)
-            except SolveError:
-                return  # it has been solved elsewhere; parameters and numbers stay in the report
-            records.save_design(source, result, report.whole_design(best))
-        records.replace_folder(source, self.out / records.BEST)
-
-    def solved_again(self, solve: Solve, trial: FrozenTrial) -> Result:
-        """The result of a trial; of an insertion or a schedule that of its end. Raises SolveError."""
-        return solve(self.scene_of(trial.params)) if self.trajectory is None else self.trajectory.last_result(solve, trial.params)
-
-    def report(self, ended: report.Ended) -> StudyReport:
-        """The study as it stands."""
-        trials = self.finished()
-        best, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
-        return StudyReport(
-            name=self.study.name,
-            out=self.out,
-            storage=shown_url(self.url),
-            sampler=self.study.sampler,
-            seed=self.study.seed,
-            wanted=self.study.trials,
-            stop_rms_m=self.study.stop_rms,
-            trials=len(trials),
-            failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
-            refused=sum(report.refused(t) for t in trials),
-            best=None if best is None else report.describe(best),
-            first_trial_below_stop=None if first is None else first.number,
-            seconds_per_trial=report.seconds_per_trial(trials),
-            ended=ended,
-            rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
-            measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
-            failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
-            reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
-            judged=self.kept.user_attrs.get(JUDGED, []),
-            study_file=str(self.study.path.resolve()),
-            limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
-            front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
-        )
+        try:
+            for key, value in judged.known.items():
+                asked.set_user_attr(key, value)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
+                for key, value in constraints(judged.outcome, self.study.margin).items():
+                    asked.set_constraint(key, value)
+            # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
+            total = time.perf_counter() - begun
+            asked.set_user_attr("seconds", {"solve": judged.outcome.seconds, "render": judged.drawing, "total": total})
+            values = trial_values(self.study.minimize, self.space, asked.params, judged.outcome.value, not judged.outcome.accepted)
+            self.kept.tell(asked, values)
+        except (UpdateFinishedTrialError, ValueError):
+            state = self.storage.get_trial(asked._trial_id).state
+            if not state.is_finished():
+                raise
+            return state == TrialState.COMPLETE
+        return True

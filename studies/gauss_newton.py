@@ -15,7 +15,8 @@ then points of a low-discrepancy sequence (Roberts' generalized golden ratio).
 
 Every suggestion depends only on the seed and the finished trials: what a step began from is kept with its trial (the system attribute
 PLAN), and the rest is read from there. So a study that is resumed, by any process, is the same study, and suggestions do not get slower.
-This file and gauss_newton_steps.py need Optuna, NumPy and SciPy alone.
+While a trial of a descent is running, another one begins from the next start: several workers follow several descents.
+This file, running.py and gauss_newton_steps.py need Optuna, NumPy and SciPy alone.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
 from studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number, Step
+from studies.running import others_running
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 
@@ -78,7 +80,8 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
     ) -> dict[str, Any]:
         ended = (TrialState.COMPLETE, TrialState.FAIL, TrialState.PRUNED)
         trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
-        plan = self._plan(trials)
+        running, _ = others_running(study, trial, search_space)
+        plan = self._plan(trials, running)
         study._storage.set_trial_system_attr(trial._trial_id, PLAN, plan.kept)
         return plan.params
 
@@ -90,14 +93,17 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
         return (param_distribution.low + param_distribution.high) / 2
 
-    def _plan(self, trials: Sequence[FrozenTrial]) -> _Plan:
-        """The next trial: a step from the descent's best design so far, or a start."""
+    def _plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> _Plan:
+        """The next trial: a step from the descent's best design so far, or a start. Descents with a running trial wait for it."""
         known = {t.number: t for t in trials}
-        found = self._base(trials, known)
+        busy = {_start(t) for t in running}
+        free = [t for t in trials if _start(t) not in busy]
+        found = self._base(free, known)
+        trials = [*trials, *running]
         if found is not None:
             base, radius = found
             x, residuals, jacobian = self._space.read(base.params), *_model(base)
-            step = self._space.step(x, residuals, jacobian, radius, self._curvature(trials[-1], known, x, jacobian))
+            step = self._space.step(x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian))
             there = self._space.write(self._space.moved(x, step.p))
             if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
                 kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}

@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
 from studies.blocks import Direction, FieldVector
+from studies.running import others_running
 from studies.search_space import SearchSpace
 from studies.shape_model import ShapeModel, layout_of
 
@@ -37,7 +38,10 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.
 
 
 class ShapeSampler(optuna.samplers.BaseSampler):
-    """Chooses the trial after `finished` ones by a Gaussian process of the shape. The choice depends on seed and finished trials alone."""
+    """Chooses the trial after `finished` ones by a Gaussian process of the shape.
+
+    The choice depends on the seed, and on finished and running trials alone.
+    """
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
         self._space, self._seed, self._finished = space, seed, finished
@@ -61,17 +65,25 @@ class ShapeSampler(optuna.samplers.BaseSampler):
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+        running, before = others_running(study, trial, search_space)
         order = self._order(trials)
-        if len(trials) < ALIKE:
-            return self._space.parameters_at(self._alike(len(trials)) * self._scale, order)
+        if len(trials) + before < ALIKE:
+            return self._space.parameters_at(self._alike(len(trials) + before) * self._scale, order)
+        running = [t for t in running if t.params.get("order") == order]
         known = [t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order]
-        tried = np.array([self._embedded(t) for t in trials if t.params.get("order") == order]).reshape(-1, self._space.size)
+        done = [self._embedded(t) for t in trials if t.params.get("order") == order]
+        asked = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
+        tried = np.concatenate([np.array(done).reshape(-1, self._space.size), asked])
         if len(known) < ALIKE or not self._space.size:
             return self._space.parameters_at(self._drawn() * self._scale, order)
         known = sorted(known, key=lambda t: (_square(t), t.number))[:MOST]
         x = np.array([self._embedded(t) for t in known])
         self._caution = 1.0 if _improved(trials) else 0.0
-        model = ShapeModel(self._layout, x, np.array([t.user_attrs["residuals"] for t in known], dtype=float))
+        residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
+        model = ShapeModel(self._layout, x, residuals)
+        if len(asked):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
+            expected = np.array([model.predicted(one)[0] for one in asked])
+            model = ShapeModel(self._layout, np.concatenate([x, asked]), np.concatenate([residuals, expected]))
         chosen = self._farthest(model) if self._stuck(trials) else self._least(model, x, tried)
         return self._space.parameters_at(chosen * self._scale, order)
 

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.inputs.regular_file import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
+from studies.judge import PICTURES
+from studies.storage import StorageError, storage_faults
 
 if TYPE_CHECKING:
     import optuna
@@ -25,44 +27,42 @@ if TYPE_CHECKING:
 
 BEST = "best"
 IMPROVEMENTS = "improvements"
-PICTURES = "pictures"
 ARTIFACTS = "artifacts"
 DESIGN = "design.json"
-
-_ARTIFACT = "artifacts:"  # Optuna's prefix of the attributes that name a trial's artifacts
 
 
 class Gallery:
     """The pictures of a study's trials, as files and as Optuna artifacts."""
 
-    def __init__(self, out: Path, storage: optuna.storages.BaseStorage) -> None:
+    def __init__(self, out: Path, storage: optuna.storages.BaseStorage, url: str) -> None:
         from optuna.artifacts import FileSystemArtifactStore
 
-        self._out, self._storage = out, storage
+        self._storage, self._url = storage, url
         (out / ARTIFACTS).mkdir(parents=True, exist_ok=True)
         (out / PICTURES).mkdir(parents=True, exist_ok=True)
         self._store = FileSystemArtifactStore(str(out / ARTIFACTS))
 
-    def add(self, trial: optuna.Trial, draw: Callable[[Path], Path]) -> str | None:
-        """Draws a trial's picture and attaches it. Returns the reason if there is none: a missing picture never fails a trial."""
+    def attach(self, trial: optuna.Trial, files: Sequence[Path]) -> str | None:
+        """Attaches a trial's pictures. Returns the reason if that is not possible: a missing picture never fails a trial.
+
+        What an interrupted run of the same trial has attached already is replaced.
+        """
+        from optuna.artifacts import get_all_artifact_meta, upload_artifact
+
         try:
-            path = draw(self._out / PICTURES / f"trial_{trial.number:03d}.png")
-            self._attach(trial, path)
-        except Exception as error:  # drawing goes through OpenGL, worker processes and disks
+            with storage_faults(self._url):
+                known = {meta.filename: meta.artifact_id for meta in get_all_artifact_meta(trial, storage=self._storage)}
+                for path in files:
+                    if path.name in known:
+                        with path.open("rb") as stream:
+                            self._store.write(known[path.name], stream)
+                    else:
+                        upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
+        except StorageError:
+            raise
+        except Exception as error:  # files go through disks and networks
             return f"{type(error).__name__}: {error}"
         return None
-
-    def _attach(self, trial: optuna.Trial, path: Path) -> None:
-        """Uploads the picture; one that an interrupted run of the same trial has attached already is replaced."""
-        from optuna.artifacts import upload_artifact
-
-        names = self._storage.get_trial_system_attrs(trial._trial_id)
-        known = [name.removeprefix(_ARTIFACT) for name in names if name.startswith(_ARTIFACT)]
-        if known:
-            with path.open("rb") as stream:
-                self._store.write(known[0], stream)
-        else:
-            upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
 
 
 def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from studies.study import Study
 
 POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
+MOST_WORKERS = 256  # processes of one session
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
 _TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
@@ -62,6 +63,15 @@ def check_suits(study: Study) -> None:
     if study.vary.order is not None and name not in TAKE_CHOICES:
         rule = f"{name} can't choose an order of segments"
         raise InputError(report(where, received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
+
+
+def check_workers(study: Study, workers: int | None) -> None:
+    """Raises InputError for a number of workers that can't be, or whose trials this study's sampler can't choose."""
+    if workers is None:
+        return
+    if not 1 <= workers <= MOST_WORKERS:
+        rule = f"must be from 1 to {MOST_WORKERS}"
+        raise InputError(report("--workers", received=str(workers), rule=rule, remedy="--workers 2, or as many as there are cores"))
 
 
 def settings(name: str) -> dict[str, Any]:

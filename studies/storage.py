@@ -6,16 +6,16 @@ other writers.
 
 from __future__ import annotations
 
+import importlib.util
 import json
-import os
-import socket
 import sqlite3
+import sys
+import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from magmpm.errors import InputError, MagmpmError, report
 from magmpm.results.run_folder import holds_run
@@ -23,81 +23,119 @@ from magmpm.results.whole_file import naming
 from studies.definition import Study, definition_hash, differences
 from studies.file_names import DATABASE, OWNER, REPORT
 from studies.objectives import NAMES
+from studies.storage_url import (
+    GRPC,
+    grpc_address,
+    is_server,
+    refuse_memory,
+    shown_url,
+    storage_url,
+    without_passwords,
+)
+
+__all__ = ["DATABASE", "OWNER", "TIMEOUT", "StorageAway", "StorageError", "Store", "open_storage", "shown_url", "storage_url"]
 
 if TYPE_CHECKING:
     import optuna
-    from sqlalchemy.engine import URL
 
+Kept = TypeVar("Kept")
 TIMEOUT = 60.0  # s to wait for a locked database
+OUTAGE = 600.0  # s to wait for a server that was there and does not answer any more
+CONNECTING = 10.0  # s to wait for a server's first answer
+# a connection that is cut without a word is noticed within half a minute (libpq's settings; the last in milliseconds)
+_SHORT_WAITS = {
+    "connect_timeout": int(CONNECTING), "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 30000,
+}  # fmt: skip
 _CORRUPT = ("malformed", "corrupt", "disk image")
-STALE = 600.0  # s after which a trial begun on another machine counts as left behind
 
 
 class StorageError(MagmpmError):
     """The database of trials can't be used at the moment: locked, gone, full."""
 
 
-def storage_url(out: Path, url: str | None) -> str:
-    """The database's URL: as given, or OUT/study.db. Raises InputError if it is not a URL."""
-    if url is None:
-        return f"sqlite:///{(out / DATABASE).resolve()}"
-    if "://" not in url:
-        from sqlalchemy.engine import make_url
-
-        rule, file = "must be the URL of a database", f"sqlite:///{url}"
-        remedy = f"write, say, {f'sqlite:///{DATABASE}' if _in_memory(make_url(file)) else file}"
-        raise InputError(report("--storage", received=url or "nothing", rule=rule, remedy=remedy))
-    return url
-
-
-def _in_memory(parts: URL) -> bool:
-    """Whether SQLite keeps this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
-    name = parts.database or ""
-    options = (parts.query.get("mode") == "memory", parts.query.get("vfs") == "memdb")
-    return name in ("", ":memory:", "file:") or name.startswith("file::memory:") or any(options)
-
-
-def _refuse_memory(parts: URL, url: str) -> None:
-    """Raises InputError for a database that would not outlive its process."""
-    if parts.get_backend_name() == "sqlite" and _in_memory(parts):
-        rule = "a database in memory is gone with its process, and with it all trials"
-        raise InputError(report("--storage", received=url, rule=rule, remedy=f"name a file, say, --storage sqlite:///{DATABASE}"))
-
-
-def shown_url(url: str) -> str:
-    """The URL without its password, for messages and reports."""
-    from sqlalchemy.engine import make_url
-
-    return make_url(url).render_as_string(hide_password=True)
+class StorageAway(StorageError):
+    """The server of the database does not answer: it may be back in a while."""
 
 
 @contextmanager
 def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
-    """Turns what the database driver raises into a StorageError that says what to do."""
+    """Turns what the database driver raises into a StorageError that says what to do; StorageAway where a server does not answer."""
     from optuna.exceptions import StorageInternalError
     from sqlalchemy.exc import SQLAlchemyError
 
     try:
         yield
-    except (StorageInternalError, SQLAlchemyError, sqlite3.Error) as error:
-        cause: BaseException = error
-        while cause.__cause__ is not None and not isinstance(cause, sqlite3.Error):
-            cause = cause.__cause__
-        reason = str(getattr(cause, "orig", cause)).strip().splitlines()[0]
-        if any(word in reason for word in _CORRUPT):
-            raise _corrupt(url, reason) from None
-        if "full" in reason:
-            rule = f"the database needs room on its disk ({reason})"
-            remedy = "free room, then run this command again: the finished trials are kept, and it resumes"
-        elif "locked" in reason or "busy" in reason:
-            rule = f"another process has kept it locked for {timeout:g} s"
-            remedy = "end that process, then run this command again: it resumes"
-        else:
-            rule = reason
-            remedy = (
-                "see that the database can be reached and written to, then run this command again: it resumes"
-            )
-        raise StorageError(report(shown_url(url), rule=rule, remedy=remedy)) from None
+    except Exception as error:
+        if isinstance(error, (StorageInternalError, SQLAlchemyError, sqlite3.Error, *_of_grpc())):
+            raise _explained(error, url, timeout) from None
+        raise
+
+
+def _of_grpc() -> tuple[type[Exception], ...]:
+    """What gRPC raises, if it is in use: it is an extra."""
+    grpc = sys.modules.get("grpc")
+    return () if grpc is None else (grpc.RpcError,)
+
+
+def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
+    """The error of a driver in words, without passwords."""
+    from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+
+    cause, away = error, isinstance(error, _of_grpc())
+    while not isinstance(cause, sqlite3.Error):
+        cut = isinstance(cause, DBAPIError) and cause.connection_invalidated
+        away = away or cut or isinstance(cause, (OperationalError, InterfaceError))
+        if cause.__cause__ is None:
+            break
+        cause = cause.__cause__
+    told = cause.details() if isinstance(cause, _of_grpc()) and hasattr(cause, "details") else getattr(cause, "orig", cause)
+    reason = without_passwords((str(told).strip() or type(cause).__name__).splitlines()[0], url)
+    if any(word in reason for word in _CORRUPT) and not is_server(url):
+        return _corrupt(url, reason)
+    if "full" in reason:
+        rule = f"the database needs room on its disk ({reason})"
+        remedy = "free room, then run this command again: the finished trials are kept, and it resumes"
+    elif not is_server(url) and ("locked" in reason or "busy" in reason):
+        rule = f"another process has kept it locked for {timeout:g} s"
+        remedy = "end that process, then run this command again: it resumes"
+    else:
+        rule = reason
+        remedy = "see that the database can be reached and written to, then run this command again: it resumes"
+    kind = StorageAway if away and is_server(url) else StorageError
+    return kind(report(shown_url(url), rule=rule, remedy=remedy))
+
+
+class Store:
+    """Calls of a storage. A server that does not answer is waited for: it may be restarted while a study runs for hours.
+
+    tell: gets a line when the wait begins, and when it ends.
+    """
+
+    def __init__(self, url: str, timeout: float, outage: float, tell: Callable[[str], None]) -> None:
+        """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
+        self.url, self.timeout, self.outage, self._tell = url, timeout, outage, tell
+
+    def __call__(self, work: Callable[[], Kept]) -> Kept:
+        """What `work` returns, which may be called again: a call that failed may have been carried out. Raises StorageError."""
+        begun: float | None = None
+        pause = 0.1
+        while True:
+            try:
+                with storage_faults(self.url, self.timeout):
+                    found = work()
+            except StorageAway as error:
+                if begun is None:
+                    begun = time.monotonic()
+                    reason = str(error).splitlines()[1].strip().removeprefix("rule: ")
+                    self._tell(f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min")
+                if time.monotonic() - begun > self.outage:
+                    raise
+                time.sleep(pause)
+                pause = min(2 * pause, 5.0)
+            else:
+                if begun is not None:
+                    self._tell(f"{shown_url(self.url)} answers again")
+                return found
 
 
 def _corrupt(url: str, reason: str) -> InputError:
@@ -125,28 +163,69 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
     from sqlalchemy.engine import make_url
     from sqlalchemy.exc import ArgumentError, NoSuchModuleError
 
-    remedy = "write, say, --storage sqlite:///study.db or --storage postgresql+psycopg://user@host/name"
+    if url.startswith(GRPC):
+        return _open_grpc(url)
+    remedy = "write, say, --storage sqlite:///study.db or --storage postgresql://user@host/name"
     try:
         parts = make_url(url)
         parts.get_dialect().import_dbapi()
-    except (ArgumentError, NoSuchModuleError, ImportError) as error:
-        reason = str(error).splitlines()[0]
+    except (ArgumentError, NoSuchModuleError, ImportError, ValueError) as error:
+        reason = without_passwords(str(error).splitlines()[0], url)
+        if isinstance(error, ImportError) and "psycopg" in reason:
+            remedy = "pip install -e '.[postgresql]' in the checkout of magmpm"
         raise InputError(
-            report("--storage", received=url, rule=f"must be a usable URL: {reason}", remedy=remedy)
+            report("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy)
         ) from None
     sqlite = parts.get_backend_name() == "sqlite"
-    _refuse_memory(parts, url)
+    refuse_memory(parts, url)
     options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
+    if parts.get_backend_name() == "postgresql":
+        options["connect_args"] = dict(_SHORT_WAITS)
     if sqlite:
         _prepare_sqlite(Path(str(parts.database)), timeout, url)
     with storage_faults(url, timeout):
         try:
-            backend = optuna.storages.RDBStorage(url, engine_kwargs=options)
+            backend = _made(url, options)
         except RuntimeError as error:  # made by another version of Optuna
             raise InputError(report(shown_url(url), rule=str(error), remedy="use another --out")) from None
         if sqlite:
             _commit_without_waiting(backend)
         return optuna.storages.get_storage(backend)
+
+
+def _made(url: str, options: Mapping[str, Any]) -> optuna.storages.RDBStorage:
+    """The database with its tables. Sessions that begin together may make them at the same moment: all but one of them try again."""
+    import optuna
+    from sqlalchemy.exc import IntegrityError, ProgrammingError
+
+    for _ in range(5):
+        try:
+            return optuna.storages.RDBStorage(url, engine_kwargs=dict(options))
+        except (IntegrityError, ProgrammingError):
+            if not is_server(url):
+                raise
+            time.sleep(0.5)
+    return optuna.storages.RDBStorage(url, engine_kwargs=dict(options))
+
+
+def _open_grpc(url: str) -> optuna.storages.BaseStorage:
+    """Optuna's gRPC proxy, which serves a database that its own machine can reach."""
+    host, port = grpc_address(url)
+    if importlib.util.find_spec("grpc") is None or importlib.util.find_spec("google.protobuf") is None:
+        rule, remedy = "Optuna's gRPC proxy needs the packages grpcio and protobuf", "pip install -e '.[grpc]' in the checkout of magmpm"
+        raise InputError(report("--storage", received=url, rule=rule, remedy=remedy))
+    from optuna.storages import GrpcStorageProxy
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "experimental"
+        proxy = GrpcStorageProxy(host=host, port=port)
+    try:
+        proxy.wait_server_ready(timeout=CONNECTING)
+    except ConnectionError:
+        rule = f"no gRPC proxy answers there within {CONNECTING:g} s"
+        remedy = f"start one where the database is: python -m studies.workers.grpc_proxy --port {port}"
+        raise StorageError(report(url, rule=rule, remedy=remedy)) from None
+    return proxy
 
 
 def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
@@ -225,8 +304,6 @@ def open_study(
                 "  rule: a study is continued only as it was begun (trials and stop may change)\n"
                 f"  remedy: begin a new study with --out, say, --out {out}-2; or put the old values back to resume"
             )
-        _requeue(kept, storage, out)
-        kept.set_user_attr("process", _this_process(out))
     return kept
 
 
@@ -235,11 +312,13 @@ def must_exist(url: str, out: Path) -> None:
     from sqlalchemy.engine import make_url
     from sqlalchemy.exc import ArgumentError
 
+    if url.startswith(GRPC):
+        return
     try:
         parts = make_url(url)
-    except ArgumentError:
+    except (ArgumentError, ValueError):
         return  # open_storage says what is wrong with it
-    _refuse_memory(parts, url)
+    refuse_memory(parts, url)
     path = Path(str(parts.database))
     if parts.get_backend_name() == "sqlite" and (not path.exists() or path.stat().st_size == 0):
         raise _without_trials(out, f"{path} is {'empty' if path.exists() else 'missing'}")
@@ -272,43 +351,6 @@ def _without_trials(out: Path, found: str) -> InputError:
             remedy=f"put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
         )
     )
-
-
-def _this_process(out: Path) -> dict[str, Any]:
-    return {"host": socket.gethostname(), "pid": os.getpid(), "out": str(out.resolve())}
-
-
-def _requeue(kept: optuna.Study, storage: optuna.storages.BaseStorage, out: Path) -> None:
-    """Queues trials that a killed process left running: `ask` takes them up with the same number and parameters.
-
-    Raises StorageError when the process that runs them is alive.
-    """
-    from optuna.trial import TrialState
-
-    for trial in kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-        owner = kept.user_attrs.get("process", {})
-        age = (datetime.now() - trial.datetime_start).total_seconds() if trial.datetime_start else STALE
-        if _alive(owner, out, age):
-            rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
-            remedy = "wait for it or end it, then run this command again: it resumes"
-            raise StorageError(report(f"study {kept.study_name}", rule=rule, remedy=remedy))
-        storage.set_trial_state_values(trial._trial_id, state=TrialState.WAITING)
-
-
-def _alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
-    """Whether the process that last took up a study may still be running its trial, begun `age` seconds ago."""
-    here = _this_process(out)
-    if owner.get("host") != here["host"]:
-        return bool(owner) and age < STALE
-    if owner.get("out") == here["out"] or owner.get("pid") == here["pid"]:
-        return False  # we hold that folder's lock, so nobody else runs
-    try:
-        os.kill(int(owner["pid"]), 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 def claim_folder(out: Path, name: str) -> None:

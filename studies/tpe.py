@@ -26,6 +26,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
 from studies.objectives import ranked
+from studies.running import others_running
 from studies.search_space import SearchSpace
 
 
@@ -53,6 +54,10 @@ class Designs:
     def __len__(self) -> int:
         return len(self.directions)
 
+    def and_(self, more: Designs) -> Designs:
+        """These designs and more."""
+        return Designs(np.concatenate([self.directions, more.directions]), np.concatenate([self.numbers, more.numbers]))
+
     def __getitem__(self, index: Any) -> Designs:
         return Designs(self.directions[index], self.numbers[index])
 
@@ -64,7 +69,7 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / mat
 class DirectionTPE(optuna.samplers.BaseSampler):
     """Chooses the trial after `finished` ones by TPE with kernels on the sphere.
 
-    The choice depends on the study's seed and on the finished trials alone.
+    The choice depends on the study's seed, and on the finished and the running trials alone: running ones count as bad.
     """
 
     def __init__(
@@ -82,12 +87,18 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-        if len(trials) < len(TETRAHEDRON):
-            return self._with_choices(self._space.parameters(*self._alike(len(trials))), trials)
+        running, before = others_running(study, trial, search_space)
+        if len(trials) + before < len(TETRAHEDRON):
+            return self._with_choices(self._space.parameters(*self._alike(len(trials) + before)), trials)
+        if not trials:
+            return self._with_choices(self._space.parameters(*self._anywhere()), trials)
         designs = self._read(trials)
         order = sorted(ranked(trials), key=lambda i: _violation(trials[i]))
         count = math.ceil(self._settings.good * len(trials))
-        chosen = self.choose(designs[order[:count]], designs[order[count:]])
+        others = designs[order[count:]]
+        if running:  # as if they had turned out badly: a constant liar (Ginsbourger et al. 2010)
+            others = others.and_(self._read(running))
+        chosen = self.choose(designs[order[:count]], others)
         return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])
 
     def _with_choices(self, parameters: dict[str, Any], ordered: Sequence[FrozenTrial]) -> dict[str, Any]:
@@ -131,6 +142,10 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         directions = np.tile(TETRAHEDRON[corner] @ turn, (segments, 1))
         field = _unit(self._rng.normal(size=(self._space.count - segments, 3)))
         return np.vstack([directions, field]), self._rng.random(self._space.numbers)
+
+    def _anywhere(self) -> tuple[Array, Array]:
+        """Any directions, any numbers: while the first trials are being solved, nothing is known."""
+        return _unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
 
     def _read(self, trials: Sequence[FrozenTrial]) -> Designs:
         read = [self._space.design(trial.params) for trial in trials]

@@ -57,7 +57,9 @@ def _design(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("study", metavar="STUDY", help="study file, such as data/studies/s_shape.yaml")
     parser.add_argument("--trials", type=int, metavar="N", help="trials in all, in place of the file's number and its `stop`")
     parser.add_argument("--sampler", metavar="S", help="tpe, gp, cmaes, nsga2, random, gauss-newton or optuna:NAME, in place of the file's")
-    parser.add_argument("--storage", metavar="URL", help="database of the trials [sqlite in the results folder]")
+    parser.add_argument("--storage", metavar="URL", help="database of the trials: sqlite:///FILE, postgresql://USER@HOST/NAME or "
+        "grpc://HOST:PORT; with a password in it, by the variable MAGMPM_STORAGE [sqlite in the results folder]")  # fmt: skip
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that solve; with --storage other machines can join")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
     _style(parser, "particles")
     _common(parser, "runs/NAME, with the study file's name")

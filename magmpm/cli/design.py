@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shlex
+import signal
 import sys
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +24,6 @@ from magmpm.results.folder_lock import folder_lock
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
-    from studies.engine import Picture as DrawTrial
     from studies.report import StudyReport
     from studies.study import Study
     from studies.trial import Trial
@@ -38,11 +40,13 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.simulate import run, sensitivities
     from studies.definition import load_study
     from studies.engine import check_study, kernel_uses, run_study
+    from studies.storage_url import given_url
     from viz.worker import Renderer
 
     study, smooth = load_study(options.study), options.style == SURFACE
-    check_study(study.changed(sampler=options.sampler))  # before there is a folder
-    out = options.out or Path("runs") / study.name
+    check_study(study.changed(sampler=options.sampler), options.workers)  # before there is a folder
+    out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
+    _end_as_by_ctrl_c()
     with (
         folder_lock(out),  # until the pictures of the whole are there
         nullcontext() if options.no_pictures else Renderer() as renderer,
@@ -54,12 +58,13 @@ def command(options: argparse.Namespace) -> int:
             solve=run,
             differentiate=sensitivities,
             out=out,
-            picture=None if renderer is None else _trial_picture(renderer, smooth, study),
+            picture=None if renderer is None else TrialPicture(study, smooth, renderer),
             on_trial=lambda trial: _tell(trial, progress),
             on_advice=_advise,
             trials=options.trials,
             sampler=options.sampler,
-            storage=options.storage,
+            storage=storage,
+            workers=options.workers,
         )
         done = report.ended != "interrupted"
         files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
@@ -81,17 +86,38 @@ def _tell(trial: Trial, progress: Progress) -> None:
     progress.at(trial.finished, trial.wanted, f"best {best}")
 
 
-def _trial_picture(renderer: Renderer, smooth: bool, study: Study) -> DrawTrial:
-    from viz.from_result import trial_snapshot
+def _end_as_by_ctrl_c() -> None:
+    """SIGTERM, by which job schedulers end a command, puts the trials at work back into the queue as Ctrl-C does."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _interrupt)
 
-    def draw(result: Result, path: Path, trial: Trial) -> Path:
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+class TrialPicture:
+    """Draws a trial; also in a worker process, where it starts a drawing process of its own with the first picture."""
+
+    def __init__(self, study: Study, smooth: bool, renderer: Renderer | None = None) -> None:
+        self._study, self._smooth, self._renderer = study, smooth, renderer
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}
+
+    def __call__(self, result: Result, path: Path, trial: Trial) -> Path:
+        """The file of the picture."""
+        if self._renderer is None:
+            from viz.worker import Renderer
+
+            self._renderer = Renderer()
         if trial.shapes:
-            scene = study.scene.to_si()
-            return renderer.render(of_insertion(study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m), path)
-        snapshot = trial_snapshot(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=smooth)
-        return renderer.render(snapshot, path)
+            scene = self._study.scene.to_si()
+            return self._renderer.render(of_insertion(self._study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m), path)
+        from viz.from_result import trial_snapshot
 
-    return draw
+        snapshot = trial_snapshot(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=self._smooth)
+        return self._renderer.render(snapshot, path)
 
 
 def _text(report: StudyReport, files: list[Path]) -> str:

@@ -29,7 +29,8 @@ from magmpm.scene import Scene
 from studies.definition import load_study
 from studies.engine import run_study
 from studies.report import StudyReport
-from studies.storage import STALE, StorageError, shown_url
+from studies.storage import StorageError, shown_url
+from studies.workers.sessions import STALE
 
 LOCKER = """\
 import sqlite3, sys
@@ -302,7 +303,7 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: 
         def now(cls, tz: Any = None) -> Any:
             return datetime.now(tz) + timedelta(seconds=STALE + 1)
 
-    monkeypatch.setattr("studies.storage.datetime", Later)
+    monkeypatch.setattr("studies.workers.sessions.datetime", Later)
     report = run(tmp_path / "b", storage=url)
     assert report.trials == 8
     assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8

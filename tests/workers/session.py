@@ -1,0 +1,54 @@
+"""A session of a study in a process of its own, which a test can kill: python session.py STUDY OUT WORKERS; storage by MAGMPM_STORAGE.
+
+The rod solves, and takes SECONDS more for it, so that kills meet solves. LEASE and BEAT of sessions are shorter than in use.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from typing import Any
+
+import rod_solve
+
+from magmpm.errors import MagmpmError
+from magmpm.scene import Scene
+from studies.definition import load_study
+from studies.engine import run_study
+from studies.workers import sessions
+
+SECONDS = "TEST_SECONDS"
+DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies
+
+
+def slow(scene: Scene, **options: Any) -> rod_solve.RodResult:
+    """The rod's shape, after a while."""
+    time.sleep(float(os.environ.get(SECONDS, "0")))
+    if DEADLY in os.environ and os.path.exists(os.environ[DEADLY]):
+        os.unlink(os.environ[DEADLY])
+        os.kill(os.getpid(), 11)
+    return rod_solve.solve(scene, **options)
+
+
+def main(study: str, out: str, workers: str) -> int:
+    from interruptible import draw
+
+    sessions.BEAT, sessions.LEASE = 0.5, 4.0
+    import session  # so that workers find `slow` by name
+
+    how = None if workers == "0" else int(workers)
+    try:
+        report = run_study(
+            load_study(study), solve=session.slow, differentiate=rod_solve.differentiate, picture=draw, out=out,
+            storage=os.environ.get("MAGMPM_STORAGE"), workers=how, on_advice=lambda lines: print(*lines, file=sys.stderr, sep="\n"),
+        )  # fmt: skip
+    except MagmpmError as error:
+        print(f"magmpm: {error}", file=sys.stderr)
+        return error.exit_status
+    print(report.ended, report.trials, flush=True)
+    return 1 if report.ended == "interrupted" else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
