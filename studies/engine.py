@@ -215,9 +215,8 @@ class _Run(OpenStudy):
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
                     self.deaths = pool.deaths
-            except BaseException as error:
-                for asked, _ in at_work.values():
-                    self.session.put_back(asked._trial_id)
+            except BaseException as error:  # also while a trial is asked for or kept
+                self.session.put_all_back()
                 if isinstance(error, KeyboardInterrupt):
                     return "interrupted"
                 raise

@@ -18,7 +18,7 @@ from studies.reach import findings
 from studies.report import StudyReport
 from studies.rod_designs import rod_starts
 from studies.samplers import settings
-from studies.storage import Store, must_exist, must_hold, open_storage, open_study, shown_url
+from studies.storage import Store, must_exist, must_hold, open_study, shown_url
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -40,7 +40,7 @@ class OpenStudy:
         held = records.designs(out)
         if held:
             must_exist(store.url, out)
-        self.storage = open_storage(store.url, store.timeout)
+        self.storage = store.opened()
         must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
         definition = {**self.study.definition(), "search": search}
         self.kept = open_study(self.storage, self.study, definition, out, store.url, store.timeout)

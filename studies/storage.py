@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import sqlite3
 import sys
 import time
@@ -79,12 +80,12 @@ def _of_grpc() -> tuple[type[Exception], ...]:
 
 def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
     """The error of a driver in words, without passwords."""
-    from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+    from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, PendingRollbackError
 
     cause, away = error, isinstance(error, _of_grpc())
     while not isinstance(cause, sqlite3.Error):
         cut = isinstance(cause, DBAPIError) and cause.connection_invalidated
-        away = away or cut or isinstance(cause, (OperationalError, InterfaceError))
+        away = away or cut or isinstance(cause, (OperationalError, InterfaceError, PendingRollbackError))
         if cause.__cause__ is None:
             break
         cause = cause.__cause__
@@ -92,7 +93,7 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
     reason = without_passwords((str(told).strip() or type(cause).__name__).splitlines()[0], url)
     if any(word in reason for word in _CORRUPT) and not is_server(url):
         return _corrupt(url, reason)
-    if "full" in reason:
+    if re.search(r"\b(full|No space left)\b", reason):
         rule = f"the database needs room on its disk ({reason})"
         remedy = "free room, then run this command again: the finished trials are kept, and it resumes"
     elif not is_server(url) and ("locked" in reason or "busy" in reason):
@@ -114,6 +115,22 @@ class Store:
     def __init__(self, url: str, timeout: float, outage: float, tell: Callable[[str], None]) -> None:
         """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
         self.url, self.timeout, self.outage, self._tell = url, timeout, outage, tell
+        self.storage: optuna.storages.BaseStorage | None = None
+
+    def opened(self) -> optuna.storages.BaseStorage:
+        """The storage. Raises InputError, StorageError."""
+        self.storage = open_storage(self.url, self.timeout)
+        return self.storage
+
+    def forget(self) -> None:
+        """Give up connections and what was begun on them: a transaction that was cut off refuses all that follows."""
+        import optuna
+
+        backend = getattr(self.storage, "_backend", self.storage)
+        if isinstance(backend, optuna.storages.RDBStorage):
+            with suppress(Exception):  # the server is away
+                backend.scoped_session.remove()
+            backend.engine.dispose()
 
     def __call__(self, work: Callable[[], Kept]) -> Kept:
         """What `work` returns, which may be called again: a call that failed may have been carried out. Raises StorageError."""
@@ -130,6 +147,7 @@ class Store:
                     self._tell(f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min")
                 if time.monotonic() - begun > self.outage:
                     raise
+                self.forget()
                 time.sleep(pause)
                 pause = min(2 * pause, 5.0)
             else:

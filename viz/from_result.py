@@ -173,6 +173,11 @@ def _size(scene: Scene | None, reference: np.ndarray) -> tuple[float, float]:
     return length, max(thickness, 0.06 * length)
 
 
+def deformed_surface(result: Any) -> Surface:
+    """The deformed surface of the body of a result, m. Raises RenderError where its scene cannot be read."""
+    return _surface(result, scene_of(result.scene))
+
+
 def _surface(result: Any, scene: Scene | None) -> Surface:
     """The deformed surface of a result's body."""
     reference = np.asarray(result.particle_reference, dtype=float)

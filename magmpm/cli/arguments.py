@@ -60,6 +60,7 @@ def _design(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--storage", metavar="URL", help="database of the trials: sqlite:///FILE, postgresql://USER@HOST/NAME or "
         "grpc://HOST:PORT; with a password in it, by the variable MAGMPM_STORAGE [sqlite in the results folder]")  # fmt: skip
     parser.add_argument("--workers", type=int, metavar="N", help="processes that solve; with --storage other machines can join")
+    parser.add_argument("--trial", type=int, metavar="K", help="in place of the search: solve trial K again from what is stored of it")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
     _style(parser, "particles")
     _common(parser, "runs/NAME, with the study file's name")
@@ -115,6 +116,7 @@ def _dashboard(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     parser.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
+    parser.add_argument("--storage", metavar="URL", help="database of the trials [as the study says, or the variable MAGMPM_STORAGE]")
     return parser
 
 

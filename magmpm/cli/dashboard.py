@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from socketserver import ThreadingMixIn
@@ -28,13 +29,27 @@ class _Quiet(WSGIRequestHandler):
         return None
 
 
+def _url(saved: str, given: str | None) -> str:
+    """The storage of a study: as given, or as its report says; reports hide passwords. Raises InputError."""
+    from studies.storage_url import HIDDEN, VARIABLE, storage_url
+
+    if given is not None:
+        return storage_url(None, given)
+    if HIDDEN in saved:
+        rule, remedy = "the password is kept nowhere", f"put the whole URL into the environment variable {VARIABLE}"
+        raise InputError(report(f"storage {saved}", rule=rule, remedy=remedy))
+    return saved
+
+
 def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
+    from studies.dashboard_view import DashboardView, Notes
     from studies.file_names import REPORT
     from studies.records import ARTIFACTS
     from studies.storage import must_exist, open_storage
+    from studies.storage_url import given_url
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
@@ -47,12 +62,16 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(
             "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
         )
+    import optuna
     from optuna.artifacts import FileSystemArtifactStore
     from optuna_dashboard import wsgi
 
-    url = saved_report(folder)["storage"]
+    saved = saved_report(folder)
+    url = _url(saved["storage"], given_url(options.storage, os.environ))
     must_exist(url, folder)
-    app = wsgi(open_storage(url), artifact_store=FileSystemArtifactStore(str(folder / ARTIFACTS)))
+    storage, artifacts = open_storage(url), FileSystemArtifactStore(str(folder / ARTIFACTS))
+    Notes(optuna.load_study(study_name=saved["name"], storage=storage), folder, artifacts).keep_up()
+    app = wsgi(DashboardView(storage), artifact_store=artifacts)
     try:
         server = make_server(HOST, port, app, _Server, _Quiet)
     except OSError as error:

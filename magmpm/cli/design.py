@@ -44,6 +44,8 @@ def command(options: argparse.Namespace) -> int:
     from viz.worker import Renderer
 
     study, smooth = load_study(options.study), options.style == SURFACE
+    if options.trial is not None:
+        return _again(options, study)
     check_study(study.changed(sampler=options.sampler), options.workers)  # before there is a folder
     out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
     _end_as_by_ctrl_c()
@@ -76,6 +78,28 @@ def command(options: argparse.Namespace) -> int:
     return 1 if report.ended == "interrupted" else 0
 
 
+def _again(options: argparse.Namespace, study: Study) -> int:
+    """Solve one trial again, and compare it with what is stored."""
+    from magmpm.simulate import run, sensitivities
+    from studies.again import solved_again
+    from studies.judge import Judge
+    from studies.storage import OUTAGE, TIMEOUT, Store, storage_url
+    from studies.storage_url import given_url
+
+    out = options.out or Path("runs") / study.name
+    store = Store(storage_url(out, given_url(options.storage, os.environ)), TIMEOUT, OUTAGE, lambda line: _advise([line]))
+    study = study.changed(sampler=options.sampler)
+    found = solved_again(Judge(study, run, sensitivities, None, out), store, options.trial)
+    if options.json:
+        print(json.dumps(found))
+    elif found["reason"] is not None:
+        print(f"{study.name}, trial {found['number']}: {found['reason']}")
+    else:
+        verdict = "the same bits" if found["same"] else f"stored {1e3 * found['stored_rms_m']:.9g} mm"
+        print(f"{study.name}, trial {found['number']}: rms {1e3 * found['rms_m']:.9g} mm; {verdict}")
+    return 0
+
+
 def _advise(advice: list[str]) -> None:
     for line in advice:
         print(f"magmpm: warning: {line}", file=sys.stderr)
@@ -105,8 +129,17 @@ class TrialPicture:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderer": None}
 
-    def __call__(self, result: Result, path: Path, trial: Trial) -> Path:
-        """The file of the picture."""
+    def __call__(self, result: Result, path: Path, trial: Trial) -> list[Path]:
+        """The files: picture, deformed surface (STL, mm), centreline (CSV)."""
+        from magmpm.inputs.csv_tables import write_centreline
+        from viz.stl import write_stl
+
+        table = path.with_suffix(".csv")
+        picture = self._drawn(result, path, trial)
+        write_centreline(table, result.centreline)
+        return [picture, write_stl(result, path.with_suffix(".stl")), table]
+
+    def _drawn(self, result: Result, path: Path, trial: Trial) -> Path:
         if self._renderer is None:
             from viz.worker import Renderer
 

@@ -95,6 +95,14 @@ class Session:
 
         self.store(back)
 
+    def put_all_back(self) -> None:
+        """Puts back every trial that this session has asked for and not finished."""
+        from optuna.trial import TrialState
+
+        for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
+            if not self.shared or trial.user_attrs.get(SESSION) == self.name:
+                self.put_back(trial._trial_id)
+
     def withdraw(self, trial_id: int) -> None:
         """Ends a trial that nobody needs."""
         from optuna.exceptions import UpdateFinishedTrialError
