@@ -14,6 +14,7 @@ help:
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
 	@echo "make test-workers  several workers on PostgreSQL (apt-get install postgresql) and Optuna's gRPC proxy, killed now and then"
+	@echo "make faults     500 SIGKILLs, full disks, servers that go away, ...: what completed trials are lost (QUICK=1, KILLS=N)"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
@@ -83,6 +84,9 @@ $(VENV)/.ready-workers: $(VENV)/.ready-test
 test-workers: $(VENV)/.ready-workers
 	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || echo "no PostgreSQL here: apt-get install postgresql"
 	$(BIN)/python -m pytest tests/workers -rs
+
+faults: $(VENV)/.ready-workers
+	$(BIN)/python tests/faults/faults.py --kills $(or $(KILLS),$(if $(QUICK),20,500))
 
 bench-sampler: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/sampler.py $(or $(SAMPLER),tpe)

@@ -218,10 +218,11 @@ class Notes:
             rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))
             told = [f"{name} {1e3 * value:.3f} mm" for name, value in (("rms", rms), ("tip error", tip)) if value is not None]
             what = f"Solved: {', '.join(told)}."
+        scene = str(attributes.get("scene_hash", "?"))[:12]
         lines = [
             f"{MARK}{_plain(self.study.study_name)}, trial {trial.number}",
             _plain(what),
-            f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash `{str(attributes.get('scene_hash', '?'))[:12]}`).",
+            f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash `{scene}`).",
             f"Reproduce: `{_plain(self._command())} --trial {trial.number}`",
         ]
         return "\n\n".join(lines)

@@ -101,6 +101,7 @@ def run_study(
             ended = run.with_workers(workers, on_trial, stop)
         if ended != "interrupted":
             run.keep_best()
+            run.mend_artifacts()
         summary = dataclasses.replace(run.report(ended), warnings=[*advice, *run.notes])
         summary.save()
     return summary
@@ -134,6 +135,7 @@ class _Run(OpenStudy):
         self.kept.sampler = self.sampler()
         self.gallery = records.Gallery(out, self.storage, store.url)
         self.deaths, self.looked = 0, 0.0
+        self.mended: list[str] = []
         self.look()
         self.durations = [t.user_attrs["seconds"]["total"] for t in self.finished() if "seconds" in t.user_attrs]
 
@@ -141,13 +143,18 @@ class _Run(OpenStudy):
     def notes(self) -> list[str]:
         """What happened to trials and workers on the way, a sentence each."""
         died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
-        return [*self.session.lost, *[died] * (self.deaths > 0)]
+        return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0)]
 
     def look(self) -> None:
         """See what is finished."""
         finished = self.finished()
         best = report.best_trial(finished)
         self.count, self.best = len(finished), None if best is None else best.values[0]
+
+    def mend_artifacts(self) -> None:
+        """Puts back what is damaged of the trials' pictures; where other sessions share the study, each sees to its own."""
+        if not self.shared:
+            self.mended = self.store(lambda: self.gallery.mend(self.finished()))
 
     def sampler(self) -> BaseSampler:
         """What chooses the trials."""

@@ -7,6 +7,7 @@ OUT/best/                     the same of the best trial, and its scene as a fil
 
 from __future__ import annotations
 
+import filecmp
 import json
 import shutil
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ class Gallery:
     def __init__(self, out: Path, storage: optuna.storages.BaseStorage, url: str) -> None:
         from optuna.artifacts import FileSystemArtifactStore
 
-        self._storage, self._url = storage, url
+        self._out, self._storage, self._url = out, storage, url
         (out / ARTIFACTS).mkdir(parents=True, exist_ok=True)
         (out / PICTURES).mkdir(parents=True, exist_ok=True)
         self._store = FileSystemArtifactStore(str(out / ARTIFACTS))
@@ -63,6 +64,26 @@ class Gallery:
         except Exception as error:  # files go through disks and networks
             return f"{type(error).__name__}: {error}"
         return None
+
+
+    def mend(self, trials: Sequence[FrozenTrial]) -> list[str]:
+        """Puts back artifacts that are gone or damaged from the study's pictures. Returns a sentence for each that can't be."""
+        from optuna.artifacts import get_all_artifact_meta
+
+        mended, lost = 0, []
+        for trial in trials:
+            for meta in get_all_artifact_meta(trial, storage=self._storage):
+                if any(Path(name).name != name for name in (meta.filename, meta.artifact_id)):
+                    continue  # a database is data: what it names stays below the study's folder
+                picture, kept = self._out / PICTURES / meta.filename, self._out / ARTIFACTS / meta.artifact_id
+                if not picture.is_file():
+                    if not kept.is_file():
+                        lost.append(f"trial {trial.number}: its artifact {meta.filename} is gone, and so is the file in {PICTURES}")
+                elif not kept.is_file() or not filecmp.cmp(picture, kept, shallow=False):
+                    with picture.open("rb") as stream:
+                        self._store.write(meta.artifact_id, stream)
+                    mended += 1
+        return [*([f"artifacts that were damaged or gone, and are put back from {PICTURES}: {mended}"] if mended else []), *lost]
 
 
 def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:

@@ -88,7 +88,10 @@ def test_pictures_are_listed_and_can_be_downloaded(address: str, out: Path) -> N
 def test_numbers_are_shown(address: str) -> None:
     (study,) = ask(f"{address}/api/studies")["study_summaries"]
     detail = ask(f"{address}/api/studies/{study['study_id']}?after=0")
-    assert detail["objective_names"] == ["rms_m"]
+    assert detail["objective_names"] == ["rms (mm)"]
+    for trial in detail["trials"]:  # the database stays in SI
+        (stored,) = (float(a["value"]) for a in trial["user_attrs"] if a["key"] == "rms_m")
+        assert trial["values"][0] == pytest.approx(1e3 * stored, rel=1e-12)
     names = {attribute["key"] for attribute in detail["trials"][0]["user_attrs"]}
     assert {"rms_m", "tip_error_m", "min_det_F", "max_det_F", "newton_steps", "feasible", "seconds"} <= names
     assert len(detail["trials"][0]["params"]) == 10

@@ -31,10 +31,28 @@ def slow(scene: Scene, **options: Any) -> rod_solve.RodResult:
     return rod_solve.solve(scene, **options)
 
 
+def set_clock(offset: float) -> None:
+    """Let this process see another time of day."""
+    import datetime as module
+
+    from optuna.storages._rdb import storage as rdb
+
+    class Shifted(module.datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> Any:
+            return module.datetime.now(tz) + module.timedelta(seconds=offset)
+
+    clock = time.time
+    time.time = lambda: clock() + offset
+    rdb.datetime = sessions.datetime = Shifted  # type: ignore[attr-defined, misc]
+
+
 def main(study: str, out: str, workers: str) -> int:
     from interruptible import draw
 
     sessions.BEAT, sessions.LEASE = 0.5, 4.0
+    if "TEST_CLOCK" in os.environ:
+        set_clock(float(os.environ["TEST_CLOCK"]))
     import session  # so that workers find `slow` by name
 
     how = None if workers == "0" else int(workers)

@@ -1,0 +1,404 @@
+"""Faults that are injected into studies and motions, each with what was complete before it and what is there afterwards."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import optuna
+import psutil
+
+TESTS = Path(__file__).resolve().parents[1]
+for folder in ("", "studies", "workers", "end_to_end"):
+    sys.path.insert(0, str(TESTS / folder))
+
+from rod_solve import STUDY, write_study  # noqa: E402
+from test_motion_runs import scene as motion_scene  # noqa: E402
+
+from magmpm.results.file_names import CHECKPOINT  # noqa: E402
+from magmpm.results.trajectory import Motion  # noqa: E402
+from studies.records import ARTIFACTS  # noqa: E402
+
+SESSION = TESTS / "workers" / "session.py"
+Trials = dict[int, tuple[Any, ...]]
+
+
+@dataclass
+class Row:
+    """What became of one kind of fault: how many were injected, how many completed trials (or frames) there were and were lost."""
+
+    kind: str
+    injected: int = 0
+    completed: int = 0
+    lost: int = 0
+    said: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)  # what else was not as it has to be
+
+
+def environment(**more: str) -> dict[str, str]:
+    path = [str(TESTS.parent), *(str(TESTS / folder) for folder in ("", "studies", "workers"))]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]), **more}
+
+
+def study_of(folder: Path, trials: int) -> Path:
+    return write_study(folder, STUDY.replace("trials: 8", f"trials: {trials}").replace("sampler: random", "sampler: tpe"))
+
+
+def begin(study: Path, out: Path, workers: int, **more: str) -> subprocess.Popen[str]:
+    """A session; workers: 0 for one that solves by itself."""
+    limits = {"preexec_fn": _limited(int(more.pop("LIMIT")))} if "LIMIT" in more else {}
+    command = [sys.executable, str(SESSION), str(study), str(out), str(workers)]
+    return subprocess.Popen(command, env=environment(**more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **limits)  # type: ignore
+
+
+def _limited(size: int) -> Callable[[], None]:
+    def limit() -> None:  # as a quota: no file may grow beyond this
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    return limit
+
+
+def complete(out: Path, url: str | None = None) -> Trials:
+    """Number, parameters and values of the trials that are complete."""
+    if url is None and not (out / "study.db").exists():
+        return {}
+    try:
+        study = optuna.load_study(study_name="probe", storage=url or f"sqlite:///{out}/study.db")
+        trials = study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
+    except Exception:  # it was killed before the tables were there
+        return {}
+    return {t.number: (tuple(sorted(t.params.items())), tuple(t.values)) for t in trials}
+
+
+def compare(row: Row, before: Trials, after: Trials) -> None:
+    row.completed += len(before)
+    row.lost += sum(after.get(number) != trial for number, trial in before.items())
+
+
+def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: str) -> None:
+    """Run the study to its end, and see that it has what it was asked for."""
+    child = begin(study, out, workers, **more)
+    _, said = child.communicate(timeout=300)
+    found = complete(out)
+    if child.returncode != 0 or len(found) != trials or len({params for params, _ in found.values()}) != trials:
+        row.wrong.append(f"afterwards: status {child.returncode}, {len(found)} of {trials} trials; {said[-200:]}")
+    if "Traceback" in said:
+        row.wrong.append("a traceback")
+
+
+def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int) -> Row:
+    """SIGKILL of the session, or of one of its workers, at random moments."""
+    row = Row(f"SIGKILL, studies, {'one process' if not workers else f'{workers} workers'}")
+    trials, k = 40, 0
+    while row.injected < count:
+        k += 1
+        folder = base / f"kills-{workers}-{k}"
+        study, out = study_of(folder, trials), folder / "out"
+        while row.injected < count and len(complete(out)) < trials:
+            child = begin(study, out, workers, TEST_SECONDS="0.02")
+            begun = time.monotonic()
+            while not (out / ".lock").exists() and child.poll() is None and time.monotonic() < begun + 60:
+                time.sleep(0.01)  # imports are not what is to be killed
+            time.sleep(drawn.uniform(0.0, 2.5))
+            before, victim = complete(out), psutil.Process(child.pid)
+            family = victim.children() if child.poll() is None else []
+            if workers and family and drawn.random() < 0.5:
+                drawn.choice(family).kill()
+                row.injected += 1
+                compare(row, before, complete(out))
+                time.sleep(drawn.uniform(0.0, 1.0))
+                before = complete(out)
+            if child.poll() is None:
+                child.kill()
+                row.injected += 1
+            child.communicate()
+            compare(row, before, complete(out))
+        ended(row, study, out, workers, trials)
+    return row
+
+
+def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
+    """SIGKILL of motions at random moments, each resumed; at the end all frames are there, and the last state is bit for bit the same."""
+    row, k = Row("SIGKILL, motions (frames)"), 0
+    dynamic = "duration: 200 ms, output_every: 1 ms"
+    whole = base / "whole"
+    _motion(motion_scene(base, dynamic), whole).communicate()
+    wanted = Motion.load(whole)
+    while row.injected < count:
+        k += 1
+        out = base / f"motion-{k}"
+        scene, more = motion_scene(base, dynamic), []
+        while row.injected < count:
+            child = _motion(scene, out, *more)
+            begun = time.monotonic()
+            while not (out / CHECKPOINT).exists() and child.poll() is None and time.monotonic() < begun + 120:
+                time.sleep(0.005)
+            time.sleep(drawn.uniform(0.0, 1.0))
+            if child.poll() is not None:
+                break
+            frames = _frames(out)
+            child.kill()
+            child.communicate()
+            row.injected, more = row.injected + 1, ["--resume"] if (out / CHECKPOINT).exists() else ["--overwrite"]
+            row.completed += frames
+            row.lost += max(0, frames - _frames(out))
+        _, said = (child := _motion(scene, out, *more)).communicate()
+        found = Motion.load(out)
+        if child.returncode or len(found) != len(wanted) or not (found.position(-1) == wanted.position(-1)).all():
+            row.wrong.append(f"the motion is another one: {said[-200:]}")
+    return row
+
+
+def _motion(scene: Path, out: Path, *more: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "magmpm.cli", "run", str(scene), "--out", str(out), *more]
+    return subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def _frames(out: Path) -> int:
+    try:
+        return len(Motion.load(out))
+    except Exception:  # nothing is whole yet
+        return 0
+
+
+def corrupted_checkpoint(base: Path, drawn: random.Random) -> Row:
+    """A checkpoint that is cut or overwritten is refused, with a remedy, and the frames stay."""
+    row = Row("checkpoint damaged (frames)")
+    for k in range(3):
+        out, scene = base / f"checkpoint-{k}", motion_scene(base, "duration: 100 s, output_every: 1 ms")
+        child = _motion(scene, out)
+        begun = time.monotonic()
+        while (not (out / CHECKPOINT).exists() or _frames(out) < 3) and time.monotonic() < begun + 120:
+            time.sleep(0.02)
+        child.kill()
+        child.communicate()
+        content, frames = (out / CHECKPOINT).read_bytes(), _frames(out)
+        at = drawn.randrange(len(content) // 2)
+        damaged = (content[:at], content[:at] + bytes(64) + content[at + 64 :], b"")[k]
+        (out / CHECKPOINT).write_bytes(damaged)
+        _, said = (child := _motion(scene, out, "--resume")).communicate(timeout=60) if k != 1 else _brief(_motion(scene, out, "--resume"))
+        row.injected += 1
+        row.completed += frames
+        row.lost += max(0, frames - _frames(out))
+        _note(row, said)
+        if "Traceback" in said or (k != 1 and (child.returncode != 2 or "remedy" not in said)):
+            row.wrong.append(f"checkpoint {k}: {said[-300:]}")
+    return row
+
+
+def _brief(child: subprocess.Popen[str]) -> tuple[str, str]:
+    """Of a motion that goes on, because a few bytes of its checkpoint do not matter or are mended: a few seconds of it."""
+    try:
+        return child.communicate(timeout=15)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.communicate()
+
+
+def _note(row: Row, said: str) -> None:
+    lines = [line for line in said.splitlines() if line.strip() and "compil" not in line]
+    line = next((line for line in lines if "rule:" in line), lines[0] if lines else "")
+    if line and line.strip()[:60] not in {old[:60] for old in row.said}:
+        row.said.append(line.strip())
+
+
+@contextmanager
+def small_disk(folder: Path, size: str) -> Iterator[bool]:
+    """A file system of its own at a folder; False where this machine does not allow that."""
+    folder.mkdir(parents=True)
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True).returncode == 0
+    try:
+        yield mounted
+    finally:
+        if mounted:
+            subprocess.run(["umount", "-l", str(folder)], capture_output=True)
+
+
+def refused_then_run(
+    row: Row, study: Path, out: Path, trials: int, begin_it: Callable[[], subprocess.Popen[str]], mend: Callable[[], Any]
+) -> None:
+    """A run that fails with a message, then, with the fault gone, one that ends."""
+    before = complete(out)
+    child = begin_it()
+    _, said = child.communicate(timeout=300)
+    row.injected += 1
+    _note(row, said)
+    if child.returncode not in (1, 2) or "remedy" not in said or "Traceback" in said:
+        row.wrong.append(f"status {child.returncode}: {said[-300:]}")
+    mend()
+    between = complete(out)
+    compare(row, before, between)
+    ended(row, study, out, 0, trials)
+    compare(row, between, complete(out))
+
+
+def disk_full(base: Path) -> Row:
+    """A disk without room in the middle of a study; then there is room again."""
+    row = Row("disk full")
+    disk = base / "disk"
+    study = study_of(base / "full", 60)
+    with small_disk(disk, "1m") as mounted:
+        if not mounted:
+            row.said.append("not injected: this machine lets nobody mount a small disk")
+            return row
+        more = [lambda: subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)]
+        refused_then_run(row, study, disk / "out", 60, lambda: begin(study, disk / "out", 0), more[0])
+    return row
+
+
+def read_only(base: Path) -> Row:
+    """A folder that becomes read-only between two runs, and is writable again."""
+    row = Row("read-only folder")
+    disk = base / "readonly"
+    study = study_of(base / "ro", 20)
+    with small_disk(disk, "64m") as mounted:
+        if not mounted:
+            row.said.append("not injected: this machine lets nobody mount a disk")
+            return row
+        study_of(base / "ro", 8)
+        begin(study, disk / "out", 0).communicate()
+        study_of(base / "ro", 20)
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+        back = lambda: subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True)  # noqa: E731
+        refused_then_run(row, study, disk / "out", 20, lambda: begin(study, disk / "out", 0), back)
+    return row
+
+
+def quota(base: Path) -> Row:
+    """The system lets no file grow beyond a limit, as a quota does."""
+    row = Row("quota (limit of a file's size)")
+    for k, limit in enumerate((100_000, 160_000)):
+        folder = base / f"quota-{k}"
+        study = study_of(folder, 60)
+        limited = partial(begin, study, folder / "out", 0, LIMIT=str(limit))
+        refused_then_run(row, study, folder / "out", 60, limited, lambda: None)
+    return row
+
+
+def two_at_once(base: Path) -> Row:
+    """Two commands on one folder: the second says who holds it, and changes nothing."""
+    row = Row("two commands at once")
+    study, out = study_of(base / "two", 30), base / "two" / "out"
+    first = begin(study, out, 0, TEST_SECONDS="0.3")
+    while len(complete(out)) < 3:
+        time.sleep(0.05)
+    before = complete(out)
+    second = begin(study, out, 2)
+    _, said = second.communicate(timeout=60)
+    row.injected += 1
+    _note(row, said)
+    if second.returncode != 2 or f"process {first.pid}" not in said:
+        row.wrong.append(said[-300:])
+    first.communicate(timeout=120)
+    compare(row, before, complete(out))
+    ended(row, study, out, 0, 30)
+    return row
+
+
+def corrupted_artifact(base: Path) -> Row:
+    """Pictures of trials that are cut, overwritten or gone: the trials stay, and the pictures are put back from the study's folder."""
+    row = Row("artifacts damaged")
+    study, out = study_of(base / "artifact", 10), base / "artifact" / "out"
+    begin(study, out, 0).communicate()
+    before = complete(out)
+    files = sorted((out / ARTIFACTS).iterdir())
+    contents = [path.read_bytes() for path in files]
+    files[0].write_bytes(contents[0][:3])
+    files[1].write_bytes(bytes(len(contents[1])))
+    files[2].unlink()
+    row.injected = 3
+    ended(row, study, out, 0, 10)
+    compare(row, before, complete(out))
+    if [path.read_bytes() if path.exists() else b"" for path in files] != contents:
+        row.wrong.append("artifacts are not as they were")
+    row.said.append(next(iter(json.loads((out / "study.json").read_text())["warnings"]), "")[:160])
+    return row
+
+
+def clock_set_back(base: Path) -> Row:
+    """A study is killed, and continued with a clock that shows the day before."""
+    row = Row("clock set back a day")
+    for workers in (0, 2):
+        folder = base / f"clock-{workers}"
+        study, out = study_of(folder, 20), folder / "out"
+        child = begin(study, out, workers, TEST_SECONDS="0.1")
+        while len(complete(out)) < 5 and child.poll() is None:
+            time.sleep(0.05)
+        child.kill()
+        child.communicate()
+        before = complete(out)
+        row.injected += 1
+        ended(row, study, out, workers, 20, TEST_CLOCK="-86400")
+        compare(row, before, complete(out))
+    return row
+
+
+def dying_in_a_solve(base: Path) -> Row:
+    """A worker that dies of SIGSEGV inside a solve: its design is solved again by another."""
+    row = Row("worker dies inside a solve")
+    study, out = study_of(base / "deadly", 20), base / "deadly" / "out"
+    poison = base / "deadly" / "poison"
+    child = begin(study, out, 2, TEST_SECONDS="0.1", TEST_DEADLY=str(poison))
+    before: Trials = {}
+    for _ in range(3):
+        known = len(complete(out))
+        while len(complete(out)) < known + 3 and child.poll() is None:
+            time.sleep(0.05)
+        before = complete(out)
+        poison.touch()
+        while poison.exists() and child.poll() is None:
+            time.sleep(0.02)
+        row.injected += not poison.exists()
+    child.communicate(timeout=120)
+    compare(row, before, complete(out))
+    row.said += json.loads((out / "study.json").read_text())["warnings"]
+    ended(row, study, out, 2, 20)
+    return row
+
+
+def server_faults(base: Path) -> list[Row]:
+    """PostgreSQL is stopped and started, and connections are cut, under a session with two workers."""
+    from servers import postgres, program
+
+    rows = [Row("database server stopped and started"), Row("database connections cut")]
+    if program("initdb") is None:
+        for row in rows:
+            row.said.append("not injected: PostgreSQL is not installed (apt-get install postgresql)")
+        return rows
+    with postgres(base / "postgres") as server:
+        url = server.url().replace("postgresql://", "postgresql+psycopg://")
+        folder = base / "server"
+        study = study_of(folder, 40)
+        child = begin(study, folder / "out", 2, TEST_SECONDS="0.2", MAGMPM_STORAGE=server.url())
+        for k in range(6):
+            known = len(complete(folder, url))
+            while len(complete(folder, url)) < known + 4 and child.poll() is None:
+                time.sleep(0.1)
+            before, row = complete(folder, url), rows[k % 2]
+            if k % 2:
+                server.cut()
+            else:
+                server.stop()
+                time.sleep(1.5)
+                server.start()
+            row.injected += 1
+            compare(row, before, complete(folder, url))
+        _, said = child.communicate(timeout=180)
+        for row in rows:
+            _note(row, "\n".join(line for line in said.splitlines() if "answer" in line))
+            if child.returncode or len(complete(folder, url)) != 40:
+                row.wrong.append(f"status {child.returncode}, {len(complete(folder, url))} trials: {said[-300:]}")
+    return rows
