@@ -33,7 +33,7 @@ from studies.trial import Solve, Trial, constraints
 from studies.well_posed import check_search
 from studies.workers.per_trial import READY, PerTrial
 from studies.workers.pool import Pool
-from studies.workers.sessions import Session
+from studies.workers.sessions import Session, uninterrupted
 
 if TYPE_CHECKING:
     import optuna
@@ -247,7 +247,11 @@ class _Run(OpenStudy):
 
     def ask(self) -> optuna.Trial:
         """The next trial, with its design."""
-        asked = self.store(lambda: self.kept.ask(self.distributions))
+        def asked_for() -> optuna.Trial:
+            with uninterrupted():  # a trial that is begun must say whose it is
+                return self.kept.ask(self.distributions)
+
+        asked = self.store(asked_for)
         if self.shared:
             self.store(lambda: self.storage.set_trial_user_attr(asked._trial_id, READY, True))
         return asked

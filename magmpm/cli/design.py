@@ -117,7 +117,7 @@ def _end_as_by_ctrl_c() -> None:
 
 
 def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
+    signal.raise_signal(signal.SIGINT)
 
 
 class TrialPicture:
