@@ -23,7 +23,7 @@ from studies.report import feasible, refused
 
 if TYPE_CHECKING:
     import optuna
-    from optuna.artifacts import FileSystemArtifactStore
+    from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
     from optuna.study._frozen import FrozenStudy
 
 # by the name in SI: the name that is shown, and the factor
@@ -131,7 +131,7 @@ class Notes:
     Notes that somebody wrote are left alone.
     """
 
-    def __init__(self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore) -> None:
+    def __init__(self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore) -> None:
         self.study, self.folder, self.store = study, folder, store
         self._done: set[int] = set()
         self._file = str(self._report().get("study_file") or f"{study.study_name}.yaml")

@@ -19,6 +19,7 @@ from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
+from studies.artifact_stores import S3
 from studies.definition import Study
 from studies.insertion import Insertion
 from studies.judge import FAILURES, Judge, Judged, Picture, trial_of
@@ -68,6 +69,7 @@ def run_study(
     storage_timeout: float = TIMEOUT,
     workers: int | None = None,
     outage: float = OUTAGE,
+    artifacts: str | None = None,
 ) -> StudyReport:
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
@@ -77,7 +79,7 @@ def run_study(
     (Ctrl-C) everything finished is kept. on_advice: called before the first trial with what a user should know of the search, and when
     the storage's server goes away and comes back, for which `outage` s are waited. workers: processes that solve; then solve, differentiate
     and picture must be importable or picklable, and other sessions may share the storage, if it is not the folder's own. None: this
-    process solves, and works on the study alone.
+    process solves, and works on the study alone. artifacts: a folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
@@ -90,10 +92,12 @@ def run_study(
     folder = Path(out)
     url = storage_url(folder, storage)
     shared = workers is not None and storage is not None
+    if artifacts is not None and not artifacts.startswith(S3):
+        artifacts = str(Path(artifacts).resolve())
     store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(Judge(study, solve, differentiate, picture, folder), folder, store, shared)
+        run = _Run(Judge(study, solve, differentiate, picture, folder), folder, store, shared, artifacts)
         stop = study.stop_rms if trials is None else None
         if workers is None or (workers == 1 and not shared):
             ended = run.to_the_end(on_trial, stop)
@@ -102,7 +106,7 @@ def run_study(
         if ended != "interrupted":
             run.keep_best()
             run.mend_artifacts()
-        summary = dataclasses.replace(run.report(ended), warnings=[*advice, *run.notes])
+        summary = dataclasses.replace(run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes])
         summary.save()
     return summary
 
@@ -127,13 +131,13 @@ def _trials_kept(url: str) -> Iterator[None]:
 class _Run(OpenStudy):
     """A study that this process works on."""
 
-    def __init__(self, judge: Judge, out: Path, store: Store, shared: bool) -> None:
+    def __init__(self, judge: Judge, out: Path, store: Store, shared: bool, artifacts: str | None) -> None:
         super().__init__(judge, out, store)
         self.shared, self.session = shared, Session(self.kept, store, out, shared)
         self.session.begin()
         self.starts = self.rod_starts()
         self.kept.sampler = self.sampler()
-        self.gallery = records.Gallery(out, self.storage, store.url)
+        self.gallery = records.Gallery(out, self.storage, store.url, artifacts)
         self.deaths, self.looked = 0, 0.0
         self.mended: list[str] = []
         self.look()

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from magmpm.inputs.regular_file import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
+from studies.artifact_stores import ARTIFACTS, artifact_store
 from studies.judge import PICTURES
 from studies.storage import StorageError, storage_faults
 
@@ -28,20 +29,17 @@ if TYPE_CHECKING:
 
 BEST = "best"
 IMPROVEMENTS = "improvements"
-ARTIFACTS = "artifacts"
 DESIGN = "design.json"
 
 
 class Gallery:
     """The pictures of a study's trials, as files and as Optuna artifacts."""
 
-    def __init__(self, out: Path, storage: optuna.storages.BaseStorage, url: str) -> None:
-        from optuna.artifacts import FileSystemArtifactStore
-
+    def __init__(self, out: Path, storage: optuna.storages.BaseStorage, url: str, place: str | None = None) -> None:
+        """url: of the storage; place: where artifacts are kept, None for the folder itself."""
         self._out, self._storage, self._url = out, storage, url
-        (out / ARTIFACTS).mkdir(parents=True, exist_ok=True)
         (out / PICTURES).mkdir(parents=True, exist_ok=True)
-        self._store = FileSystemArtifactStore(str(out / ARTIFACTS))
+        self._store, self._own = artifact_store(place, out), place is None
 
     def attach(self, trial: optuna.Trial, files: Sequence[Path]) -> str | None:
         """Attaches a trial's pictures. Returns the reason if that is not possible: a missing picture never fails a trial.
@@ -71,6 +69,8 @@ class Gallery:
         from optuna.artifacts import get_all_artifact_meta
 
         mended, lost = 0, []
+        if not self._own:  # other sessions write there as well
+            return []
         for trial in trials:
             for meta in get_all_artifact_meta(trial, storage=self._storage):
                 if any(Path(name).name != name for name in (meta.filename, meta.artifact_id)):

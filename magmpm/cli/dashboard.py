@@ -45,9 +45,9 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
+    from studies.artifact_stores import artifact_store
     from studies.dashboard_view import DashboardView, Notes
     from studies.file_names import REPORT
-    from studies.records import ARTIFACTS
     from studies.storage import must_exist, open_storage
     from studies.storage_url import given_url
 
@@ -63,13 +63,12 @@ def command(options: argparse.Namespace) -> int:
             "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
         )
     import optuna
-    from optuna.artifacts import FileSystemArtifactStore
     from optuna_dashboard import wsgi
 
     saved = saved_report(folder)
     url = _url(saved["storage"], given_url(options.storage, os.environ))
     must_exist(url, folder)
-    storage, artifacts = open_storage(url), FileSystemArtifactStore(str(folder / ARTIFACTS))
+    storage, artifacts = open_storage(url), artifact_store(saved.get("artifacts"), folder)
     Notes(optuna.load_study(study_name=saved["name"], storage=storage), folder, artifacts).keep_up()
     app = wsgi(DashboardView(storage), artifact_store=artifacts)
     try:

@@ -67,6 +67,7 @@ def command(options: argparse.Namespace) -> int:
             sampler=options.sampler,
             storage=storage,
             workers=options.workers,
+            artifacts=options.artifacts,
         )
         done = report.ended != "interrupted"
         files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []

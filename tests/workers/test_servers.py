@@ -14,14 +14,12 @@ from pathlib import Path
 import optuna
 import psutil
 import pytest
+from rod_solve import STUDY, write_study
 from servers import PASSWORD, Postgres, grpc_proxy, postgres, program
 
 from studies.storage import open_storage
 from studies.storage_url import storage_url
 from studies.workers.per_trial import AGAIN
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "studies"))
-from rod_solve import STUDY, write_study
 
 HERE = Path(__file__).parent
 WANTED = 40
