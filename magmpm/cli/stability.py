@@ -9,7 +9,16 @@ from pathlib import Path
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError, report
-from studies.hard_cases import BROKEN, CASES, Outcome, controls_table, random_table, run_random, table
+from studies.hard_cases import (
+    BROKEN,
+    CASES,
+    Outcome,
+    controls_table,
+    random_table,
+    run_cases,
+    run_random,
+    table,
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -21,11 +30,8 @@ def command(options: argparse.Namespace) -> int:
     chosen = [case for case in named if not (options.quick and case.slow)]
     if not chosen:
         raise InputError(f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}")
-    outcomes = []
     with Progress("hard cases") as progress:
-        for k, case in enumerate(chosen):
-            progress.at(k, len(chosen), case.name)
-            outcomes.append(case.run_control() if options.controls else case.run())
+        outcomes = run_cases(chosen, controls=bool(options.controls), on_done=progress.at)
     if options.controls:
         return _controls(options, outcomes)
     failed = [outcome.name for outcome in outcomes if not outcome.passed]

@@ -9,7 +9,7 @@ import pytest
 from magmpm.bodies.catheter import Catheter
 from magmpm.cli import main
 from magmpm.statics import equilibrium, newton
-from studies.hard_cases import CASES, Case
+from studies.hard_cases import CASES, Case, run_cases
 from studies.hard_cases.controls import control_of
 
 
@@ -48,6 +48,16 @@ def test_switches_go_back() -> None:
     assert one.run().passed
     assert not one.run_control().passed
     assert one.run().passed
+
+
+@pytest.mark.slow
+def test_cases_in_two_processes() -> None:
+    """They and their controls come back in their order, with the same numbers as in one process."""
+    some = [case for case in CASES if case.name.startswith(("thin tube", "no load"))]
+    for controls in (False, True):
+        one, two = (run_cases(some, controls=controls, processes=count) for count in (1, 2))
+        assert [o.name for o in one] == [o.name for o in two]
+        assert [(o.measure, o.passed) for o in one] == [(o.measure, o.passed) for o in two]
 
 
 def test_names_tell_cases_apart() -> None:
