@@ -13,6 +13,15 @@ from typing import Any
 FORMULA = re.compile(r"^\$\$(.*?)\$\$$", re.DOTALL | re.MULTILINE)
 
 
+def on_config(config: Any) -> Any:
+    """Pages that the navigation does not list come under `More`, so that none is lost."""
+    listed = str(config.nav)
+    pages = sorted(path.name for path in Path(config.docs_dir).glob("*.md") if f"'{path.name}'" not in listed)
+    if pages:
+        config.nav.append({"More": pages})
+    return config
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """The API's page from docstrings; elsewhere formulas between double dollars as MathML, without the comments for tests."""
     from latex2mathml.converter import convert

@@ -57,7 +57,7 @@ def write(folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | 
 
     facts = gather(folder, report, run=run, differentiate=sensitivities, storage=storage, quick=quick)
     with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
-        text = page(facts, _pictures(folder, report, Path(drawn), facts["notes"]))
+        text = page(facts, _pictures(folder, report, Path(drawn), facts))
     with whole_file(out / PAGE) as part:
         part.write_text(text, encoding="utf-8")
     made: dict[str, Any] = {"html": str(out / PAGE), "pdf": None, "notes": facts["notes"], "best": report.get("best")}
@@ -70,7 +70,7 @@ def write(folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | 
     return made
 
 
-def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, notes: list[str]) -> Pictures:
+def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mapping[str, Any]) -> Pictures:
     """The study's pictures; drawn now where it was run without them."""
     from studies.records import IMPROVEMENTS, PICTURES
     from viz.sheet import Pictures
@@ -81,10 +81,11 @@ def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, notes: list[
             from viz.worker import Renderer
 
             with Renderer() as renderer:
-                draw_study(folder, dict(report), saved_target(folder), renderer, drawn)
+                target = saved_target(folder)
+                draw_study(folder, dict(report), facts["target"] if target is None else target, renderer, drawn)
             at = drawn
         except Exception as error:  # drawing goes through OpenGL, worker processes and disks: the page is worth more than its pictures
-            notes.append(f"Pictures could not be drawn: {error}")
+            facts["notes"].append(f"Pictures could not be drawn: {error}")
 
     def there(name: str) -> Path | None:
         return at / name if (at / name).exists() else None

@@ -57,6 +57,7 @@ def gather(
     facts["command"] = _command(facts)
     facts["kind"] = next((kind for kind in ("insertion", "schedule") if kind in (report.get("best") or {})), "shape")
     facts["files"] = {} if study is None else _files(study)
+    facts["target"] = None if study is None else study.target
     best = records.read_design(folder / records.BEST)
     facts["design"] = {} if "number" not in best else best
     if "number" not in best:
