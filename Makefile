@@ -8,6 +8,7 @@ WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: test-workers faults fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
+.PHONY: test-browser bench-view fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -15,6 +16,7 @@ help:
 	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
 	@echo "make test-workers  several workers on PostgreSQL (apt-get install postgresql) and Optuna's gRPC proxy, killed now and then"
 	@echo "make faults     500 SIGKILLs, full disks, servers that go away, ...: what completed trials are lost (QUICK=1, KILLS=N)"
+	@echo "make test-browser  the page of magmpm view in Chromium (apt-get install chromium)"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
@@ -23,6 +25,7 @@ help:
 	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100)"
 	@echo "make bench-startup  seconds until each command could begin its work"
 	@echo "make fuzz       10 000 hostile inputs: scenes, studies, meshes, tables (INPUTS=N, SEED=S)"
+	@echo "make bench-view  milliseconds from a slider to the new shape in Chromium"
 	@echo "make claims     every measured figure of README and docs made again; says what differs (QUICK=1, WRITE=1)"
 	@echo "make validate   statics against every finite-element reference, over the cell size"
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
@@ -87,6 +90,17 @@ test-workers: $(VENV)/.ready-workers
 
 faults: $(VENV)/.ready-workers
 	$(BIN)/python tests/faults/faults.py --kills $(or $(KILLS),$(if $(QUICK),20,500))
+# Chromium comes from the system; Playwright, which drives it, from PyPI.
+test-browser: $(VENV)/.ready-test
+	@command -v chromium || command -v chromium-browser || command -v google-chrome || \
+	  { echo "tests in the browser need Chromium; install it with: apt-get install chromium"; exit 1; }
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[browser]'
+	$(BIN)/python -m pytest tests/browser -rs
+
+# From a slider to the new shape on the screen, measured in the browser.
+bench-view: $(VENV)/.ready-test
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[browser]'
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/view_latency.py
 
 bench-sampler: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/sampler.py $(or $(SAMPLER),tpe)

@@ -5,6 +5,7 @@ import { arrows, balls, tube } from "./solids.js";
 
 const INSET = 150; // CSS pixels of the compass
 const NICE = [1, 2, 5];
+const STILL = 250; // ms without a new picture, after which a slow machine draws it with smooth edges
 export const rgb = (code) => [1, 3, 5].map((k) => parseInt(code.slice(k, k + 2), 16) / 255);
 const paler = (color, share) => color.map((c) => c + (1 - c) * share);
 
@@ -126,19 +127,22 @@ export class Stage {
     this.asked = true;
     requestAnimationFrame(() => {
       this.asked = false;
-      this.draw();
+      if (this.shapes === 1 && !this.judged) { this.judged = true; this.renderer.judge(() => this.draw()); }
+      this.draw(!this.renderer.slow);
+      clearTimeout(this.later);
+      if (this.renderer.slow) this.later = setTimeout(() => this.draw(), STILL);
       for (const told of this.waiting.splice(0)) told();
     });
   }
 
-  draw() {
+  draw(fine = true) {
     const { clientWidth: w, clientHeight: h } = this.canvas, look = axes(this.camera);
     const small = { ...this.camera, center: [0, 0, 0], half: 1.12, depth: 4 };
     const inset = { matrix: projection(small, 1), x: w - INSET - 12, y: 18, size: INSET };
     const level = this.level !== null && this.level < this.lowest && look.back[2] > 0.03 ? this.level : null;
     const floor = this.renderer.meshes.get("floor");
     if (floor) floor.count = level === null ? 0 : floor.triangles.length;
-    this.renderer.draw({ matrix: projection(this.camera, w / h), ...look }, level, inset);
+    this.renderer.draw({ matrix: projection(this.camera, w / h), ...look }, level, inset, fine);
     this.label(w, h, look);
   }
 
