@@ -90,8 +90,9 @@ def _field(scene: Scene) -> Iterator[Control]:
     if field.over_time is not None and not _uniform_counts(scene):
         return
     largest = nice(1e3 * max(LEAST_FIELD, 2 * float(np.linalg.norm(field.uniform))))
+    group = "Uniform field" if field.varies else "Field"
     for axis, value in zip(AXES, field.uniform, strict=True):
-        yield Control(f"field.{axis}", "Field", f"B{axis}", "mT", -largest, largest, largest / 400, shown(1e3 * value))
+        yield Control(f"field.{axis}", group, f"B{axis}", "mT", -largest, largest, largest / 400, shown(1e3 * value))
 
 
 def _uniform_counts(scene: Scene) -> bool:

@@ -121,6 +121,13 @@ def put_obstacles(obstacles: list[Obstacle], header: dict[str, Any], arrays: dic
         arrays[f"{name}.points"], arrays[f"{name}.triangles"] = one.points, one.triangles
 
 
+def _region_colors(scene: Scene) -> dict[str, str]:
+    """The color of each region by its name, as the sliders' groups are named."""
+    colors = style.segment_colors(np.linalg.norm(scene.region_remanence(), axis=1) > 0)
+    names = [region.name[:1].upper() + region.name[1:] for region in scene.regions()]
+    return {name: "#" + "".join(f"{round(255 * c):02x}" for c in color) for name, color in zip(names, colors.tolist(), strict=True)}
+
+
 def _spread(points: np.ndarray) -> np.ndarray:
     """At most style.TARGET_DOTS of the points, evenly spread, with the last among them."""
     keep = np.linspace(len(points) - 1, 0, min(len(points), style.TARGET_DOTS)).round().astype(int)
@@ -141,6 +148,7 @@ def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> di
         "ground": None if plane is None else {"point": plane.point.tolist(), "normal": plane.normal.tolist()},
         "target": None if target is None else _spread(np.asarray(target)[:, -3:]).tolist(),
         "target_name": target_name,
+        "region_colors": _region_colors(scene),
         "colors": {
             "target": style.TARGET, "magnetization": style.MAGNETIZATION, "field": style.FIELD, "ink": style.INK, "faint": style.FAINT_INK,
             "alarm": style.ALARM, "floor": style.GRID, "trace": style.TRACE,

@@ -19,7 +19,7 @@ export class Panel {
       summary.textContent = name;
       group.dataset.group = name;
       group.append(summary);
-      if (name === "Field") this.polar(group, members);
+      if (members[0].id.startsWith("field.")) this.polar(group, members);
       for (const control of members) group.append(this.slider(control, (value) => this.turned(control.id, value)));
       place.append(group);
     }

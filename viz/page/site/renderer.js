@@ -26,7 +26,7 @@ void main() {
 export class Renderer {
   constructor(canvas) {
     this.canvas = canvas;
-    const gl = this.gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
+    const gl = this.gl = canvas.getContext("webgl2", { antialias: false, alpha: true, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser has no WebGL 2, which draws the body. Use a current Firefox, Chrome, Edge or Safari, and allow " +
       "hardware acceleration; or view the scene with: magmpm view SCENE --window");
     this.program = this.linked();
@@ -35,7 +35,7 @@ export class Renderer {
     this.meshes = new Map();
     this.smooth = gl.createFramebuffer();
     this.layers = [gl.createRenderbuffer(), gl.createRenderbuffer()];
-    this.slow = false; // whether smooth edges cost so much that they are drawn only when nothing moves
+    this.slow = true; // whether smooth edges cost so much that they are drawn only when nothing moves
   }
 
   // A frame buffer with several samples a pixel, as large as the canvas.
@@ -52,15 +52,18 @@ export class Renderer {
     });
   }
 
-  // How long a picture takes with smooth edges: a processor that draws in place of a graphics card is slow.
+  // See how long a picture with smooth edges takes: a processor that draws in place of a graphics card is slow.
   judge(draw) {
-    const gl = this.gl, pixel = new Uint8Array(4);
-    for (let k = 0; k < 2; k++) {
-      const begun = performance.now();
-      draw();
-      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // waits until it is drawn
-      this.slow = performance.now() - begun > 12;
-    }
+    const gl = this.gl, begun = performance.now();
+    draw();
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const look = () => {
+      const spent = performance.now() - begun;
+      if (gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED || spent > 200) this.slow = spent > 25;
+      else setTimeout(look, 2);
+    };
+    setTimeout(look, 2);
   }
 
   linked() {
@@ -140,7 +143,7 @@ export class Renderer {
     }
     for (const mesh of all) if (!mesh.inset && !mesh.over && mesh.alpha === 1) this.one(mesh);
     gl.enable(gl.BLEND);
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
     for (const mesh of all) if (!mesh.inset && !mesh.over && mesh.alpha < 1) this.one(mesh);
     gl.depthMask(true);

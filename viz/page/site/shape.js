@@ -37,6 +37,7 @@ export class ShapeView {
     this.stage = new Stage(about);
     this.panel = new Panel(document.getElementById("controls"), about.controls, () => this.turned());
     this.askers = [new Asker("preview", this, Infinity), new Asker("solve", this, 400)];
+    for (const [group, color] of Object.entries(about.region_colors)) this.panel.color(group, color);
     page.title(about);
     page.legend(page.marksOf(about));
     document.getElementById("subtitle").textContent = `at rest · ${about.effects.map((e) => e.replace("_", " ")).join(", ") || "no effects"} · ` +

@@ -109,7 +109,33 @@ export class Stage {
       const mesh = { points, triangles, normals: normals(points, triangles, new Float32Array(points.length)) };
       this.renderer.put(one.id, mesh, { color: rgb(one.color), hollow: one.hollow, alpha: one.hollow ? 0.55 : 1, lit: one.hollow ? 2 : 1 });
     }
+    if (!this.obstacles) this.include(obstacles, arrays);
     this.obstacles = obstacles;
+  }
+
+  // Bring what stands near the body into view: magnets, as far as three lengths away.
+  include(obstacles, arrays) {
+    const { length } = this.about, low = sub(this.camera.center, [this.reach, this.reach, this.reach]);
+    const high = add(this.camera.center, [this.reach, this.reach, this.reach]);
+    let grown = false;
+    for (const one of obstacles.filter((other) => /N, S|coil/.test(other.name))) {
+      const points = arrays[one.id + ".points"], ends = [[0, 1, 2].map(() => Infinity), [0, 1, 2].map(() => -Infinity)];
+      for (let k = 0; k < points.length; k++) {
+        ends[0][k % 3] = Math.min(ends[0][k % 3], points[k]);
+        ends[1][k % 3] = Math.max(ends[1][k % 3], points[k]);
+      }
+      if (norm(sub(scale(add(...ends), 0.5), this.camera.center)) > 3 * length) continue;
+      for (let k = 0; k < 3; k++) {
+        grown ||= ends[0][k] < low[k] || ends[1][k] > high[k];
+        low[k] = Math.min(low[k], ends[0][k]);
+        high[k] = Math.max(high[k], ends[1][k]);
+      }
+    }
+    if (!grown) return;
+    const back = { ...this.camera };
+    Object.assign(this.camera, back, { center: scale(add(low, high), 0.5), half: 0.5 * norm(sub(high, low)) / Math.sqrt(2) });
+    this.reach = this.camera.half;
+    this.floor(this.about.ground ? this.about.ground.point[2] : low[2]);
   }
 
   setField(field) {
@@ -127,12 +153,16 @@ export class Stage {
     this.asked = true;
     requestAnimationFrame(() => {
       this.asked = false;
-      if (this.shapes === 1 && !this.judged) { this.judged = true; this.renderer.judge(() => this.draw()); }
       this.draw(!this.renderer.slow);
       clearTimeout(this.later);
-      if (this.renderer.slow) this.later = setTimeout(() => this.draw(), STILL);
+      if (this.renderer.slow) this.later = setTimeout(() => this.smoothly(), STILL);
       for (const told of this.waiting.splice(0)) told();
     });
+  }
+
+  // With smooth edges, for nothing moves; the first time it is seen how long that takes.
+  smoothly() {
+    if (this.shapes && !this.judged) { this.judged = true; this.renderer.judge(() => this.draw()); } else this.draw();
   }
 
   draw(fine = true) {
