@@ -11,7 +11,8 @@ from magmpm.errors import Collapsed, Key, LeftField, SolveError, Torn, dotted, u
 from magmpm.fields.dipole import MU0
 from magmpm.scene.scene import Scene
 
-RAMPED = {"field_steps": 40, "max_steps": 500}  # of statics: small steps, each with many iterations
+RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each with many iterations
+LITTLE = 0.05  # of the load: a body that bore no more has too much of it, and no way of applying it helps
 FOLLOWED = 60  # equilibria along a ramp of the field
 GENTLE = (0.4, 0.1)  # of the stable step
 SHARE = 0.9  # of the load or the time that was reached
@@ -103,7 +104,8 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     ramp = {} if scene.field.over_time is not None else {"field.over_time": {"ramp": {"duration": 1.0}}}
     followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
     words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (" with field.over_time: {ramp: {duration: 1 s}}" if ramp else "")
-    return static, Remedy(words, followed), *_weaker(scene, error)
+    along, weaker = Remedy(words, followed), _weaker(scene, error)
+    return (static, *weaker, along) if getattr(error.state, "load_share", 1.0) < LITTLE else (static, along, *weaker)
 
 
 def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
