@@ -36,7 +36,7 @@ export class ShapeView {
     this.latencies = []; // {version, state, ms}: from a slider's move to its shape on the screen
     this.stage = new Stage(about);
     this.panel = new Panel(document.getElementById("controls"), about.controls, () => this.turned());
-    this.askers = [new Asker("preview", this, Infinity), new Asker("solve", this, 400)];
+    this.askers = [new Asker("solve", this, 400), new Asker("preview", this, Infinity)]; // what takes longest is asked first
     for (const [group, color] of Object.entries(about.region_colors)) this.panel.color(group, color);
     page.title(about);
     page.legend(page.marksOf(about));
