@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -116,6 +117,7 @@ def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:
 
     with PageServer(view.routes(), options.host, options.port) as server:
         _tell(server, path, options)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does, with its processes
         try:
             server.serve_forever()
         except KeyboardInterrupt:  # the usual way to end it

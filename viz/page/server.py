@@ -69,7 +69,7 @@ class PageServer(ThreadingHTTPServer):
 
     def begin(self) -> threading.Thread:
         """Serve in a thread of its own."""
-        thread = threading.Thread(target=self.serve_forever, daemon=True)
+        thread = threading.Thread(target=self.serve_forever, args=(0.02,), daemon=True)
         thread.start()
         return thread
 

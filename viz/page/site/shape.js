@@ -76,10 +76,8 @@ export class ShapeView {
       return;
     }
     // Never a shape of old values as if it were that of the new; and no preview over its solution.
-    if (!current && !(answer.state === "preview" && version > this.shown.version)) {
-      if (answer.arrays.triangles && answer.surface !== this.stage.surface) return;
-      return;
-    }
+    if (!current && answer.state === "solved") page.numbers(answer.numbers); // gray, as all numbers are until those of the newest values are there
+    if (!current && !(answer.state === "preview" && version > this.shown.version)) return;
     if (answer.state === "preview" && this.shown.version === version && this.shown.state !== "") return;
     if (answer.surface !== this.stage.surface && !answer.arrays.triangles) return this.again(name);
     this.stage.show(answer);
