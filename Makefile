@@ -166,3 +166,14 @@ bench-fit: $(VENV)/.ready-test
 
 bench-startup: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/startup.py
+
+# Whatever a file holds: a sound value, or an error that says what to do. SEED=S draws other inputs.
+INPUTS ?= 10000
+fuzz: $(VENV)/.ready-test
+	INPUTS=$(INPUTS) $(BIN)/python -m pytest -q -s --tb=short tests/fuzz
+
+.PHONY: fuzz-coverage
+# Guided by coverage; atheris has wheels for Linux alone, so it is no part of the test extra.
+fuzz-coverage: $(VENV)/.ready-test
+	@$(BIN)/python -c "import atheris" 2>/dev/null || $(BIN)/python -m pip install -q "atheris>=2.3"
+	@for kind in stl axis map schedule measured; do PYTHONPATH=. $(BIN)/python tests/fuzz/guided.py $$kind -runs=$(or $(RUNS),20000) -timeout=20 2>&1 | tail -1; done

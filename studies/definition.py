@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError
+from magmpm.errors import InputError, report
+from magmpm.inputs.allowed_paths import REMEDY, RULE, is_allowed
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import Document, read_yaml
@@ -41,6 +42,7 @@ def load_study(path: Path | str) -> Study:
     check_file_name(document.path)
     file = validate(StudyFile, document)
     folder = document.path.parent
+    _must_be_near(document, folder / file.scene, "scene")
     try:
         scene = load_scene(folder / file.scene)
     except InputError as error:
@@ -86,9 +88,16 @@ def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, 
     return frames[-1].target, frames
 
 
+def _must_be_near(document: Document, path: Path, *key: str | int) -> None:
+    """Raises InputError for a path that a study may not name."""
+    if not is_allowed(path, document.path):
+        raise InputError(report(place(document, *key), received=str(path), rule=RULE, remedy=REMEDY))
+
+
 def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, document: Document, scene: Scene) -> Array:
     """Rows [s, x, y, z] (m, 4) m of a table that the study names. Raises InputError."""
     csv = document.path.parent / name
+    _must_be_near(document, csv, *key)
     try:
         target = read_centreline(csv)
     except InputError as error:

@@ -123,9 +123,9 @@ def _gp(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
 
 
 def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import CmaEsSampler
+    from studies.cmaes_sampler import DataOnlyCmaEsSampler
 
-    return CmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
+    return DataOnlyCmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
 
 
 def _random(_: SearchSpace, seed: int, finished: int) -> BaseSampler:

@@ -11,6 +11,10 @@ from pathlib import Path
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+# Tests write scenes in temporary folders that name shipped files, and others; test_allowed_paths.py is of the rule itself.
+os.environ["MAGMPM_ALLOW_OUTSIDE"] = os.sep
+os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="magmpm-tests-")  # `magmpm import` keeps folders there
+
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import configuration, settings  # noqa: E402

@@ -22,13 +22,14 @@ from pydantic import ValidationInfo
 from magmpm.bodies.shells import SAME, MeshError, overlapping_boxes, solid_of, trouble
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.regular_file import UnfitFile, read_regular
-from magmpm.inputs.settings import fault, folder_of
+from magmpm.inputs.settings import fault, from_file, named_file
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
+MOST_PACKED = 16 + 72 * MOST_FACES + 12 * MOST_FACES  # bytes of a stored mesh: three vertices of its own for each face
 MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is checked
 LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
 FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
@@ -194,10 +195,15 @@ def pack_mesh(mesh: Mesh) -> str:
 def unpack_mesh(text: str) -> Mesh:
     """The mesh of a scene's text. Raises MeshError where the text is damaged."""
     try:
-        content = zlib.decompress(base64.b64decode(text.removeprefix(PREFIX), validate=True))
-        v, f = np.frombuffer(content, "<i8", 2)
+        packed = base64.b64decode(text.removeprefix(PREFIX), validate=True)
+        content = zlib.decompressobj().decompress(packed, MOST_PACKED)  # a small text may stand for terabytes
+        v, f = (int(count) for count in np.frombuffer(content, "<i8", 2))
+        if not (0 < v <= 3 * MOST_FACES and 0 < f <= MOST_FACES):
+            raise ValueError("no mesh has so many vertices or faces")
         vertices = np.frombuffer(content, "<f8", 3 * v, 16).reshape(-1, 3)
         faces = np.frombuffer(content, "<i4", 3 * f, 16 + 24 * v).reshape(-1, 3)
+        if not (np.isfinite(vertices).all() and faces.min() >= 0 and faces.max() < v):
+            raise ValueError("a face names no vertex, or a vertex is nowhere")
     except (ValueError, zlib.error):
         raise MeshError("the stored mesh is damaged", "make the scene from its file again") from None
     return Mesh(vertices, faces.astype(np.int64))
@@ -209,9 +215,11 @@ def read_mesh(value: Any, info: ValidationInfo) -> Any:
         raise fault("must be the path of an STL file", "write, say, `mesh: meshes/base.stl`")
     try:
         if isinstance(value, str) and value.startswith(PREFIX):
-            unpack_mesh(value)
+            stored = unpack_mesh(value)
+            if from_file(info):  # a scene that magmpm keeps has been checked; one that is written need not have been
+                checked(stored.vertices, stored.faces)
             return value
-        return pack_mesh(read_stl(folder_of(info) / value))
+        return pack_mesh(read_stl(named_file(info, value)))
     except MeshError as error:
         raise fault(error.rule, error.remedy) from None
 

@@ -33,7 +33,10 @@ def parser() -> argparse.ArgumentParser:
         _run, _view, _map, _design, _accuracy, _effects, _render, _dashboard, _report, _examples, _import_robot, _prepare, _stability, _fit,
         _doctor,
     ):  # fmt: skip
-        add(commands).set_defaults(command=add.__name__.removeprefix("_"))
+        made = add(commands)
+        made.set_defaults(command=add.__name__.removeprefix("_"))
+        if {action.dest for action in made._actions} & {"scene", "scenes", "study", "robot"}:
+            made.add_argument("--allow-outside", action="store_true", help="let files name files anywhere, not only near them")
     return whole
 
 

@@ -7,6 +7,7 @@ so that `magmpm --help` answers at once.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -14,6 +15,7 @@ from importlib import import_module
 from magmpm.cli.arguments import parser
 from magmpm.compiled.environment import refuse_unusable
 from magmpm.errors import MagmpmError, SolveError
+from magmpm.inputs.allowed_paths import VARIABLE
 from magmpm.results.whole_file import REFUSED, explained
 
 
@@ -23,6 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = parser().parse_args(given)
         refuse_unusable()
+        if getattr(options, "allow_outside", False):
+            os.environ[VARIABLE] = os.sep
         status: int = import_module(f"magmpm.cli.{options.command}").command(options)
         return status
     except SolveError as error:

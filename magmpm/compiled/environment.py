@@ -9,6 +9,7 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 import sys
 import tempfile
 from pathlib import Path
@@ -39,7 +40,9 @@ def _cache_folder() -> Path:
     except (OSError, RuntimeError) as error:  # RuntimeError: no home folder
         folder = Path(tempfile.gettempdir()) / f"magmpm-{os.getuid()}" / name
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.parent.mkdir(mode=0o700, exist_ok=True)
+            refuse_shared(folder.parent)
+            folder.mkdir(exist_ok=True)
             print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
         except OSError as other:  # magmpm.compiled.cache works without a folder
             print(f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own", file=sys.stderr)
@@ -48,6 +51,13 @@ def _cache_folder() -> Path:
     for stale in old[KEPT_CACHES - 1 :]:
         shutil.rmtree(stale, ignore_errors=True)
     return folder
+
+
+def refuse_shared(folder: Path) -> None:
+    """Raise PermissionError unless a folder is this user's own and no other's to write: compiled kernels are code that is run."""
+    about = folder.lstat()
+    if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise PermissionError(f"{folder} can be written by other users")
 
 
 def prepare() -> None:

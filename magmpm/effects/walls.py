@@ -29,7 +29,7 @@ from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.inputs.csv_tables import read_centreline, table_faults
-from magmpm.inputs.settings import Quantity, Settings, fault, folder_of
+from magmpm.inputs.settings import Quantity, Settings, fault, named_file
 
 POINTS = 6  # of the table in a tube's radius
 DTYPE = np.dtype(
@@ -66,7 +66,7 @@ def _read_path(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, (str, Path)):
         return value
     with table_faults():
-        return read_centreline(folder_of(info) / value)[:, 1:].tolist()
+        return read_centreline(named_file(info, value))[:, 1:].tolist()
 
 
 class Tube(Settings):

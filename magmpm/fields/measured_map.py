@@ -18,7 +18,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import show
 from magmpm.inputs.csv_tables import Line, TableError, table_faults, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
-from magmpm.inputs.settings import Settings, fault, folder_of, from_file
+from magmpm.inputs.settings import Settings, fault, from_file, named_file
 from magmpm.inputs.vectors import Point
 
 MAX_NODES = 500_000
@@ -60,7 +60,7 @@ def _read_map(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, (str, Path)):
         raise fault("must be the path of a CSV table", "write, say, `table: ../measured/magnet.csv`")
     with table_faults():
-        lower, spacing, values = read_map(folder_of(info) / value)
+        lower, spacing, values = read_map(named_file(info, value))
     text = base64.b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode()
     return Grid3(
         lower=tuple(lower.tolist()), spacing=tuple(spacing.tolist()), shape=values.shape[:3], values=text

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from magmpm.fields.measured_map import read_schedule
 from magmpm.inputs.csv_tables import table_faults
-from magmpm.inputs.settings import Quantity, Settings, fault, folder_of, from_file
+from magmpm.inputs.settings import Quantity, Settings, fault, from_file, named_file
 from magmpm.inputs.vectors import Axis, FluxVector, Point
 
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
@@ -99,7 +99,7 @@ def _read_schedule(value: Any, info: ValidationInfo) -> Any:
             raise fault("must be the path of a CSV table", "write, say, `table: ../measured/current.csv`")
         return value
     with table_faults():
-        return tuple(Keyframe.model_validate(row) for row in read_schedule(folder_of(info) / value))
+        return tuple(Keyframe.model_validate(row) for row in read_schedule(named_file(info, value)))
 
 
 KEYFRAMES = [{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]

@@ -24,6 +24,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from magmpm.errors import InputError, NotThereYet
+from magmpm.inputs.allowed_paths import REMEDY, RULE, is_allowed
 from magmpm.inputs.messages import NOTHING, empty_values, nearest_key, overruled, translate
 from magmpm.inputs.quantities import KINDS, BadQuantity, a, format_si, parse_quantity
 from magmpm.inputs.yaml_document import Document, Key, read_yaml
@@ -43,12 +44,14 @@ __all__ = [
     "fault",
     "folder_of",
     "from_file",
+    "named_file",
     "read_yaml",
     "validate",
     "write_json_schema",
 ]
 
 M = TypeVar("M", bound=BaseModel)
+MOST_TOLD = 20  # problems of a file: more would hide the first
 
 
 class Settings(BaseModel):
@@ -74,6 +77,14 @@ def from_file(info: ValidationInfo) -> bool:
 def folder_of(info: ValidationInfo) -> Path:
     """The folder that paths in the validated data are relative to."""
     return Path(info.context["file"]).parent if info.context and info.context.get("file") else Path()
+
+
+def named_file(info: ValidationInfo, name: str | Path) -> Path:
+    """The file that a path in the validated data names. Raises PydanticCustomError (see `fault`) for one that it may not name."""
+    path = folder_of(info) / name
+    if info.context and info.context.get("file") and not is_allowed(path, Path(info.context["file"])):
+        raise fault(RULE, REMEDY)
+    return path
 
 
 @dataclass(frozen=True)
@@ -164,7 +175,10 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
         meant = {(*p.at[:-1], near) for p in found if (near := nearest_key(model, p.at)) is not None}
         problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
     lines = data.lines if isinstance(data, Document) else {}
-    text = "\n".join(problem.text(file, lines) for problem in sorted(problems, key=lambda p: p.line(lines)))
+    told = sorted(problems, key=lambda p: p.line(lines))[:MOST_TOLD]
+    text = "\n".join(problem.text(file, lines) for problem in told)
+    if len(problems) > MOST_TOLD:
+        text += f"\n... and {len(problems) - MOST_TOLD} more"
     if len(problems) > 1:
         text = f"{len(problems)} problems in {file if file is not None else 'the input'}\n{text}"
     raise (NotThereYet if all(p.later for p in problems) else InputError)(text)

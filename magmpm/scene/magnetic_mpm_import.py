@@ -25,6 +25,7 @@ from pydantic import Field, model_validator
 from magmpm.bodies.assembly import MAX_PARTS, MAY_OVERLAP
 from magmpm.bodies.surface_mesh import MeshError, overlaps, pack_mesh, read_stl, unpack_mesh
 from magmpm.errors import InputError, report
+from magmpm.inputs.allowed_paths import allow
 from magmpm.inputs.regular_file import read_regular
 from magmpm.inputs.settings import Settings, fault, read_yaml, validate
 from magmpm.inputs.vectors import three
@@ -96,6 +97,7 @@ def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: b
     path, target = Path(robot_file), Path(scene_file)
     robot = validate(Robot, read_yaml(path))
     made = _scene_text(path, robot, target)
+    allow(path.parent / "meshes")  # the user has named the robot: its scene may name its meshes, wherever it is kept
     if not overwrite:
         _spare(target, made.text)
     try:
@@ -197,7 +199,7 @@ def _meshes(path: Path, robot: Robot) -> tuple[list[Path], list[str]]:
     for i, segment in enumerate(robot.segments):
         file = folder / segment.mesh
         place = f"{path}: segments[{i}].mesh"
-        if not file.is_file():
+        if not file.is_file() or Path(segment.mesh).is_absolute() or ".." in Path(segment.mesh).parts:
             near = difflib.get_close_matches(segment.mesh, there, n=1, cutoff=0.8)
             remedy = f'did you mean "{near[0]}"?' if near else "add the file, or correct the name"
             rule = f"the file must be in {folder}" if folder.is_dir() else f"the folder {folder} must be there"

@@ -34,7 +34,7 @@ from magmpm.fields.outside_field import end_time, outside_field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.folder_names import folder_fault
-from magmpm.inputs.settings import Settings, fault, folder_of, from_file, read_yaml, validate
+from magmpm.inputs.settings import Settings, fault, from_file, named_file, read_yaml, validate
 from magmpm.scene import rules
 from magmpm.scene.inserted import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
@@ -75,7 +75,7 @@ def _read_points(value: Any, info: ValidationInfo) -> Any:
             raise fault("must be the path of a CSV table", "write, say, `centreline: ../references/shape.csv`")
         return value
     with table_faults():
-        return read_centreline(folder_of(info) / value).tolist()
+        return read_centreline(named_file(info, value)).tolist()
 
 
 class Reference(Settings):

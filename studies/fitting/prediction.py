@@ -117,12 +117,14 @@ def _along_curve(shape: Axis, readings: Readings, axes: list[int], found: Found)
     for m, line in enumerate(readings.lines):
         point = readings.points[m, axes]
         s = _foot(shape, axes, point, fine, curve)
-        places, moved, slopes, _ = shape.at(np.array([s]))
-        tangent = slopes[0, axes] / max(float(np.linalg.norm(slopes[0, axes])), 1e-300)
+        places, moved, slopes, turned = shape.at(np.array([s]))
+        size = max(float(np.linalg.norm(slopes[0, axes])), 1e-300)
+        tangent, away = slopes[0, axes] / size, places[0, axes] - point
         for k, normal in enumerate(_normals(tangent)):
-            gap = float(normal @ (places[0, axes] - point))
+            gap, ahead = float(normal @ away), float(tangent @ away) / size  # ahead: not 0 beyond an end alone, where the tangent turns
             what = f"across the curve{f' ({k + 1})' if len(axes) == 3 else ''}"
-            _add(found, gap, normal @ moved[0, axes], Label(int(line), what, False, tuple(point.tolist()), tuple(places[0, axes].tolist())))
+            both = tuple(point.tolist()), tuple(places[0, axes].tolist())
+            _add(found, gap, normal @ (moved[0, axes] - ahead * turned[0, axes]), Label(int(line), what, False, *both))
 
 
 def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array) -> float:

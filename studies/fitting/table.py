@@ -149,7 +149,8 @@ def _unknown(header: Line, title: str) -> TableError:
     ) + f" (also in {', '.join(sorted({u for kind in _UNITS.values() for u in kind[1:]}))}), or {' or '.join(LABELS)}"
     if title in _QUANTITIES:
         return header.error(rule, f'add the unit: "{title}_{_UNITS[_QUANTITIES[title]][0]}"', f'the column "{title}"')
-    near = difflib.get_close_matches(title, known, n=1, cutoff=0.7)
+    usual = [f"{name}_{_UNITS[kind][0]}" for name, kind in _QUANTITIES.items()]
+    near = difflib.get_close_matches(title, usual, n=1, cutoff=0.7) or difflib.get_close_matches(title, known, n=1, cutoff=0.7)
     return header.error(rule, f'did you mean "{near[0]}"?' if near else "rename or remove the column", f'the column "{title}"')
 
 

@@ -68,6 +68,12 @@ def one(number: int) -> dict[str, Any]:
     return {**about, "constants": held, "seconds": found.seconds, "solves": found.solves}
 
 
+def _share(done: list[dict[str, Any]]) -> float:
+    """Share of all intervals that hold the true value."""
+    held = [each["low"] <= each["true"] <= each["high"] for one_fit in done for each in one_fit["constants"].values()]
+    return float(np.mean(held))
+
+
 def main(fits: str = "1000") -> int:
     """Print the table, and write runs/bench/fit.json."""
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
@@ -78,8 +84,9 @@ def main(fits: str = "1000") -> int:
         done = []
         for each in pool.imap_unordered(one, range(int(fits)), chunksize=4):
             done.append(each)
-            if sys.stderr.isatty() or len(done) % 100 == 0:
-                print(f"{len(done)} of {fits} fits, {time.perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
+            if len(done) % 50 == 0:
+                spent = time.perf_counter() - begun
+                print(f"{len(done)} of {fits} fits, {spent:.0f} s: {100 * _share(done):.1f} %", file=sys.stderr, flush=True)
     groups: dict[tuple[str, str], list[bool]] = {}
     for each in done:
         for name, interval in each["constants"].items():

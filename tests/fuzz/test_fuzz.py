@@ -1,0 +1,276 @@
+"""Whatever a file holds, its reader gives a sound value, or an InputError that says what to do: no traceback, hang or nonsense.
+
+`make fuzz` runs 10 000 inputs, INPUTS=N another number; `make test` runs a few of each kind. A hang ends the process with a traceback.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import functools
+import json
+import math
+import os
+import struct
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+
+from fuzz.hostile import ROOT, SCENES, STUDIES, damaged, documents, tables
+from magmpm.errors import InputError
+from magmpm.inputs.csv_tables import read_centreline
+from magmpm.results.result import Result
+from magmpm.scene import Scene, load_scene
+
+INPUTS = int(os.environ.get("INPUTS", "0"))
+SEED = int(os.environ.get("SEED", "1"))
+LONGEST = 60.0  # s for one input: readers take milliseconds
+SHARES = {
+    "scene": 0.3, "study": 0.13, "axis": 0.1, "measured": 0.15, "map": 0.07, "schedule": 0.05, "stl": 0.13, "robot": 0.03, "result": 0.04,
+}  # fmt: skip
+SMALLEST = 6  # of each kind, in `make test`
+
+
+BAD: dict[str, dict[str, str]] = {}  # kind -> where it went wrong -> the input that did it
+DONE: dict[str, int] = dict.fromkeys(SHARES, 0)
+
+
+def inputs(kind: str) -> Callable[[Any], Any]:
+    """As many inputs of a kind as are asked for, as a decorator. All are tried; those that go wrong are kept in BAD."""
+    count = max(SMALLEST, math.ceil(SHARES[kind] * INPUTS))
+    every = settings(
+        max_examples=count, deadline=None, suppress_health_check=list(HealthCheck), derandomize=not INPUTS, database=None,
+        phases=[Phase.generate],
+    )
+
+    def decorate(test: Any) -> Any:
+        @functools.wraps(test)
+        def tried(**given_values: Any) -> None:
+            DONE[kind] += 1
+            faulthandler.dump_traceback_later(LONGEST, exit=True)
+            try:
+                test(**given_values)
+            except Exception as error:
+                last = traceback.extract_tb(error.__traceback__)[-1]
+                where = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
+                BAD.setdefault(kind, {}).setdefault(where, repr(given_values)[:20_000])
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+
+        def whole() -> None:
+            run = every(given(**test.strategies)(tried))
+            (seed(SEED)(run) if INPUTS else run)()
+            assert not BAD.get(kind), "\n\n".join(f"{where}\n{what}" for where, what in BAD[kind].items())
+
+        whole.__name__, whole.__doc__ = test.__name__, test.__doc__
+        return whole
+
+    return decorate
+
+
+def drawn(**strategies: Any) -> Callable[[Any], Any]:
+    """What a test's inputs are drawn from, as a decorator below `inputs`."""
+
+    def decorate(test: Any) -> Any:
+        test.strategies = strategies
+        return test
+
+    return decorate
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with the tables that scenes name, beside the hostile file."""
+    folder = tmp_path_factory.mktemp("project")
+    for name in ("targets", "references", "measured", "scenes"):
+        (folder / name).symlink_to(ROOT / "data" / name)
+    (folder / "hostile").mkdir()
+    monkeypatch.chdir(folder / "hostile")
+
+
+def judged(read: Callable[[], Any]) -> Any:
+    """What a reader gives; None for an input that it refuses with a rule and a remedy."""
+    try:
+        return read()
+    except InputError as error:
+        said = str(error)
+    if not said.strip() or len(said) > 100_000:
+        raise AssertionError("an error says something that can be read")
+    return None
+
+
+def sound(value: Any) -> bool:
+    """Whether all numbers in plain data are finite."""
+    if isinstance(value, dict):
+        return all(sound(item) for item in value.values())
+    if isinstance(value, list | tuple):
+        return all(sound(item) for item in value)
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def written(name: str, content: str | bytes) -> Path:
+    path = Path(name)
+    path.write_bytes(content.encode("utf-8", "surrogatepass") if isinstance(content, str) else content)
+    return path
+
+
+@inputs("scene")
+@drawn(text=documents(SCENES))
+def test_scenes(text: str) -> None:
+    """A scene that is taken has finite numbers, and is the same after a trip through plain data."""
+    scene = judged(lambda: load_scene(written("scene.yaml", text)))
+    if scene is not None:
+        data = scene.to_si()
+        assert sound(data)
+        assert Scene.from_si(json.loads(json.dumps(data))).hash() == scene.hash()
+        assert scene.name
+        assert "/" not in scene.name
+
+
+@inputs("study")
+@drawn(text=documents(STUDIES))
+def test_studies(text: str) -> None:
+    from studies.definition import load_study
+
+    study = judged(lambda: load_study(written("study.yaml", text)))
+    if study is not None:
+        assert 1 <= study.trials <= 1_000_000
+        assert np.isfinite(study.target).all()
+
+
+AXIS = [["0", "0", "0", "0"], ["10", "9", "0", "1"], ["20", "18", "0", "3"]]
+
+
+@inputs("axis")
+@drawn(content=tables(["s_mm,x_mm,y_mm,z_mm", "x_mm,s_mm,z_mm,y_mm"], AXIS))
+def test_tables_of_axes(content: bytes) -> None:
+    rows = judged(lambda: read_centreline(written("axis.csv", content)))
+    if rows is not None:
+        assert np.isfinite(rows).all()
+        assert np.all(np.diff(rows[:, 0]) > 0)
+        assert np.abs(rows).max() <= 10.0
+
+
+HEADERS = [
+    "field_z_mT,tip_x_mm,tip_z_mm", "field_mT,tip_x_mm,tip_angle_deg", "s_mm,x_mm,y_mm,z_mm", "field_x_mT,field_y_mT,x_mm,z_mm",
+    "x_mm,z_mm", "t_ms,s_mm,x_mm,y_mm,z_mm", "t_ms,tip_x_mm", "marker,s_mm,x_mm",
+]  # fmt: skip
+STATIC = load_scene(ROOT / "data/scenes/axial_transverse.yaml")
+MOVING = Scene.from_si({**STATIC.to_si(), "solver": {"dynamic": {"duration": 0.1}}, "materials": {
+    "magnetic silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "remanence": 0.1, "density": 1882.0}}})  # fmt: skip
+
+
+@inputs("measured")
+@drawn(content=tables(HEADERS, [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]]), moving=st.booleans())
+def test_measurements(content: bytes, moving: bool) -> None:
+    from studies.fitting import read_measured
+
+    measured = judged(lambda: read_measured(written("tips.csv", content), MOVING if moving else STATIC))
+    if measured is not None:
+        assert measured.numbers > 0
+        for state in measured.states:
+            assert state.field is None or np.isfinite(state.field).all()
+            assert not np.isinf(state.points).any()
+
+
+MAP = [[str(x), str(y), str(z), "1", "0", "2"] for x in (0, 1, 2) for y in (0, 1, 2) for z in (0, 1, 2)]
+
+
+@inputs("map")
+@drawn(content=tables(["x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT", "x_m,y_m,z_m,Bx_T,By_T,Bz_T"], MAP))
+def test_maps(content: bytes) -> None:
+    from magmpm.fields.measured_map import read_map
+
+    found = judged(lambda: read_map(written("map.csv", content)))
+    assert found is None or all(np.isfinite(part).all() for part in found)
+
+
+@inputs("schedule")
+@drawn(content=tables(["time_s,strength", "time_ms,Bx_mT,By_mT,Bz_mT"], [["0", "0", "0", "1"], ["1", "1", "0", "2"]]))
+def test_schedules(content: bytes) -> None:
+    from magmpm.fields.measured_map import read_schedule
+
+    judged(lambda: read_schedule(written("schedule.csv", content)))
+
+
+def cube(text: bool) -> bytes:
+    """A unit cube as STL."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = [corner for a, b, c, d in sides for corner in ((a, b, c), (a, c, d))]
+    if text:
+        of = ("\n".join("vertex " + " ".join(f"{x:g}" for x in corners[v]) for v in face) for face in faces)
+        facets = "\n".join(f"facet normal 0 0 0\nouter loop\n{loop}\nendloop\nendfacet" for loop in of)
+        return f"solid cube\n{facets}\nendsolid".encode()
+    records = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0) for face in faces)
+    return bytes(80) + struct.pack("<I", 12) + records
+
+
+@st.composite
+def meshes(draw: Callable[..., Any]) -> bytes:
+    """An STL file with bytes damaged, its count of triangles false, or coordinates replaced."""
+    content = cube(draw(st.booleans()))
+    change = draw(st.sampled_from(["bytes", "count", "coordinate", "random"]))
+    if change == "bytes":
+        return bytes(draw(damaged(content)))
+    if change == "random":
+        return bytes(draw(st.binary(max_size=300)))
+    binary = bytearray(cube(False))
+    if change == "count":
+        binary[80:84] = struct.pack("<I", draw(st.integers(0, 2**32 - 1)))
+    for _ in range(draw(st.integers(0, 4))):
+        at = 84 + 50 * draw(st.integers(0, 11)) + 12 + 4 * draw(st.integers(0, 8))
+        binary[at : at + 4] = struct.pack("<f", draw(st.floats(width=32)))
+    return bytes(binary)
+
+
+@inputs("stl")
+@drawn(content=meshes())
+def test_meshes(content: bytes) -> None:
+    """A mesh that is taken encloses a volume."""
+    from magmpm.bodies.shells import MeshError
+    from magmpm.bodies.surface_mesh import read_stl, volume_of
+
+    def read() -> Any:
+        try:
+            return read_stl(written("part.stl", content))
+        except MeshError as error:
+            raise InputError(f"{error.rule} {error.remedy}") from None
+
+    mesh = judged(read)
+    assert mesh is None or (np.isfinite(mesh.vertices).all() and volume_of(mesh.triangles) > 0)
+
+
+@inputs("robot")
+@drawn(text=documents([*sorted((ROOT.parent / "shared/robots").rglob("*.yaml")), SCENES[0]]))
+def test_robots(text: str) -> None:
+    from magmpm.scene.magnetic_mpm_import import import_robot
+
+    judged(lambda: import_robot(written("robot.yaml", text), Path("made.yaml"), overwrite=True))
+
+
+NUMBERS = {"name": "x", "scene": {}, "scene_hash": "0", "converged": True, "iterations": 3, "tip": [0, 0, 0], "seconds": {}}
+
+
+@inputs("result")
+@drawn(content=st.one_of(damaged(json.dumps(NUMBERS).encode()), st.recursive(st.none() | st.floats() | st.text(), st.lists).map(
+    lambda data: json.dumps(data).encode())), arrays=st.binary(max_size=200))  # fmt: skip
+def test_saved_results(content: bytes, arrays: bytes) -> None:
+    folder = Path("run")
+    folder.mkdir(exist_ok=True)
+    (folder / "result.json").write_bytes(content)
+    (folder / "state.npz").write_bytes(arrays)
+    judged(lambda: Result.load(folder))
+
+
+def test_table_of_all() -> None:
+    """What `make fuzz` prints: inputs of each kind, and the kinds of failure."""
+    rows = [f"{kind:<12}{DONE[kind]:>8}{len(BAD.get(kind, {})):>8}" for kind in SHARES]
+    total = f"{'all':<12}{sum(DONE.values()):>8}{sum(map(len, BAD.values())):>8}"
+    print("\n".join(["", f"{'inputs':<12}{'tried':>8}{'bad':>8}", *rows, total]))
+    assert not BAD

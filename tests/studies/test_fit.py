@@ -1,0 +1,256 @@
+"""magmpm fit: tables as people have them, slopes of residuals, intervals of known problems, and what the data can't tell."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from magmpm import load_scene, run
+from magmpm.cli import main
+from magmpm.errors import InputError
+from magmpm.scene import Scene
+from studies.fitting import Refused, fit, read_measured
+from studies.fitting.constants import applied, constants_of
+from studies.fitting.identify import refuse_twins
+from studies.fitting.prediction import Prediction
+from studies.fitting.profile import interval_of
+from studies.fitting.solve import Minimum, least_squares
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
+MATERIAL = "magnetic silicone"
+
+
+def table(folder: Path, text: str) -> Path:
+    path = folder / "measured.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def with_modulus(scene: Scene, modulus: float) -> Scene:
+    data = scene.to_si()
+    data["materials"][MATERIAL]["shear_modulus"] = modulus
+    return Scene.from_si(data)
+
+
+def tips(folder: Path, modulus: float = 100e3, fields: tuple[float, ...] = (2.0, 4.0), noise: float = 0.0) -> Path:
+    """Tips of the body with another modulus, mm, in fields along z, mT."""
+    rng, rows = np.random.default_rng(5), ["field_z_mT,tip_x_mm,tip_z_mm"]
+    for strength in fields:
+        tip = 1e3 * run(with_modulus(SCENE, modulus).with_field([0, 0, 1e-3 * strength])).tip + rng.normal(0, noise, 3) * 1e3
+        rows.append(f"{strength},{tip[0]:.9f},{tip[2]:.9f}")
+    return table(folder, "\n".join(rows) + "\n")
+
+
+def test_units_and_columns(tmp_path: Path) -> None:
+    text = "# a comment\nnote,field_x_G,field_z_T,tip_z_in,tip_angle_deg\nfirst,10,0.004,1,90\n,10,0.004,,45\nother,0,0,2,\n"
+    found = read_measured(table(tmp_path, text), SCENE)
+    assert (found.kind, found.numbers, len(found.states)) == ("tips", 4, 2)
+    np.testing.assert_allclose(found.states[0].field, [1e-3, 0.0, 4e-3])
+    np.testing.assert_allclose(found.states[0].points[:, 2], [25.4e-3, np.nan])
+    np.testing.assert_allclose(found.states[0].angles, [math.pi / 2, math.pi / 4])
+    assert found.states[0].lines.tolist() == [3, 4]
+
+
+WRONG = [
+    ("tip_x\n1\n", "measured.csv:1", 'add the unit: "tip_x_mm"'),
+    ("tip_x_mn\n1\n", 'the column "tip_x_mn"', 'did you mean "tip_x_mm"'),
+    ("tip_x_mm\nabc\n", '"abc" in tip_x_mm', "must be a finite number"),
+    ("tip_x_mm\n1e5\n", "1e5 in tip_x_mm", "at most 10000"),
+    ("tip_x_mm,tip_z_mm\n1\n", "measured.csv:2", "must have 2 cells"),
+    ("tip_x_mm,s_mm\n1,2\n", "measured.csv:1", "not both"),
+    ("s_mm,x_mm\n41,2\n", "s = 41 mm", "0 to 40 mm"),
+    ("t_ms,tip_x_mm\n1,2\n", "t_ms", "no time"),
+    ("tip_x_mm\n", "a header alone", "begin the file"),
+    ("tip_angle_deg\n-5\n", "-5 deg", "without a sign"),
+    ("field_mT,tip_x_mm\n,5\n", "field_mT empty", "can't be empty"),
+    ("x_mm,z_mm\n1,\n", "measured.csv:2", "all its coordinates"),
+    ("tip_x_mm,tip_x_m\n1,1\n", "tip_x_m", "stands twice"),
+]
+
+
+@pytest.mark.parametrize(("text", "place", "words"), WRONG)
+def test_wrong_tables(tmp_path: Path, text: str, place: str, words: str) -> None:
+    """Every message names the file, what was received, a rule and a remedy."""
+    with pytest.raises(InputError) as refused:
+        read_measured(table(tmp_path, text), SCENE)
+    said = str(refused.value)
+    for part in ("measured.csv", place, words, "rule:", "remedy:"):
+        assert part in said, said
+
+
+PLACES = "field_z_mT,s_mm,x_mm,y_mm,z_mm\n3,13,12,0.1,2\n3,40,35,,15\n"
+CURVE = "field_z_mT,x_mm,z_mm\n3,10,1\n3,30,8\n3,38,16\n"
+IN_SPACE = "field_z_mT,x_mm,y_mm,z_mm\n3,10,1,1\n3,30,0,8\n"
+POSE = "field_z_mT,tip_x_mm,tip_z_mm,tip_angle_deg\n3,36,14,50\n"
+
+
+TABLES = [PLACES, CURVE, POSE, pytest.param(IN_SPACE, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("text", TABLES, ids=["places", "curve", "pose", "curve in space"])
+def test_slopes_are_those_of_the_residuals(tmp_path: Path, text: str) -> None:
+    """Central differences of the residuals, away from the start; 2e-5 of the largest: their own error at a step of 1e-3.
+
+    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has.
+    """
+    measured = read_measured(table(tmp_path, text), SCENE)
+    constants = constants_of(SCENE, ["shear_modulus", "remanence", "magnetization", "field"])
+    prediction = Prediction(SCENE, measured, constants)
+    x = np.array([0.1, -0.05, 0.2, -0.1, 0.3, 0.2, -0.4])
+    residuals, slopes = prediction.at(x)
+    weights = residuals[None] if text == IN_SPACE else np.eye(len(residuals))
+    for k, step in enumerate(1e-3 * np.eye(len(x))):
+        central = (prediction.at(x + step, slopes=False)[0] - prediction.at(x - step, slopes=False)[0]) / 2e-3
+        atol = 2e-5 * np.abs(weights @ slopes).max()
+        np.testing.assert_allclose(weights @ slopes[:, k], weights @ central, rtol=0, atol=atol)
+
+
+def test_constants_of_exact_tips_are_found(tmp_path: Path) -> None:
+    """1e-4: the search ends 1e-3 standard errors from the minimum, and readings are not taken as more exact than 1e-6 of the length."""
+    found = fit(read_measured(tips(tmp_path), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
+    assert found.constants[0].value == pytest.approx(100e3, rel=1e-4)
+    assert found.rms_m < 1e-6 * SCENE.length
+
+
+def test_what_is_known_beforehand_widens_the_interval(tmp_path: Path) -> None:
+    """A tip in a uniform field tells the ratio: with a remanence known to 5 %, the modulus is known to 5 % as well, and no better."""
+    measured = read_measured(tips(tmp_path, noise=1e-5), SCENE)
+    found = fit(measured, SCENE, vary=["shear_modulus", "remanence"], known={"remanence": 0.05}, noise=1e-5, thorough=False)
+    modulus = found.constants[0]
+    assert modulus.error / modulus.value == pytest.approx(0.05, rel=0.02)
+    assert modulus.value == pytest.approx(100e3, rel=1e-2)
+    assert abs(found.correlation[0, 1]) > 0.99
+
+
+def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(tmp_path: Path) -> None:
+    """The answer depends on their ratio alone. Refused, with the ratio's accuracy and measurements that would tell."""
+    with pytest.raises(Refused, match="can't tell shear_modulus_magnetic_silicone and remanence_magnetic_silicone apart") as refused:
+        fit(read_measured(tips(tmp_path, noise=2e-4), SCENE), SCENE, thorough=False)
+    assert len(refused.value.together) == 2
+    assert "shear_modulus_magnetic_silicone * remanence_magnetic_silicone^-1" in refused.value.known[0]
+    assert any("moment" in words for words in refused.value.advice)
+    assert any("weight" in words for words in refused.value.advice)
+
+
+def test_fewer_numbers_than_constants_are_refused(tmp_path: Path) -> None:
+    measured = read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n3,12\n"), SCENE)
+    with pytest.raises(Refused, match="2 constants"):
+        fit(measured, SCENE, vary=["shear_modulus", "remanence"])
+    with pytest.raises(InputError, match="leave nothing to tell the errors"):
+        fit(measured, SCENE, vary=["shear_modulus"])
+
+
+def test_unknown_constants_are_refused() -> None:
+    with pytest.raises(InputError, match=r'did you mean "shear_modulus"'):
+        constants_of(SCENE, ["shear_moduls"])
+    with pytest.raises(InputError, match="acts in motion only"):
+        constants_of(SCENE, ["damping"])
+
+
+def test_turns_are_turns() -> None:
+    """A quarter turn of azimuth brings +x to +y, one of elevation to +z."""
+    constants = constants_of(SCENE, ["magnetization"])
+    for x, expected in (([math.pi / 2, 0], [0, 1, 0]), ([0, math.pi / 2], [0, 0, 1])):
+        np.testing.assert_allclose(applied(SCENE, constants, np.array(x)).regions()[0].magnetization, expected, atol=1e-15)
+
+
+def exponential(y: float) -> tuple[object, Minimum]:
+    """One number, r = exp(x) - y: the least sum is 0 at log y, and it rises by q^2 at log(y +- q)."""
+
+    def model(x: np.ndarray, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        return np.exp(x) - y, np.exp(x)[:, None]
+
+    return model, least_squares(model, np.zeros(1), scale=1.0)
+
+
+def test_the_profile_of_a_curved_problem() -> None:
+    """Ends where exp(x) = y +- q exactly; 1 % of q is the accuracy that is sought (profile.NEAR)."""
+    model, best = exponential(4.0)
+    covariance = np.linalg.inv(best.slopes.T @ best.slopes)
+    found = interval_of(model, best, covariance, 0, 1.96, lambda: None)
+    assert found.method == "profile"
+    assert np.exp(found.low) == pytest.approx(4 - 1.96, abs=0.02 * 1.96)
+    assert np.exp(found.high) == pytest.approx(4 + 1.96, abs=0.02 * 1.96)
+
+
+def test_an_end_that_the_data_do_not_give_is_open() -> None:
+    """exp(x) = 1 +- 1.96 has no lower end: the sum of squares never rises that much."""
+    model, best = exponential(1.0)
+    found = interval_of(model, best, np.linalg.inv(best.slopes.T @ best.slopes), 0, 1.96, lambda: None)
+    assert found.low is None
+    assert np.exp(found.high) == pytest.approx(2.96, abs=0.04)
+
+
+def test_the_profile_of_a_linear_problem_is_the_t_interval(rng: np.random.Generator) -> None:
+    A, b = rng.normal(size=(9, 3)), rng.normal(size=9)
+    best = least_squares(lambda x, slopes: (A @ x - b, A), np.zeros(3))
+    np.testing.assert_allclose(best.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
+    covariance = np.linalg.inv(A.T @ A)
+    found = interval_of(lambda x, slopes: (A @ x - b, A), best, covariance, 1, 2.0, lambda: None)
+    assert found.method == "linear"
+    assert found.high - found.low == pytest.approx(4 * np.sqrt(covariance[1, 1]), rel=1e-9)
+
+
+def test_least_squares_finds_a_curved_valley() -> None:
+    """Rosenbrock's function as two residuals: its minimum is (1, 1)."""
+
+    def model(x: np.ndarray, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+
+    np.testing.assert_allclose(least_squares(model, np.array([-1.2, 1.0]), scale=1.0).x, [1, 1], atol=1e-4)
+
+
+def test_two_answers_are_refused() -> None:
+    constants = constants_of(SCENE, ["shear_modulus"])
+    one, other = (Minimum(np.array([x]), np.full(3, 0.1), np.full((3, 1), 30.0), 5, True) for x in (0.0, 0.9))
+    with pytest.raises(Refused, match="two sets of constants"):
+        refuse_twins(constants, one, [other], 1.96)
+    refuse_twins(constants, one, [one], 1.96)
+
+
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files that are whole; the fitted scene gives the constant that was found; --json is one object."""
+    monkeypatch.chdir(tmp_path)
+    scene = tmp_path / "scene.yaml"
+    text = (ROOT / "data/scenes/axial_transverse.yaml").read_text(encoding="utf-8")
+    scene.write_text(text.split("reference:")[0].replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
+    measured = tips(tmp_path, noise=1e-4)
+    assert main(["fit", str(measured), str(scene), "--vary", "shear_modulus", "--quick", "--json", "--out", "found"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    constant = told["constants"][0]
+    assert constant["low"] < 100e3 < constant["high"]
+    assert all(Path(name).stat().st_size > 0 for name in told["files"])
+    fitted = load_scene("found/fitted_scene.yaml")
+    assert fitted.materials[MATERIAL].shear_modulus == pytest.approx(constant["value"], rel=1e-9)
+    assert main(["fit", str(measured), str(scene), "--quick", "--json", "--out", "found"]) == 2
+    refused = json.loads(capsys.readouterr().out)
+    assert refused["measure"]
+    assert main(["fit", str(measured), str(scene), "--noise", "0.2"]) == 2
+    assert "needs a unit" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_damping_and_modulus_from_a_marker_that_swings(tmp_path: Path) -> None:
+    """A motion's markers tell both: within 4 standard errors, with noise of 0.05 mm; runs of 60 ms at two cells."""
+    data = SCENE.to_si()
+    data["materials"][MATERIAL]["density"] = 1882.0
+    data["effects"] |= {"magnetic_torque": {}, "damping": {"rate": 40.0}}
+    data["solver"] = {"dynamic": {"duration": 0.06, "output_every": 1e-3}}
+    data["field"]["uniform"] = [0.0, 0.0, 1.5e-3]
+    start = Scene.from_si(data)
+    truth = applied(start, constants := constants_of(start, ["shear_modulus", "damping"]), np.log([0.9, 1.25]))
+    measured = table(tmp_path, "t_ms,s_mm,x_mm,z_mm\n" + "".join(f"{t},{s},0,0\n" for t in range(5, 60, 5) for s in (25, 40)))
+    empty = read_measured(measured, start)
+    shapes, _ = Prediction(truth, empty, constants).at(np.zeros(2), slopes=False)
+    noisy = 1e3 * (shapes + np.random.default_rng(1).normal(0, 5e-5, len(shapes))).reshape(-1, 2)
+    rows = [(t, s) for t in range(5, 60, 5) for s in (25, 40)]
+    lines = "".join(f"{t},{s},{x:.6f},{z:.6f}\n" for (t, s), (x, z) in zip(rows, noisy, strict=True))
+    found = fit(read_measured(table(tmp_path, "t_ms,s_mm,x_mm,z_mm\n" + lines), start), start, vary=["shear_modulus", "damping"])
+    for one, true in zip(found.constants, (0.9 * 120e3, 1.25 * 40.0), strict=True):
+        assert abs(one.value - true) < 4 * one.error
+        assert one.error < 0.1 * true
