@@ -196,7 +196,10 @@ def unpack_mesh(text: str) -> Mesh:
     """The mesh of a scene's text. Raises MeshError where the text is damaged."""
     try:
         packed = base64.b64decode(text.removeprefix(PREFIX), validate=True)
-        content = zlib.decompressobj().decompress(packed, MOST_PACKED)  # a small text may stand for terabytes
+        stream = zlib.decompressobj()
+        content = stream.decompress(packed, MOST_PACKED)  # a small text may stand for terabytes
+        if not stream.eof:
+            raise ValueError("it is cut off, or too large")
         v, f = (int(count) for count in np.frombuffer(content, "<i8", 2))
         if not (0 < v <= 3 * MOST_FACES and 0 < f <= MOST_FACES):
             raise ValueError("no mesh has so many vertices or faces")
