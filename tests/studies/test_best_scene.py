@@ -15,9 +15,9 @@ from magmpm.inputs.csv_tables import write_centreline
 from magmpm.results.measures import rms_distance
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.json_schema import scene_schema
-from studies.best_scene import PATHS
 from studies.definition import load_study
 from studies.engine import run_study
+from studies.file_paths import PATHS
 from studies.report import StudyReport
 
 BOX = Mesh(
