@@ -20,6 +20,7 @@ from magmpm.inputs.regular_file import UnfitFile, read_regular
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
+MOST_DEPTH = 100  # of brackets in brackets
 
 
 class Document(dict[str, Any]):
@@ -35,6 +36,17 @@ class _Loader(yaml.SafeLoader):
     """SafeLoader that follows YAML 1.2 in which plain words are numbers, booleans and nulls."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's protocol)
+    depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node and what is in it. Raises RecursionError beyond MOST_DEPTH: PyYAML's time grows as the square of the depth."""
+        self.depth += 1
+        if self.depth > MOST_DEPTH:
+            raise RecursionError
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self.depth -= 1
 
 
 for _tag, _pattern, _first in (
