@@ -280,7 +280,7 @@ def read_only(base: Path) -> Row:
 def quota(base: Path) -> Row:
     """The system lets no file grow beyond a limit, as a quota does."""
     row = Row("quota (limit of a file's size)")
-    for k, limit in enumerate((100_000, 160_000)):
+    for k, limit in enumerate((700_000, 1_500_000)):
         folder = base / f"quota-{k}"
         study = study_of(folder, 60)
         limited = partial(begin, study, folder / "out", 0, LIMIT=str(limit))
