@@ -7,15 +7,16 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: test-workers faults fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
 	@echo "make test-workers  several workers on PostgreSQL (apt-get install postgresql) and Optuna's gRPC proxy, killed now and then"
+	@echo "make bench-workers  trials a second with one and with two workers"
 	@echo "make faults     500 SIGKILLs, full disks, servers that go away, ...: what completed trials are lost (QUICK=1, KILLS=N)"
-	@echo "make test-browser  the page of magmpm view in Chromium (apt-get install chromium)"
+	@echo "make test-browser  the pages of magmpm view and dashboard in Chromium (apt-get install chromium)"
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
@@ -86,6 +87,9 @@ $(VENV)/.ready-workers: $(VENV)/.ready-test
 test-workers: $(VENV)/.ready-workers
 	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || echo "no PostgreSQL here: apt-get install postgresql"
 	$(BIN)/python -m pytest tests/workers -rs
+
+bench-workers: $(VENV)/.ready-test
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/workers.py
 
 faults: $(VENV)/.ready-workers
 	$(BIN)/python tests/faults/faults.py --kills $(or $(KILLS),$(if $(QUICK),20,500))

@@ -11,6 +11,7 @@ import json
 import shlex
 import threading
 from collections.abc import Callable, Container, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -134,7 +135,7 @@ class Notes:
     def __init__(self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore) -> None:
         self.study, self.folder, self.store = study, folder, store
         self._done: set[int] = set()
-        self._file = str(self._report().get("study_file") or f"{study.study_name}.yaml")
+        self._file = _from_here(Path(self._report().get("study_file") or f"{study.study_name}.yaml"))
 
     def keep_up(self) -> threading.Thread:
         """A thread that does so while the study runs."""
@@ -203,7 +204,7 @@ class Notes:
             "The value of a trial is its rms distance from the target, in mm here and in m in the database.",
             f"Study file: `{_plain(self._file)}`",
             *([f"{_plain(report['why'])}."] if "why" in report else []),
-            f"Reproduce: `{_plain(self._command())}`",
+            f"Reproduce:\n\n```\n{_plain(self._command())}\n```",
             *(f"![{name}](/artifacts/{self.study._study_id}/{pictures[name]})" for name in OF_STUDY[:3] if name in pictures),
         ]
         return "\n\n".join(lines)
@@ -213,7 +214,7 @@ class Notes:
         if trial.state == TrialState.FAIL:
             what = f"Not solved: {attributes.get('reason', 'its session ended; its design is another trial')}."
         elif not feasible(trial):
-            what = f"{'Refused' if refused(trial) else 'Failed'}: {attributes.get('reason', 'for a reason that was not told')}."
+            what = f"{'Refused' if refused(trial) else 'Not solved'}: {attributes.get('reason', 'for a reason that was not told')}."
         else:
             rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))
             told = [f"{name} {1e3 * value:.3f} mm" for name, value in (("rms", rms), ("tip error", tip)) if value is not None]
@@ -223,15 +224,22 @@ class Notes:
             f"{MARK}{_plain(self.study.study_name)}, trial {trial.number}",
             _plain(what),
             f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash `{scene}`).",
-            f"Reproduce: `{_plain(self._command())} --trial {trial.number}`",
+            f"Reproduce:\n\n```\n{_plain(self._command())} --trial {trial.number}\n```",
         ]
         return "\n\n".join(lines)
 
     def _command(self) -> str:
-        return f"magmpm design {shlex.quote(self._file)} --out {shlex.quote(str(self.folder.resolve()))}"
+        return f"magmpm design {shlex.quote(self._file)} --out {shlex.quote(_from_here(self.folder))}"
 
 
 MARK = "### "  # how every note of ours begins
+
+
+def _from_here(path: Path) -> str:
+    """A path as one would type it where the dashboard was begun."""
+    with suppress(ValueError):
+        return str(path.resolve().relative_to(Path.cwd()))
+    return str(path.resolve())
 
 
 def _plain(text: str) -> str:

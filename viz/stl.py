@@ -16,7 +16,7 @@ TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribu
 def write_stl(result: Any, path: Path) -> Path:
     """Write the deformed surface of a result into a binary STL file, whole or not at all; lengths in mm. Returns the path."""
     surface = deformed_surface(result)
-    corners = 1e3 * surface.points[surface.triangles]
+    corners = 1e3 * np.asarray(surface.points, dtype=float)[surface.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     rows = np.zeros(len(corners), dtype=TRIANGLE)
     rows["corners"] = corners

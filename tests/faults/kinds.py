@@ -109,10 +109,13 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
         study, out = study_of(folder, trials), folder / "out"
         while row.injected < count and len(complete(out)) < trials:
             child = begin(study, out, workers, TEST_SECONDS="0.02")
-            begun = time.monotonic()
-            while not (out / ".lock").exists() and child.poll() is None and time.monotonic() < begun + 60:
-                time.sleep(0.01)  # imports are not what is to be killed
-            time.sleep(drawn.uniform(0.0, 2.5))
+            begun, known = time.monotonic(), len(complete(out))
+            early = drawn.random() < 0.2  # some kills meet the start: tables, locks, the first trial
+            while child.poll() is None and time.monotonic() < begun + 90:
+                if (out / ".lock").exists() and (early or len(complete(out)) > known):
+                    break
+                time.sleep(0.02)
+            time.sleep(drawn.uniform(0.0, 1.0))
             before, victim = complete(out), psutil.Process(child.pid)
             family = victim.children() if child.poll() is None else []
             if workers and family and drawn.random() < 0.5:

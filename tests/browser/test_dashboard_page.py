@@ -1,0 +1,160 @@
+"""`magmpm dashboard` in a real browser: numbers in mm, notes, pictures, downloads, and failed and refused trials as such.
+
+Needs Debian's chromium and playwright (`make test-browser`). With PICTURES set to a folder, screenshots are kept there.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
+sync = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+CHROMIUM = shutil.which("chromium")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")]
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT / "tests" / "studies")]
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-sync",
+         "--disable-component-update"]  # fmt: skip
+SERVE = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study of six trials with pictures: trial 2 could not be solved, trial 4 is refused by the margin."""
+    from rod_solve import SCENE, STUDY, solve, write_study
+
+    from magmpm.cli.design import TrialPicture
+    from magmpm.errors import SolveError
+    from magmpm.scene import Scene
+    from magmpm.simulate import run
+    from studies.definition import load_study
+    from studies.engine import run_study
+
+    folder = tmp_path_factory.mktemp("study")
+    study = load_study(write_study(folder, STUDY + "stability: {margin: 0.1}\n", SCENE.replace("cells_across: 4", "cells_across: 2")))
+    calls: list[Scene] = []
+
+    def sometimes(scene: Scene, **options: Any) -> Any:
+        calls.append(scene)
+        if len(calls) == 3:
+            raise SolveError("the body <b>folded</b> over")
+        if len(calls) == 5:
+            found = solve(scene)
+            found.stability = 0.01
+            return found
+        return run(scene)
+
+    run_study(study, solve=sometimes, picture=TrialPicture(study, smooth=False), out=folder / "out", trials=6)
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def address(out: Path) -> Iterator[str]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    child = subprocess.Popen([sys.executable, "-c", SERVE, "dashboard", str(out), "--port", str(port)], stderr=subprocess.PIPE, text=True)
+    try:
+        assert child.stderr is not None
+        assert "shows" in child.stderr.readline()
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        child.terminate()
+        child.wait()
+
+
+@pytest.fixture(scope="module")
+def page(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A page of the browser; errors that pages print fail the test at its end."""
+    errors: list[str] = []
+    with sync.sync_playwright() as tools:
+        browser = tools.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = browser.new_page(viewport={"width": 1400, "height": 1000})
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        yield page
+        browser.close()
+    assert errors == []
+
+
+def ask(url: str) -> Any:
+    with urllib.request.urlopen(url, timeout=60) as answer:
+        return json.loads(answer.read())
+
+
+def study_of(address: str) -> tuple[int, Any]:
+    """The study's number and what the dashboard knows of it, once all six trials have notes."""
+    (study,) = ask(f"{address}/api/studies")["study_summaries"]
+    number, until = study["study_id"], time.monotonic() + 60
+    while True:
+        detail = ask(f"{address}/api/studies/{number}?after=0")
+        if len(detail["trials"]) == 6 and all(trial["note"]["body"] for trial in detail["trials"]):
+            return number, detail
+        assert time.monotonic() < until, "no notes"
+        time.sleep(0.5)
+
+
+def keep(page: Any, name: str) -> None:
+    if "PICTURES" in os.environ:
+        page.screenshot(path=str(Path(os.environ["PICTURES"]) / name))
+
+
+def test_what_the_dashboard_is_told(address: str, out: Path) -> None:
+    _, detail = study_of(address)
+    states = [trial["state"] for trial in detail["trials"]]
+    assert states == ["Complete", "Complete", "Fail", "Complete", "Complete", "Complete"]
+    assert [max(trial["constraints"], default=0.0) > 0 for trial in detail["trials"]] == [False] * 4 + [True, False]
+    assert "Not solved: the body &#60;b&#62;folded" in detail["trials"][2]["note"]["body"]
+    assert "Refused: stability 0.01 is below the margin" in detail["trials"][4]["note"]["body"]
+    for trial in detail["trials"]:
+        names = {Path(artifact["filename"]).suffix for artifact in trial["artifacts"]}
+        if trial["number"] in (0, 1, 3, 5):
+            assert names == {".png", ".stl", ".csv"}
+        assert f"--trial {trial['number']}\n" in trial["note"]["body"]
+
+
+def test_the_list_of_trials(page: Any, address: str, out: Path) -> None:
+    """Value in mm, note, picture, and the files to download, as a reader sees them."""
+    number, detail = study_of(address)
+    page.goto(f"{address}/dashboard/studies/{number}/trials?numbers=0")
+    page.get_by_text("Trial 0 (trial_id=").first.wait_for(timeout=60000)
+    text = page.inner_text("body")
+    value = detail["trials"][0]["values"][0]
+    assert f"{value:.3f}"[:4] in text
+    assert "Reproduce:" in text
+    assert "trial_000.stl" in text
+    assert "trial_000.csv" in text
+    picture = page.locator("img[src*='/artifacts/']").first
+    picture.wait_for(timeout=30000)
+    until = time.monotonic() + 30
+    while picture.evaluate("image => image.naturalWidth") == 0 and time.monotonic() < until:
+        time.sleep(0.2)
+    assert picture.evaluate("image => image.naturalWidth") > 300, "the picture is displayed"
+    keep(page, "dashboard_trial.png")
+    picture.scroll_into_view_if_needed()
+    keep(page, "dashboard_artifacts.png")
+
+
+def test_the_study(page: Any, address: str) -> None:
+    """The history in mm, and the study's note."""
+    number, _ = study_of(address)
+    page.goto(f"{address}/dashboard/studies/{number}")
+    page.locator(".js-plotly-plot").first.wait_for(timeout=60000)
+    page.wait_for_timeout(1500)
+    assert "rms (mm)" in page.inner_text("body")
+    keep(page, "dashboard_study.png")
+    page.goto(f"{address}/dashboard/studies/{number}/note")
+    page.get_by_text("Reproduce:").first.wait_for(timeout=30000)
+    keep(page, "dashboard_note.png")
