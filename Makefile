@@ -81,7 +81,7 @@ test-gp: $(GP_VENV)/.ready
 
 # Several workers need a database server, which the tests start themselves on the loopback.
 $(VENV)/.ready-workers: $(VENV)/.ready-test
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[postgresql,grpc,s3,test]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[postgresql,grpc,s3,test]' 'moto[server]' distributed
 	@touch $@
 
 test-workers: $(VENV)/.ready-workers

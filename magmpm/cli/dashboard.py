@@ -35,6 +35,9 @@ def _url(saved: str, given: str | None) -> str:
 
     if given is not None:
         return storage_url(None, given)
+    known = os.environ.get(VARIABLE)
+    if HIDDEN in saved and known:
+        return storage_url(None, known)
     if HIDDEN in saved:
         rule, remedy = "the password is kept nowhere", f"put the whole URL into the environment variable {VARIABLE}"
         raise InputError(report(f"storage {saved}", rule=rule, remedy=remedy))
@@ -49,7 +52,7 @@ def command(options: argparse.Namespace) -> int:
     from studies.dashboard_view import DashboardView, Notes
     from studies.file_names import REPORT
     from studies.storage import must_exist, open_storage
-    from studies.storage_url import given_url
+    from studies.storage_url import given_url, shown_url
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
@@ -66,10 +69,15 @@ def command(options: argparse.Namespace) -> int:
     from optuna_dashboard import wsgi
 
     saved = saved_report(folder)
-    url = _url(saved["storage"], given_url(options.storage, os.environ))
+    url = _url(saved["storage"], given_url(options.storage, {}))
     must_exist(url, folder)
     storage, artifacts = open_storage(url), artifact_store(saved.get("artifacts"), folder)
-    Notes(optuna.load_study(study_name=saved["name"], storage=storage), folder, artifacts).keep_up()
+    try:
+        study = optuna.load_study(study_name=saved["name"], storage=storage)
+    except KeyError:
+        rule, remedy = f"must hold the study {saved['name']}", "name its database with --storage"
+        raise InputError(report(f"storage {shown_url(url)}", rule=rule, remedy=remedy)) from None
+    Notes(study, folder, artifacts).keep_up()
     app = wsgi(DashboardView(storage), artifact_store=artifacts)
     try:
         server = make_server(HOST, port, app, _Server, _Quiet)
