@@ -381,7 +381,7 @@ def server_faults(base: Path) -> list[Row]:
         for row in rows:
             row.said.append("not injected: PostgreSQL is not installed (apt-get install postgresql)")
         return rows
-    with postgres(base / "postgres") as server:
+    with postgres() as server:
         url = server.url().replace("postgresql://", "postgresql+psycopg://")
         folder = base / "server"
         study = study_of(folder, 40)

@@ -11,6 +11,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -49,10 +50,6 @@ class Postgres:
         if self._as:
             for path in (folder, folder / "password"):
                 shutil.chown(path, "nobody", "nogroup")
-            above = folder.parent
-            while above != above.parent and above.stat().st_uid == 0 and str(above) != "/tmp":
-                above.chmod(above.stat().st_mode | 0o111)  # so that it can be reached
-                above = above.parent
         how = ["-U", USER, "--pwfile", str(folder / "password"), "-A", "scram-sha-256", "-E", "UTF8"]
         self._run([initdb, "-D", str(folder / "data"), *how])
         self.start()
@@ -110,14 +107,19 @@ class Postgres:
 
 
 @contextmanager
-def postgres(folder: Path) -> Iterator[Postgres]:
-    """A server for the time of a test."""
-    server = Postgres(folder)
+def postgres() -> Iterator[Postgres]:
+    """A server for the time of a test, in a folder of its own: those of pytest are closed to other users whenever another pytest begins."""
+    folder = Path(tempfile.mkdtemp(prefix="magmpm-postgres-"))
+    folder.chmod(0o755)
     try:
-        yield server
+        server = Postgres(folder / "server")
+        try:
+            yield server
+        finally:
+            with suppress(ProcessLookupError):
+                server.stop()
     finally:
-        with suppress(ProcessLookupError):
-            server.stop()
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager

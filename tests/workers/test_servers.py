@@ -31,8 +31,8 @@ pytest.importorskip("psycopg", reason="an extra: pip install -e '.[postgresql]'"
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Postgres]:
-    with postgres(tmp_path_factory.mktemp("server") / "postgres") as running:
+def server() -> Iterator[Postgres]:
+    with postgres() as running:
         yield running
 
 
