@@ -89,7 +89,10 @@ class MagneticInteraction(Effect):
             place = []
             for layer in layers:
                 cells = int(layer.max()) + 1
-                place.append(layer * max(1, round(cells / each)) // cells)
+                pieces = max(1, round(cells / each))
+                if cells % 2 and pieces % 2 == 0:  # an even number of blocks in an odd number of layers is not its own mirror image
+                    pieces += 1
+                place.append((2 * layer + 1) * pieces // (2 * cells))  # by the middle of the layer
             _, number = np.unique(np.stack(place, axis=1), axis=0, return_inverse=True)
             block[own] = count + number.ravel()
             count += int(number.max()) + 1

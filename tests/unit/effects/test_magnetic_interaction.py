@@ -186,6 +186,22 @@ def test_blocks_are_whole_cells_of_one_segment() -> None:
         assert np.ptp(cells, axis=0).max() <= 1, "two cells a side: 4 cells across, 2 blocks"
 
 
+@pytest.mark.parametrize("cells", [2, 3, 4, 5, 6, 7])
+@pytest.mark.parametrize("across", [1, 2, 3])
+def test_blocks_are_their_own_mirror_image(cells: int, across: int) -> None:
+    """Particles that share a block still do when y is turned into -y: otherwise a scene and its mirror image would differ."""
+    scene = rod_scene(length=8e-3, cells=cells)
+    particles = build(scene).particles
+    remanence = np.ones((len(particles.position), 3))
+    blocks = interaction.MagneticInteraction(blocks_across=across).marks(particles, remanence)
+    assert blocks.min() >= 0
+    key = np.round(particles.position / 1e-9).astype(int)
+    place = {tuple(at): k for k, at in enumerate(key.tolist())}
+    image = np.array([place[x, -y, z] for x, y, z in key.tolist()])
+    pairs = set(zip(blocks.tolist(), blocks[image].tolist(), strict=True))
+    assert len(pairs) == len(set(blocks.tolist())), "a block and its image are cut in different ways"
+
+
 def test_too_many_blocks_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interaction, "MOST", 20)
     with pytest.raises(InputError, match=r"blocks_across: received 3; the segments make 32 blocks"):
