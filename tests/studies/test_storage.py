@@ -283,7 +283,8 @@ def left_running(folder: Path, **owner: Any) -> str:
 
 
 def test_a_trial_that_runs_elsewhere_is_not_taken(tmp_path: Path) -> None:
-    url = left_running(tmp_path, pid=os.getppid(), out="/elsewhere")  # on this machine, running
+    began = int(Path(f"/proc/{os.getppid()}/stat").read_text().rpartition(")")[2].split()[19])
+    url = left_running(tmp_path, pid=os.getppid(), started=began, out="/elsewhere")  # on this machine, running
     with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on "):
         run(tmp_path, storage=url)
     url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, just started
@@ -296,6 +297,8 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: 
     ended.wait()
     url = left_running(tmp_path, pid=ended.pid, out="/elsewhere")  # on this machine, ended
     assert run(tmp_path, storage=url).trials == 8
+    url = left_running(tmp_path / "c", pid=os.getppid(), started=1, out="/elsewhere")  # ended, and its number given to another
+    assert run(tmp_path / "c", storage=url).trials == 8
     url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, started long ago
 
     class Later(datetime):
