@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array
@@ -20,6 +19,8 @@ class Path:
     """
 
     def __init__(self, rows: Array) -> None:
+        from scipy.interpolate import CubicSpline  # 0.2 s to import, and only insertions have paths
+
         rows = np.asarray(rows, dtype=float)
         self.rows = rows if rows[0, 0] == 0 else np.vstack([np.zeros(4), rows])
         straight = np.array([1.0, 0.0, 0.0])

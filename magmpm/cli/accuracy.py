@@ -14,7 +14,6 @@ from magmpm.results.run_folder import RunFolder
 from magmpm.scene import load_scene
 from magmpm.simulate import run
 from studies.accuracy import LADDER, climb, save
-from viz.plots import accuracy
 
 
 def command(options: argparse.Namespace) -> int:
@@ -28,6 +27,8 @@ def command(options: argparse.Namespace) -> int:
         kept.claim(options.overwrite)
         with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):
             ladder = climb(scene, run, cells, progress.at, motion=options.motion)
+        from viz.plots import accuracy  # matplotlib takes 0.4 s to import: after the work that may fail
+
         files = [
             *save(ladder, folder),
             accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name),

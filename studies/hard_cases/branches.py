@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, minimize_scalar
 
 from magmpm.fields.dipole import MU0
 from magmpm.materials import poisson_ratio, young_modulus
@@ -65,6 +63,8 @@ def snap_load(against: float) -> float:
 
     theta(0) = 0, theta'(1) = 0. Along the branch the tip's angle falls; b(angle) is found by shooting, and is least where it ends.
     """
+    from scipy.integrate import solve_ivp
+    from scipy.optimize import brentq, minimize_scalar
 
     def end(b: float, angle: float) -> float:
         def slope(_: float, y: Sequence[float]) -> list[float]:
