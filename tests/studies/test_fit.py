@@ -243,10 +243,10 @@ def test_damping_and_modulus_from_a_marker_that_swings(tmp_path: Path) -> None:
     data["solver"] = {"dynamic": {"duration": 0.06, "output_every": 1e-3}}
     data["field"]["uniform"] = [0.0, 0.0, 1.5e-3]
     start = Scene.from_si(data)
-    truth = applied(start, constants := constants_of(start, ["shear_modulus", "damping"]), np.log([0.9, 1.25]))
+    constants, truth = constants_of(start, ["shear_modulus", "damping"]), np.log([0.9, 1.25])
     measured = table(tmp_path, "t_ms,s_mm,x_mm,z_mm\n" + "".join(f"{t},{s},0,0\n" for t in range(5, 60, 5) for s in (25, 40)))
     empty = read_measured(measured, start)
-    shapes, _ = Prediction(truth, empty, constants).at(np.zeros(2), slopes=False)
+    shapes, _ = Prediction(start, empty, constants).at(truth, slopes=False)
     noisy = 1e3 * (shapes + np.random.default_rng(1).normal(0, 5e-5, len(shapes))).reshape(-1, 2)
     rows = [(t, s) for t in range(5, 60, 5) for s in (25, 40)]
     lines = "".join(f"{t},{s},{x:.6f},{z:.6f}\n" for (t, s), (x, z) in zip(rows, noisy, strict=True))
