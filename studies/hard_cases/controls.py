@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from magmpm.bodies.catheter import Catheter
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics import time_loop
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.errors import SolveError
 from magmpm.results.motion_tables import GrowingTable
 from magmpm.scene import Scene
 from magmpm.statics import branch, equilibrium, newton
-from magmpm.statics.energy import Energy
+from magmpm.statics.energy import Energy, Point
 from magmpm.statics.rod_start import straight
 from studies.hard_cases import motions, stepping
 from studies.hard_cases.case import Control
@@ -52,10 +53,16 @@ def _at_once(model: Any, _: int, on_step: Any, warnings: list[str]) -> Any:
     return equilibrium.Equilibrium(found.point, found.steps, True, np.zeros_like(begin), warnings, energy=energy)
 
 
+def _stay(energy: Energy, point: Point, residual: Array, attempt: int) -> Point:
+    """No search along the mode in which a body buckles."""
+    return point
+
+
 @contextmanager
 def _no_way_from_the_rod() -> Iterator[None]:
     """Statics begins with the straight body and the whole load, and takes full Newton steps."""
-    with put(equilibrium, "solve_rod", _refuse), put(equilibrium, "_ramp", _at_once), put(newton, "_search", _full_step):
+    at_once = put(equilibrium, "_ramp", _at_once)
+    with put(equilibrium, "solve_rod", _refuse), at_once, put(newton, "_search", _full_step), put(newton, "_along_mode", _stay):
         yield
 
 
