@@ -23,7 +23,7 @@ from magmpm.cli import main as magmpm
 ROOT = Path(__file__).resolve().parents[2]
 HEAD = """# What accuracy costs
 
-Five kinds of scenes over ladders of cell sizes: `make gallery` solves them and writes this page, `magmpm accuracy SCENE` does the same for
+Several scenes over ladders of cell sizes: `make gallery` solves them and writes this page, `magmpm accuracy SCENE` does the same for
 any scene. Errors are the largest distance of the axis (of the gripper, of the centers of its parts) from the finest cells, or from a
 reference where the scene names one; "at most" is the bound that `resolution: {error: ...}` promises. Seconds are of the machine that built
 this page, with two cores and kernels compiled.

@@ -32,6 +32,7 @@ _FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 _AHEAD = 64  # frames by which arrays and rows are extended at a time: a chunk of the rows
 _PATIENCE = 2.0  # s: a file that is marked as being written for longer was left by a killed run
+_ATTEMPTS = 3  # to open a file that is marked, again and again, as being written
 _TIMES, _FIELD, _COUNT = "VTKHDF/Steps/Values", "VTKHDF/FieldData/field", "NSteps"
 _SUMS = "magmpm/checksum"
 
@@ -304,18 +305,21 @@ def mend(path: Path) -> None:
 
     A run that writes a frame marks its file as well, so the mark counts only if it stays for a while.
     """
-    try:
-        opened(path).close()
-        return
-    except OSError as error:
-        reason: Exception = error
-    if unmark(path):
+    reason: Exception = OSError("can't be opened")
+    for _ in range(_ATTEMPTS):
+        try:
+            opened(path).close()
+            return
+        except OSError as error:
+            reason = error
+        if not unmark(path):
+            break
         try:
             with opened(path) as file:
                 times, _ = read_moments(file)
             _count_only(path, len(times))
             return
-        except (OSError, KeyError) as error:
+        except (OSError, KeyError) as error:  # marked again: a run on a busy machine writes frame after frame
             reason = error
     cause = f"{path.stat().st_size} bytes that can't be opened as HDF5 ({_first_words(reason)})"
     raise _unreadable(path, cause) from reason
