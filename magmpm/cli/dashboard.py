@@ -49,6 +49,7 @@ def command(options: argparse.Namespace) -> int:
     from importlib.util import find_spec
 
     from studies.artifact_stores import artifact_store
+    from studies.dashboard_page import page
     from studies.dashboard_view import DashboardView, Notes
     from studies.file_names import REPORT
     from studies.storage import must_exist, open_storage
@@ -78,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
         rule, remedy = f"must hold the study {saved['name']}", "name its database with --storage"
         raise InputError(report(f"storage {shown_url(url)}", rule=rule, remedy=remedy)) from None
     Notes(study, folder, artifacts).keep_up()
-    app = wsgi(DashboardView(storage), artifact_store=artifacts)
+    app = page(wsgi(DashboardView(storage), artifact_store=artifacts))
     try:
         server = make_server(HOST, port, app, _Server, _Quiet)
     except OSError as error:

@@ -147,6 +147,22 @@ def test_the_list_of_trials(page: Any, address: str, out: Path) -> None:
     keep(page, "dashboard_artifacts.png")
 
 
+def test_what_failed_and_what_is_infeasible(page: Any, address: str) -> None:
+    """In the list, in the details and in the table, as in the plots."""
+    number, _ = study_of(address)
+    for trial, state in ((0, "Complete"), (2, "Fail"), (4, "Infeasible")):
+        page.goto(f"{address}/dashboard/studies/{number}/trials?numbers={trial}")
+        page.get_by_text(f"Trial {trial} (trial_id=").first.wait_for(timeout=60000)
+        chips = page.locator(".MuiChip-label").all_inner_texts()
+        assert [chips.count(name) for name in ("Complete", "Fail", "Infeasible")] == [4 + (trial == 0), 1 + (trial == 2), 1 + (trial == 4)]
+        assert state in chips
+    keep(page, "dashboard_refused.png")
+    page.goto(f"{address}/dashboard/studies/{number}/smartSelection")
+    page.get_by_role("cell", name="Infeasible").wait_for(timeout=60000)
+    assert page.get_by_role("cell", name="Complete").count() == 4
+    keep(page, "dashboard_table.png")
+
+
 def test_the_study(page: Any, address: str) -> None:
     """The history in mm, and the study's note."""
     number, _ = study_of(address)

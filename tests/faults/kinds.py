@@ -7,11 +7,12 @@ import os
 import random
 import resource
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -41,6 +42,7 @@ class Row:
 
     kind: str
     injected: int = 0
+    met: int = 0  # how many of them met completed trials (or frames)
     completed: int = 0
     lost: int = 0
     said: list[str] = field(default_factory=list)
@@ -83,7 +85,17 @@ def complete(out: Path, url: str | None = None) -> Trials:
     return {t.number: (tuple(sorted(t.params.items())), tuple(t.values)) for t in trials}
 
 
+def finished(out: Path) -> int:
+    """How many trials are complete, asked for again and again, so without Optuna."""
+    if not (out / "study.db").exists():
+        return 0
+    with suppress(sqlite3.Error), closing(sqlite3.connect(f"file:{out}/study.db?mode=ro", uri=True)) as connection:
+        return int(connection.execute("SELECT count(*) FROM trials WHERE state = 'COMPLETE'").fetchone()[0])
+    return 0  # it was killed before the tables were there
+
+
 def compare(row: Row, before: Trials, after: Trials) -> None:
+    row.met = min(row.met + bool(before), row.injected)
     row.completed += len(before)
     row.lost += sum(after.get(number) != trial for number, trial in before.items())
 
@@ -107,12 +119,12 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
         k += 1
         folder = base / f"kills-{workers}-{k}"
         study, out = study_of(folder, trials), folder / "out"
-        while row.injected < count and len(complete(out)) < trials:
+        while row.injected < count and finished(out) < trials:
             child = begin(study, out, workers, TEST_SECONDS="0.02")
-            begun, known = time.monotonic(), len(complete(out))
+            begun, known = time.monotonic(), finished(out)
             early = drawn.random() < 0.2  # some kills meet the start: tables, locks, the first trial
             while child.poll() is None and time.monotonic() < begun + 90:
-                if (out / ".lock").exists() and (early or len(complete(out)) > known):
+                if (out / ".lock").exists() and (early or finished(out) > known):
                     break
                 time.sleep(0.02)
             time.sleep(drawn.uniform(0.0, 1.0))
@@ -124,11 +136,12 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
                 compare(row, before, complete(out))
                 time.sleep(drawn.uniform(0.0, 1.0))
                 before = complete(out)
-            if child.poll() is None:
+            if killed := child.poll() is None:
                 child.kill()
                 row.injected += 1
             child.communicate()
-            compare(row, before, complete(out))
+            if killed:
+                compare(row, before, complete(out))
         ended(row, study, out, workers, trials)
     return row
 
@@ -156,6 +169,7 @@ def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
             child.kill()
             child.communicate()
             row.injected, more = row.injected + 1, ["--resume"] if (out / CHECKPOINT).exists() else ["--overwrite"]
+            row.met += frames > 0
             row.completed += frames
             row.lost += max(0, frames - _frames(out))
         _, said = (child := _motion(scene, out, *more)).communicate()
@@ -194,6 +208,7 @@ def corrupted_checkpoint(base: Path, drawn: random.Random) -> Row:
         (out / CHECKPOINT).write_bytes(damaged)
         _, said = (child := _motion(scene, out, "--resume")).communicate(timeout=60) if k != 1 else _brief(_motion(scene, out, "--resume"))
         row.injected += 1
+        row.met += frames > 0
         row.completed += frames
         row.lost += max(0, frames - _frames(out))
         _note(row, said)

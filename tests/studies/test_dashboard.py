@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -95,6 +96,23 @@ def test_numbers_are_shown(address: str) -> None:
     names = {attribute["key"] for attribute in detail["trials"][0]["user_attrs"]}
     assert {"rms_m", "tip_error_m", "min_det_F", "max_det_F", "newton_steps", "feasible", "seconds"} <= names
     assert len(detail["trials"][0]["params"]) == 10
+
+
+def test_the_page_tells_what_was_refused(address: str) -> None:
+    """Two chips (list and details) and the table's column; the rest of the dashboard's script is as it was."""
+    import optuna_dashboard
+
+    from studies.dashboard_page import CHIP, COLUMN, SCRIPT
+
+    script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(encoding="utf-8")
+    assert len(CHIP.findall(script)) == 2
+    assert len(COLUMN.findall(script)) == 1
+    told = get(address + SCRIPT).decode()
+    assert told.count('?"Infeasible":') == 3
+    chip = r'"Complete"===(\w+)\.state&&\1\.constraints\.some\(c=>c>0\)\?"(?:warning|Infeasible)":'
+    for pattern in (r"cell:e=>\(t=>.*?\)\(e\.row\.original\),", chip):
+        told = re.sub(pattern, "", told)
+    assert told == script
 
 
 def test_a_port_in_use_is_refused(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
