@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -31,6 +31,7 @@ help:
 	@echo "make gallery    run and draw every scene of data/scenes/gallery; pages in docs/gallery, movies in runs/gallery"
 	@echo "make docs       the pages as a site, in runs/site; broken links fail"
 	@echo "make test-docs  every page's code, followed in order, and the notebook"
+	@echo "make test-wheel the wheel, installed and used in an empty environment"
 	@echo "make tour       every page followed word for word in a clean environment, with the wheel alone (PAGES=first_scene.md)"
 	@echo "make stability  the hard cases, each with its measure and bound; CONTROLS=1: each with its remedy off; RANDOM=300 SEED=1: random scenes"
 	@echo "make clean      remove the virtual environment and caches"
@@ -151,6 +152,9 @@ docs: $(VENV)/.ready-docs
 
 test-docs: $(VENV)/.ready-docs
 	$(BIN)/python -m pytest tests/docs $(WORKERS)
+
+test-wheel: $(VENV)/.ready-test
+	$(BIN)/python -m pytest tests/end_to_end/test_wheel.py -rs
 
 tour: $(VENV)/.ready-test
 	$(BIN)/python tests/docs/tour.py $(PAGES)

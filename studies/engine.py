@@ -34,7 +34,7 @@ from studies.trial import Solve, Trial, constraints
 from studies.well_posed import check_search
 from studies.workers.per_trial import READY, PerTrial
 from studies.workers.pool import Pool
-from studies.workers.sessions import Session, uninterrupted
+from studies.workers.sessions import Session, remembered, uninterrupted
 
 if TYPE_CHECKING:
     import optuna
@@ -46,11 +46,11 @@ REMEMBERED = 50  # durations of trials by which the time left is guessed
 LOOK = 1.0  # s between two looks at what other sessions do
 
 
-def check_study(study: Study, workers: int | None = None) -> list[str]:
+def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
     """What the search of a study should know, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
     check_available(study.sampler)
     check_suits(study)
-    check_workers(study, workers)
+    check_workers(workers, time_limit)
     return check_search(study, SearchSpace.of(study))
 
 
@@ -70,6 +70,7 @@ def run_study(
     workers: int | None = None,
     outage: float = OUTAGE,
     artifacts: str | None = None,
+    time_limit: float | None = None,
 ) -> StudyReport:
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
@@ -80,11 +81,12 @@ def run_study(
     the storage's server goes away and comes back, for which `outage` s are waited. workers: processes that solve; then solve, differentiate
     and picture must be importable or picklable, and other sessions may share the storage, if it is not the folder's own. None: this
     process solves, and works on the study alone. artifacts: a folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
+    time_limit: s after which a worker that still solves a design is ended; the design is solved again, once (None: allowed_time).
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
-    advice = check_study(study, workers)
+    advice = check_study(study, workers, time_limit)
     if needs_derivatives(study) and differentiate is None:
         raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
     if on_advice is not None:
@@ -98,8 +100,9 @@ def run_study(
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
         run = _Run(Judge(study, solve, differentiate, picture, folder), folder, store, shared, artifacts)
+        run.time_limit = time_limit
         stop = study.stop_rms if trials is None else None
-        if workers is None or (workers == 1 and not shared):
+        if workers is None or (workers == 1 and not shared and time_limit is None):
             ended = run.to_the_end(on_trial, stop)
         else:
             ended = run.with_workers(workers, on_trial, stop)
@@ -109,6 +112,11 @@ def run_study(
         summary = dataclasses.replace(run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes])
         summary.save()
     return summary
+
+
+def allowed_time(durations: list[float]) -> float | None:
+    """How long a worker may take for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
+    return max(600.0, 100.0 * statistics.median(durations)) if durations else None
 
 
 def kernel_uses(study: Study) -> list[str]:
@@ -138,7 +146,8 @@ class _Run(OpenStudy):
         self.starts = self.rod_starts()
         self.kept.sampler = self.sampler()
         self.gallery = records.Gallery(out, self.storage, store.url, artifacts)
-        self.deaths, self.looked = 0, 0.0
+        self.deaths, self.hangs, self.looked = 0, 0, 0.0
+        self.time_limit: float | None = None
         self.mended: list[str] = []
         self.look()
         self.durations = [t.user_attrs["seconds"]["total"] for t in self.finished() if "seconds" in t.user_attrs]
@@ -147,7 +156,8 @@ class _Run(OpenStudy):
     def notes(self) -> list[str]:
         """What happened to trials and workers on the way, a sentence each."""
         died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
-        return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0)]
+        hung = f"of these, processes that took too long for a design and were ended (--time-limit): {self.hangs}"
+        return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0), *[hung] * (self.hangs > 0)]
 
     def look(self) -> None:
         """See what is finished."""
@@ -182,16 +192,16 @@ class _Run(OpenStudy):
 
     def to_the_end(self, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
         """Runs the remaining trials in this process, or until one comes within `stop`, m. Returns why it ended."""
-        while True:
-            ended = self.ended(stop)
-            if ended is not None:
-                return ended
-            try:
-                trial = self.one_trial()
-                if trial is not None and on_trial is not None:
-                    on_trial(trial)
-            except KeyboardInterrupt:
-                return "interrupted"
+        with remembered() as check_for_ctrl_c:
+            while (ended := self.ended(stop)) is None:
+                try:
+                    check_for_ctrl_c()
+                    trial = self.one_trial()
+                    if trial is not None and on_trial is not None:
+                        on_trial(trial)
+                except KeyboardInterrupt:
+                    return "interrupted"
+        return ended
 
     def one_trial(self) -> Trial | None:
         """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
@@ -206,9 +216,10 @@ class _Run(OpenStudy):
     def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
         """As `to_the_end`, with processes that solve. Trials that are being solved when one comes within `stop` are finished and kept."""
         at_work: dict[int, tuple[optuna.Trial, float]] = {}
-        with Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
+        with remembered() as check_for_ctrl_c, Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
             try:
                 while True:
+                    check_for_ctrl_c()
                     self.look_around(set(at_work))
                     ended = self.ended(stop)
                     if pool is None or (ended is not None and not at_work):
@@ -218,6 +229,7 @@ class _Run(OpenStudy):
                         if not self.shared or self.in_time(asked):
                             at_work[asked.number] = asked, begun
                             pool.begin(asked.number, asked.params)
+                    pool.limit = self.time_limit or allowed_time(self.durations)
                     for number, answer in pool.answers(LOOK):
                         asked, begun = at_work[number]
                         judged = answer if isinstance(answer, Judged) else self.judge.failed(asked.params, answer)
@@ -225,7 +237,7 @@ class _Run(OpenStudy):
                         del at_work[number]
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
-                    self.deaths = pool.deaths
+                    self.deaths, self.hangs = pool.deaths, pool.hangs
             except BaseException as error:  # also while a trial is asked for or kept
                 self.session.put_all_back()
                 if isinstance(error, KeyboardInterrupt):

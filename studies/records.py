@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 BEST = "best"
 IMPROVEMENTS = "improvements"
 DESIGN = "design.json"
+SURFACE = ".stl"
 
 
 class Gallery:
@@ -53,16 +54,38 @@ class Gallery:
                 known = {meta.filename: meta.artifact_id for meta in get_all_artifact_meta(trial, storage=self._storage)}
                 for path in files:
                     if path.name in known:
-                        with path.open("rb") as stream:
-                            self._store.write(known[path.name], stream)
+                        self._put(path, known[path.name])
                     else:
-                        upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
+                        key = upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
+                        self._stored_once(path, key)
         except StorageError:
             raise
         except Exception as error:  # files go through disks and networks
             return f"{type(error).__name__}: {error}"
         return None
 
+    def _put(self, path: Path, key: str) -> None:
+        """Makes a file the artifact with this id."""
+        if not self._stored_once(path, key):
+            with path.open("rb") as stream:
+                self._store.write(key, stream)
+
+    def _stored_once(self, path: Path, key: str) -> bool:
+        """Makes the artifact another name of the same file. Returns whether it is one.
+
+        Surfaces alone, some 350 kB a trial: a copy of a picture mends the one that is damaged. Some file systems have no such names.
+        """
+        kept = self._out / ARTIFACTS / key
+        if not self._own or path.suffix != SURFACE or Path(key).name != key:
+            return False
+        try:
+            if not (kept.exists() and kept.samefile(path)):
+                with whole_file(kept) as part:
+                    part.unlink(missing_ok=True)
+                    part.hardlink_to(path)
+        except OSError:
+            return False
+        return True
 
     def mend(self, trials: Sequence[FrozenTrial]) -> list[str]:
         """Puts back artifacts that are gone or damaged from the study's pictures. Returns a sentence for each that can't be."""
@@ -80,8 +103,7 @@ class Gallery:
                     if not kept.is_file():
                         lost.append(f"trial {trial.number}: its artifact {meta.filename} is gone, and so is the file in {PICTURES}")
                 elif not kept.is_file() or not filecmp.cmp(picture, kept, shallow=False):
-                    with picture.open("rb") as stream:
-                        self._store.write(meta.artifact_id, stream)
+                    self._put(picture, meta.artifact_id)
                     mended += 1
         return [*([f"artifacts that were damaged or gone, and are put back from {PICTURES}: {mended}"] if mended else []), *lost]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -65,13 +66,19 @@ def check_suits(study: Study) -> None:
         raise InputError(report(where, received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
 
 
-def check_workers(study: Study, workers: int | None) -> None:
-    """Raises InputError for a number of workers that can't be, or whose trials this study's sampler can't choose."""
-    if workers is None:
-        return
-    if not 1 <= workers <= MOST_WORKERS:
+def check_workers(workers: int | None, time_limit: float | None = None) -> None:
+    """Raises InputError for a number of workers, or a time limit of their solves (s), that can't be."""
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
         rule = f"must be from 1 to {MOST_WORKERS}"
         raise InputError(report("--workers", received=str(workers), rule=rule, remedy="--workers 2, or as many as there are cores"))
+    if time_limit is None:
+        return
+    if workers is None:
+        rule = "ends worker processes; without --workers there is none"
+        raise InputError(report("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well"))
+    if not 0.0 < time_limit < math.inf:
+        rule = "must be a number of seconds above 0"
+        raise InputError(report("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600"))
 
 
 def settings(name: str) -> dict[str, Any]:

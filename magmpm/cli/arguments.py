@@ -63,6 +63,8 @@ def _design(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--storage", metavar="URL", help="database of the trials: sqlite:///FILE, postgresql://USER@HOST/NAME or "
         "grpc://HOST:PORT; with a password in it, by the variable MAGMPM_STORAGE [sqlite in the results folder]")  # fmt: skip
     parser.add_argument("--workers", type=int, metavar="N", help="processes that solve; with --storage other machines can join")
+    parser.add_argument("--time-limit", type=float, metavar="S", help="seconds after which a worker that still solves a design is ended, "
+        "and the design given to another one [100 times the usual, at least 600]")  # fmt: skip
     parser.add_argument("--artifacts", metavar="PLACE", help="folder or s3://BUCKET for the trials' pictures, which sessions can share "
         "[the results folder]")  # fmt: skip
     parser.add_argument("--trial", type=int, metavar="K", help="in place of the search: solve trial K again from what is stored of it")

@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
     study, smooth = load_study(options.study), options.style == SURFACE
     if options.trial is not None:
         return _again(options, study)
-    check_study(study.changed(sampler=options.sampler), options.workers)  # before there is a folder
+    check_study(study.changed(sampler=options.sampler), options.workers, options.time_limit)  # before there is a folder
     out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
     _end_as_by_ctrl_c()
     with (
@@ -68,6 +68,7 @@ def command(options: argparse.Namespace) -> int:
             storage=storage,
             workers=options.workers,
             artifacts=options.artifacts,
+            time_limit=options.time_limit,
         )
         done = report.ended != "interrupted"
         files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []

@@ -2,7 +2,7 @@
 
 They are fresh interpreters at the other end of a pipe, never forks: a fork hangs once OpenMP has started. They know no storage: what they
 find comes back through the pipe, and the session that started them keeps it. A process that dies takes nothing with it: its design is given
-to a new one, once; a design that ends two processes counts as failed.
+to a new one, once; a design that ends two processes counts as failed. One that hangs, in a solve or while it starts, is ended and has died.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from studies.judge import Judge, Judged
 
 TRIES = 2  # processes that a design may end before it counts as failed
 STARTS = 3  # processes in a row that may end before they are ready
+STARTING = 600.0  # s that a process may take until it is ready
 SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
 
 
@@ -46,7 +47,8 @@ class Pool:
         self._payload = pickle.dumps((judge.study, judge.solve, judge.differentiate, judge.picture, judge.out))
         self._threads = threads_each(workers)
         self._failed_starts = 0
-        self.deaths = 0
+        self.deaths = self.hangs = 0
+        self.limit: float | None = None  # s that a design may take
         self._workers = [_Worker(self._payload, self._threads) for _ in range(workers)]
 
     def __enter__(self) -> Pool:
@@ -79,6 +81,7 @@ class Pool:
         if not self.busy:
             time.sleep(patience)
             return
+        yield from self._of_those_that_hang()
         ready = set(wait([worker.pipe for worker in self._workers if worker.job is not None], timeout=patience))
         for place, worker in enumerate(self._workers):
             if worker.pipe not in ready or worker.job is None:
@@ -92,16 +95,28 @@ class Pool:
                     yield number, found
                 continue
             if kind == "ready":
-                worker.ready, self._failed_starts = True, 0
+                worker.ready, self._failed_starts, worker.since = True, 0, time.monotonic()
             elif kind == "raised":  # what ends a study in one process ends it here as well
                 raise answer
             else:
                 worker.job, worker.tries = None, 0
                 yield number, answer
 
-    def _replaced(self, place: int, worker: _Worker) -> str | None:
-        """Another process in place of one that died, with the same design; or why the design is given up."""
-        how = worker.end()
+    def _of_those_that_hang(self) -> Iterator[tuple[int, str]]:
+        """Ends processes that take too long. Number of each design that is given up, and why."""
+        for place, worker in enumerate(self._workers):
+            limit = self.limit if worker.ready else STARTING
+            if worker.job is None or limit is None or time.monotonic() - worker.since < limit or worker.pipe.poll():
+                continue
+            self.hangs += 1
+            found = self._replaced(place, worker, f"after {limit:.0f} s without an answer")
+            if found is not None:
+                yield worker.job[0], found
+
+    def _replaced(self, place: int, worker: _Worker, why: str = "") -> str | None:
+        """Another process in place of one that died, or has to, with the same design; or why the design is given up."""
+        ended = worker.end()
+        how = why or ended
         self.deaths += 1
         self._failed_starts += not worker.ready
         if self._failed_starts >= STARTS:
@@ -124,7 +139,7 @@ class _Worker:
     def __init__(self, payload: bytes, threads: int) -> None:
         self.pipe, theirs = Pipe()
         self.job: tuple[int, dict[str, Any]] | None = None
-        self.ready, self.tries = False, 0
+        self.ready, self.tries, self.since = False, 0, time.monotonic()  # since: when its design, or its start, began
         root = str(Path(__file__).resolve().parents[2])
         code = f"import sys; sys.path.insert(0, {root!r}); from studies.workers.process import main; main(sys.argv)"
         env = {name: value for name, value in os.environ.items() if name not in SECRETS}
@@ -140,7 +155,7 @@ class _Worker:
 
     def give(self, job: tuple[int, dict[str, Any]]) -> None:
         """Give it a design."""
-        self.job = job
+        self.job, self.since = job, time.monotonic()
         with suppress(OSError):  # as above
             self.pipe.send(job)
 

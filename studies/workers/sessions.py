@@ -17,10 +17,11 @@ import socket
 import threading
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import report
@@ -233,6 +234,33 @@ def uninterrupted() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
         if asked:
             raise KeyboardInterrupt
+
+
+@contextmanager
+def remembered() -> Iterator[Callable[[], None]]:
+    """A function that raises a Ctrl-C again that was swallowed on its way: exceptions in destructors and weak references' callbacks are.
+
+    Libraries of databases have both. Only the main thread gets Ctrl-C, and a handler of somebody else's is left to do as it does.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is not signal.default_int_handler:
+        yield lambda: None
+        return
+    asked: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        signal.default_int_handler(number, frame)
+
+    def check() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

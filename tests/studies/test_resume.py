@@ -18,11 +18,13 @@ from interruptible import draw
 from rod_solve import STUDY, RodResult, differentiate, solve, write_study
 
 from magmpm.errors import InputError
+from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
 from studies.definition import load_study
 from studies.engine import run_study
 from studies.sampler_names import NAMES, PREFIX, SAMPLERS
 from studies.samplers import check_available
+from studies.trial import Trial
 
 HERE = Path(__file__).parent
 
@@ -123,6 +125,42 @@ def pictures(out: Path, trial: optuna.trial.FrozenTrial) -> list[bytes]:
     storage = optuna.storages.RDBStorage(f"sqlite:///{out}/study.db")
     known = optuna.artifacts.get_all_artifact_meta(trial, storage=storage)
     return [(out / "artifacts" / meta.artifact_id).read_bytes() for meta in known]
+
+
+def test_a_surface_is_stored_once_and_a_picture_twice(tmp_path: Path) -> None:
+    """A surface's artifact is another name of its file; drawn again, gone or on a store of its own, it is what it has to be."""
+    study, out, calls = load_study(write_study(tmp_path)), tmp_path / "out", []
+
+    def files(result: RodResult, path: Path, trial: Trial) -> list[Path]:
+        surface = path.with_suffix(".stl")
+        with whole_file(surface) as part:
+            part.write_bytes(f"solid {trial.number}".encode() * 100)
+        return [draw(result, path, trial), surface]
+
+    def killed(trial: Trial) -> None:
+        calls.append(trial)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    def names(folder: Path) -> dict[str, list[Path]]:
+        found: dict[str, list[Path]] = {}
+        for path in sorted((out / "pictures").iterdir()):
+            found[path.name] = [kept for kept in folder.iterdir() if kept.read_bytes() == path.read_bytes()]
+        return found
+
+    run_study(study, solve=solve, out=out, picture=files, trials=3, on_trial=killed)
+    run_study(study, solve=solve, out=out, picture=files, trials=3)
+    for name, (kept,) in names(out / "artifacts").items():
+        assert kept.samefile(out / "pictures" / name) == name.endswith(".stl")
+    (gone,) = names(out / "artifacts")["trial_001.stl"]
+    gone.unlink()
+    report = run_study(study, solve=solve, out=out, picture=files, trials=3)
+    assert report.warnings == ["artifacts that were damaged or gone, and are put back from pictures: 1"]
+    assert gone.samefile(out / "pictures/trial_001.stl")
+    assert not list((out / "artifacts").glob(".*"))
+    run_study(study, solve=solve, out=out, picture=files, trials=4, artifacts=str(tmp_path / "elsewhere"))
+    (kept,) = names(tmp_path / "elsewhere")["trial_003.stl"]
+    assert not kept.samefile(out / "pictures/trial_003.stl"), "a store that others share has files of its own"
 
 
 def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:

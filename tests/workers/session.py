@@ -6,7 +6,9 @@ The rod solves, and takes SECONDS more for it, so that kills meet solves. LEASE 
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import time
 from typing import Any
 
@@ -20,6 +22,7 @@ from studies.workers import sessions
 
 SECONDS = "TEST_SECONDS"
 DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies
+HANGING = "TEST_HANGING"  # a file: whoever finds it in a solve deletes it and hangs, deaf to all signals that can be ignored
 
 
 def slow(scene: Scene, **options: Any) -> rod_solve.RodResult:
@@ -28,6 +31,10 @@ def slow(scene: Scene, **options: Any) -> rod_solve.RodResult:
     if DEADLY in os.environ and os.path.exists(os.environ[DEADLY]):
         os.unlink(os.environ[DEADLY])
         os.kill(os.getpid(), 11)
+    if HANGING in os.environ and os.path.exists(os.environ[HANGING]):
+        os.unlink(os.environ[HANGING])
+        signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals))
+        threading.Event().wait()
     return rod_solve.solve(scene, **options)
 
 

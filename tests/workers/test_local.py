@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +20,12 @@ from rod_solve import STUDY, write_study
 from magmpm.cli import main
 from magmpm.errors import InputError
 from studies.definition import load_study
-from studies.engine import run_study
+from studies.engine import allowed_time, run_study
 from studies.judge import Judge
 from studies.report import StudyReport
 from studies.sampler_names import SAMPLERS
 from studies.storage_url import given_url, passwords, shown_url, without_passwords
+from studies.trial import Trial
 from studies.workers import pool
 from studies.workers.pool import threads_each
 
@@ -80,6 +83,49 @@ def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(tmp_path: Pa
     report = run(tmp_path / "again", "random", session.slow, workers=2)
     assert (report.trials, report.failed) == (TRIALS, 1)
     assert "ended (SIGSEGV)" in report.reasons[0]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a design that hangs as often as it may counts as failed, with the reason."""
+    monkeypatch.setenv(session.HANGING, str(tmp_path / "poison"))
+    (tmp_path / "poison").touch()
+    report = run(tmp_path, "random", session.slow, workers=workers, time_limit=3.0)
+    assert (report.trials, report.failed) == (TRIALS, 0)
+    assert not (tmp_path / "poison").exists()
+    assert any("took too long for a design and were ended (--time-limit): 1" in line for line in report.warnings)
+    monkeypatch.setattr(pool, "TRIES", 1)
+    (tmp_path / "poison").touch()
+    report = run(tmp_path / "again", "random", session.slow, workers=workers, time_limit=3.0)
+    assert (report.trials, report.failed) == (TRIALS, 1)
+    assert report.reasons == ["the process that solved it ended (after 3 s without an answer), 1 times"]
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_ctrl_c_that_a_library_swallows_ends_the_study(workers: int | None, tmp_path: Path) -> None:
+    def swallowed(trial: Trial) -> None:
+        if trial.number == 4:
+            with suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+
+    report = run(tmp_path, workers=workers, on_trial=swallowed)
+    assert report.ended == "interrupted"
+    assert report.trials < TRIALS
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert run(tmp_path, workers=workers).trials == TRIALS
+
+
+def test_a_design_may_take_long_unless_it_is_told() -> None:
+    assert allowed_time([]) is None
+    assert allowed_time([2.0, 1.0, 3.0]) == 600.0
+    assert allowed_time([60.0, 10.0, 20.0]) == 2000.0
+
+
+@pytest.mark.parametrize(("workers", "limit"), [(None, 60.0), (2, 0.0), (2, -1.0), (2, float("nan")), (2, float("inf"))])
+def test_a_time_limit_that_cant_be_is_refused(workers: int | None, limit: float, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--time-limit: received .*\n  rule: .*\n  remedy: "):
+        run(tmp_path, workers=workers, time_limit=limit)
+    assert not (tmp_path / "out").exists()
 
 
 def test_threads_are_split(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -145,7 +145,7 @@ def test_a_server_that_is_stopped_and_started_is_waited_for(server: Postgres, tm
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_sigterm_put_the_trials_at_work_back(how: signal.Signals, server: Postgres, tmp_path: Path) -> None:
-    study = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 20")).rename(tmp_path / f"ended_{how.name}.yaml")
+    study = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 60")).rename(tmp_path / f"ended_{how.name}.yaml")
     child = session(study, tmp_path / "out", 2, server.url(), seconds=0.5)
     while len(seen_now(server.url(), study.stem)) < 3 and child.poll() is None:
         time.sleep(0.05)
@@ -161,7 +161,7 @@ def test_ctrl_c_and_sigterm_put_the_trials_at_work_back(how: signal.Signals, ser
     assert not left, "no process is left behind"
     again = session(study, tmp_path / "out", 2, server.url())
     assert again.wait(timeout=120) == 0
-    nothing_lost_or_doubled(trials_of(server.url(), study.stem), {}, 20)
+    nothing_lost_or_doubled(trials_of(server.url(), study.stem), {}, 60)
 
 
 def test_a_wrong_password_is_said_and_not_shown(server: Postgres, tmp_path: Path) -> None:
