@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array
 
@@ -62,10 +61,14 @@ class Path:
 
     def frames_at(self, s: Array) -> Array:
         """Frames (n, 3, 3) at arc lengths s (n,): columns are the tangent, and the axes that are y and z at the exit."""
+        from scipy.spatial.transform import Rotation  # 0.2 s to import, and only insertions have paths
+
         return np.asarray(Rotation.from_quat(self.quaternions_at(s)[:, [1, 2, 3, 0]]).as_matrix())
 
     def flattened(self, share: float) -> Path:
         """The path with this share (0 to 1) of its curvature everywhere: 0 is straight, 1 this path."""
+        from scipy.spatial.transform import Rotation
+
         s = self._fine[0]
         frame, points = np.eye(3), [np.zeros(3)]
         for half in Rotation.from_rotvec(share * self._turns / 2).as_matrix():
@@ -78,6 +81,8 @@ class Path:
     @cached_property
     def _turns(self) -> Array:
         """From each frame to the next, rotation vectors as the first sees them (FINE, 3)."""
+        from scipy.spatial.transform import Rotation
+
         frames = Rotation.from_quat(self._fine[1][:, [1, 2, 3, 0]])
         return np.asarray((frames[:-1].inv() * frames[1:]).as_rotvec())
 

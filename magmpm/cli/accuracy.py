@@ -12,13 +12,14 @@ from magmpm.inputs.yaml_document import of_file
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import load_scene
-from magmpm.simulate import run
-from studies.accuracy import LADDER, climb, save
 
 
 def command(options: argparse.Namespace) -> int:
     """Solve a scene over a ladder of cell sizes; table, files and picture. Returns the exit status."""
     scene = load_scene(options.scene)
+    from magmpm.simulate import run  # what solves, after the file is read
+    from studies.accuracy import LADDER, climb, save
+
     cells = _cells(options.cells) or LADDER
     folder = options.out or results_folder(scene.name)
     with folder_lock(folder):

@@ -24,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parser().parse_args(given)
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # nobody's code but magmpm's reads its files
         refuse_unusable()
         if getattr(options, "allow_outside", False):
             os.environ[VARIABLE] = os.sep

@@ -48,12 +48,7 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
-    from studies.artifact_stores import artifact_store
-    from studies.dashboard_page import page
-    from studies.dashboard_view import DashboardView, Notes
     from studies.file_names import REPORT
-    from studies.storage import must_exist, open_storage
-    from studies.storage_url import given_url, shown_url
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
@@ -66,8 +61,14 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(
             "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
         )
-    import optuna
+    import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
+
+    from studies.artifact_stores import artifact_store
+    from studies.dashboard_page import page
+    from studies.dashboard_view import DashboardView, Notes
+    from studies.storage import must_exist, open_storage
+    from studies.storage_url import given_url, shown_url
 
     saved = saved_report(folder)
     url = _url(saved["storage"], given_url(options.storage, {}))

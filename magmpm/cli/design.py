@@ -36,14 +36,15 @@ def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from contextlib import nullcontext
 
-    from magmpm.precompile import fill_cache
-    from magmpm.simulate import run, sensitivities
     from studies.definition import load_study
+
+    study, smooth = load_study(options.study), options.style == SURFACE
+    from magmpm.precompile import fill_cache  # what solves, searches and draws, after the file is read
+    from magmpm.simulate import run, sensitivities
     from studies.engine import check_study, kernel_uses, run_study
     from studies.storage_url import given_url
     from viz.worker import Renderer
 
-    study, smooth = load_study(options.study), options.style == SURFACE
     if options.trial is not None:
         return _again(options, study)
     check_study(study.changed(sampler=options.sampler), options.workers, options.time_limit)  # before there is a folder

@@ -8,12 +8,13 @@ from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.inputs.yaml_document import of_file
 from magmpm.scene import load_scene
-from studies.effects_table import survey
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the table of effects. Returns the exit status."""
     scene = load_scene(options.scene)
+    from studies.effects_table import survey  # and what solves, after the file is read
+
     with Progress(f"effects of {scene.name}") as progress, of_file(options.scene):
         table = survey(scene, measure=not options.quick, on_progress=progress.at)
     print_summary(options, table.summary(), table.text())

@@ -22,10 +22,11 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.inputs.yaml_document import of_file
     from magmpm.results.folder_lock import folder_lock
     from magmpm.scene import load_scene
-    from studies.fitting import Refused, fit, read_measured, summary, text
 
     asked = _numbers(options)
     scene = load_scene(options.scene)
+    from studies.fitting import Refused, fit, read_measured, summary, text
+
     measured = read_measured(options.measured, scene)
     folder = options.out or results_folder(f"{scene.name} fit")
     with folder_lock(folder):

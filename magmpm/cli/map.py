@@ -21,12 +21,12 @@ USUAL = 20e-3  # T
 
 def command(options: argparse.Namespace) -> int:
     """Map a scene, save the table and draw it. Returns the exit status. Raises InputError."""
-    from studies.live import ready
+    scene = load_scene(options.scene)
+    largest = _largest(options.max)
+    from studies.live import ready  # what solves and draws, after the file is read
     from studies.tip_map import MARKS, in_plane, map_tips, on_rays
     from viz.tip_map import draw
 
-    scene = load_scene(options.scene)
-    largest = _largest(options.max)
     fields = in_plane(options.fields, largest, options.plane) if options.plane else on_rays(options.fields, largest, options.strengths)
     if options.plane and options.strengths is not None:
         raise InputError("--strengths: belongs to directions over the sphere; leave it out with --plane")

@@ -21,7 +21,6 @@ from magmpm.results.readable import lengths, quantity, significant
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import missed_effects, simulated
 
 
 def command(options: argparse.Namespace) -> int:
@@ -45,6 +44,8 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int:
+    from magmpm.simulate import missed_effects  # what solves, after the file is read
+
     folder, moving = kept.path, scene.in_time
     resume = options.resume and moving and (folder / CHECKPOINT).exists()
     if options.resume and not resume:
@@ -80,6 +81,8 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
+    from magmpm.simulate import simulated
+
     with Progress(f"{scene.name}") as progress, of_file(options.scene):
 
         def tell(step: int, number: float) -> None:

@@ -22,8 +22,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.compiled.lapack import addresses, call
 
-_ADDRESSES = addresses()
-
 
 def split_plane(planes: int) -> int:
     """First of the two middle planes. The lengths of the halves differ by at most one plane."""
@@ -289,14 +287,14 @@ def factor(panels: Array, split: int) -> int:
 
     Returns -1, or the plane at which the matrix proved not positive definite (the panels are then overwritten).
     """
-    return int(_factor(panels, split, _ADDRESSES))
+    return int(_factor(panels, split, addresses()))
 
 
 def solve(panels: Array, split: int, right: Array) -> Array:
     """Solution (planes, m) for a right-hand side (planes, m), from factored panels."""
     x = np.zeros((len(right) + 2, right.shape[1]))
     x[: len(right)] = right
-    _solve(panels, split, x, _ADDRESSES)
+    _solve(panels, split, x, addresses())
     return x[: len(right)]
 
 
@@ -306,5 +304,5 @@ def solve_columns(panels: Array, split: int, right: Array) -> Array:
     x = np.zeros((planes + 2, columns, m))
     x[:planes] = right
     if columns:
-        _solve_columns(panels, split, x, _ADDRESSES)
+        _solve_columns(panels, split, x, addresses())
     return x[:planes]

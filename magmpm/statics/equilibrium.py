@@ -23,9 +23,9 @@ from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import Minimum, minimize
+from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
-from magmpm.statics.stability import stability
+from magmpm.statics.stability import SoftModes, stability
 
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
@@ -33,12 +33,28 @@ PATIENCE = 10  # times as many steps without the start from a rod, since a body 
 _controller: ThreadpoolController | None = None
 
 
+@dataclass
+class Following:
+    """What a solve leaves for the next one of the same body under another load: its energy with all arrays, and soft modes."""
+
+    energy: Energy | None = None
+    modes: SoftModes = field(default_factory=SoftModes)
+
+    def loaded(self, model: StaticModel) -> Energy:
+        """The energy under a model's load."""
+        if self.energy is None:
+            self.energy = Energy(model)
+        self.energy.load(model)
+        return self.energy
+
+
 @dataclass(frozen=True)
 class _Start:
     """What a solve begins from: see solve_static."""
 
-    correction: Array | None
+    correction: Array | Callable[[RodShape], Array | None] | None
     rod: RodShape | None
+    following: Following | None = None
 
 
 @dataclass
@@ -64,13 +80,16 @@ class Equilibrium:
 def solve_static(
     model: StaticModel,
     *,
-    correction: Array | None = None,
+    correction: Array | Callable[[RodShape], Array | None] | None = None,
     rod: RodShape | None = None,
     on_step: Callable[[int, float], None] | None = None,
     judged: bool = True,
+    following: Following | None = None,
 ) -> Equilibrium:
-    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from; rod: a shape to find it near;
-    judged: find its stability as well.
+    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from, or what tells it for a rod;
+    rod: a shape to find it near;
+    judged: find its stability as well; following: what solves of the same body on the same grid left, and this one will change: it is then
+    quick near them.
 
     Raises SolveError, with the last good Equilibrium (converged False) as its state, or where none is found near `rod`; InputError if
     nothing holds the body; ValueError for a rod's shape of another length, or if the body is no straight one that is held at
@@ -91,9 +110,10 @@ def solve_static(
     model, of = arranged(model)
     with one_blas_thread():
         try:
-            found = _solve(model, _Start(correction, rod), on_step)
+            found = _solve(model, _Start(correction, rod, following), on_step)
             assert found.energy is not None
-            return restored(model, replace(found, stability=stability(found.energy, found.point) if judged else None), of)
+            modes = None if following is None else following.modes
+            return restored(model, replace(found, stability=stability(found.energy, found.point, modes) if judged else None), of)
         except SolveError as error:
             state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
             raise type(error)(error.reason, restored(model, state, of)) from None
@@ -185,12 +205,10 @@ def _branch(
     """Equilibrium on the branch that grows from zero load, or near the rod's shape that is given."""
     options = model.scene.solver.static
     warnings: list[str] = []
-    energy = Energy(model)
+    energy, chord = (Energy(model), USUAL) if start.following is None else (start.following.loaded(model), FOLLOWING)
 
     def newton(begin: Array) -> Minimum:
-        return minimize(
-            energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step
-        )
+        return minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step, chord=chord)
 
     body = model.scene.body.shape
     if start.rod is not None:
@@ -203,8 +221,7 @@ def _branch(
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
     steps = 0
-    starts = [] if start.correction is None else [with_correction(model, rod, start.correction)]
-    for begin in [*starts, from_rod(model, rod)]:
+    for begin in _starts(energy, rod, start):
         try:
             found = newton(begin)
         except SolveError:
@@ -218,6 +235,19 @@ def _branch(
         "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
     )
     return _ramp(model, RAMP_STEPS, on_step, warnings)
+
+
+def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
+    """Where a solve begins, and where it begins again if it fails: a neighbor's correction, then the rod alone.
+
+    Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
+    """
+    model, known = energy.model, start.correction
+    alone, told = from_rod(model, rod), known(rod) if callable(known) else known
+    if told is None:
+        return [alone]
+    starts = [with_correction(model, rod, told), alone]
+    return starts if start.following is None else sorted(starts, key=lambda grid: energy.at(grid).energy)
 
 
 def _near_rod(energy: Energy, rod: RodShape, on_step: Callable[[int, float], None] | None) -> Equilibrium:

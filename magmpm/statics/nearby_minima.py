@@ -69,7 +69,7 @@ class NearbyMinima:
                     self.unstable = True
                     return None
                 enough = max(self._tolerance * scale, SOFT * energy.least_scale())
-                point, reached = _chord_steps(energy, point, direction, decrement, enough)
+                point, reached = _chord_steps(energy, point, residual, direction, decrement, enough)
                 if reached < enough:
                     return point
                 if reached < decrement:

@@ -30,6 +30,7 @@ LEAST_SHIFT = 1e-9  # near an equilibrium: the softest modes of a slender body, 
 SPURIOUS_PRESSURE = 1.0  # of G: a start with more is shifted before its first factorization, which would fail
 NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 LARGEST_SHIFT = 1e3
+PAIRS = 6  # steps that a chord step remembers
 POOR = 0.5  # of the decrement, half of what a full step wins in a quadratic: a straight step that wins less is compared with an arc
 CRAWL = 8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
 NEAREST, FARTHEST = 2.0**-6, 16.0  # times as far as `_leave` says
@@ -40,6 +41,26 @@ ROUNDING_AT_REST = (
     1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
 )
 Progress = Callable[[int, float], None]
+
+
+@dataclass(frozen=True)
+class Chord:
+    """Which steps reuse the last factors.
+
+    near: those with a decrement below this part of the energy scale; gain: while each leaves less than this part of the decrement;
+    corrected: by L-BFGS, which makes up for the change of the tangent since it was factored by what the gradient did in the last steps
+    (Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4, with the factored tangent as the first Hessian); trusted: a
+    start is a neighbor's shape, so that its tangent is not shifted unless its factors fail.
+    """
+
+    near: float = NEAR
+    gain: float = 0.1
+    corrected: bool = False
+    trusted: bool = False
+
+
+USUAL = Chord()
+FOLLOWING = Chord(near=1e-3, gain=0.5, corrected=True, trusted=True)  # where many neighbors are solved, each from the last
 
 
 @dataclass
@@ -53,7 +74,7 @@ class Minimum:
 
 
 def minimize(
-    energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
+    energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None, chord: Chord = USUAL
 ) -> Minimum:
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
@@ -64,7 +85,7 @@ def minimize(
     rest = energy.rest_energy()
     if not point.min_det_F > 0:
         raise SolveError("the start has det F <= 0", point)
-    left, shifted, least_shift = 0, 0, _expected_shift(energy, point)
+    left, shifted, least_shift = 0, 0, 0.0 if chord.trusted else _expected_shift(energy, point)
     for step in range(1, max_steps + 1):
         residual, direction, shift = _step(energy, point, least_shift)
         least_shift, shifted = 0.0, shifted + 1 if shift > 0.0 else 0
@@ -73,8 +94,8 @@ def minimize(
         if tolerance * scale < decrement < NEAR * scale and shift > 0.0:  # only a soft mode is left: FIRST_SHIFT would freeze it
             residual, direction, shift = _step(energy, point, LEAST_SHIFT)
             decrement = -float(np.sum(residual * direction)) / 2
-        if decrement < NEAR * scale and shift == 0.0:
-            near, reached = _chord_steps(energy, point, direction, decrement, tolerance * scale)
+        if decrement < chord.near * scale and shift == 0.0:
+            near, reached = _chord_steps(energy, point, residual, direction, decrement, tolerance * scale, chord)
             if reached < tolerance * scale:
                 return Minimum(near, step, reached / scale, left)
             # A soft direction (just past buckling) may be too nonlinear for chord steps. Then the line search continues from here.
@@ -127,26 +148,41 @@ def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, f
 
 
 def _chord_steps(
-    energy: Energy, point: Point, direction: Array, decrement: float, enough: float
+    energy: Energy, point: Point, residual: Array, direction: Array, decrement: float, enough: float, chord: Chord = USUAL
 ) -> tuple[Point, float]:
-    """Take full steps with the last factors, while each reduces the decrement at least tenfold. Returns the last point and its decrement.
+    """Take full steps with the last factors, while each gains enough. Returns the last point and its decrement.
 
     Near a minimum, differences of the energy are rounding errors (ROUNDING). So the decrement decides, not a line search.
     """
     split = energy.model.layout.split
+    pairs: list[tuple[Array, Array]] = []
     while True:
         trial = energy.at(point.grid + direction)
         if not trial.min_det_F > 0:
             return point, decrement
-        residual = energy.residual(trial)
-        direction = -solve(energy.panels, split, residual)
+        residual, before = energy.residual(trial), residual
+        if chord.corrected:
+            pairs = [*pairs[1 - PAIRS :], (direction, residual - before)]
+        direction = _corrected(residual, pairs, lambda right: -solve(energy.panels, split, right))
         reached = -float(np.sum(residual * direction)) / 2
         if reached < enough:
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
             return last, reached
-        if not reached < 0.1 * decrement:
+        if not reached < chord.gain * decrement:
             return point, decrement
         point, decrement = trial, reached
+
+
+def _corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callable[[Array], Array]) -> Array:
+    """The direction of a step, from the last steps and what they changed in the residual; newton: that of the factors alone."""
+    q, parts = residual, []
+    for step, change in reversed(pairs):
+        parts.append(float(np.sum(step * q) / np.sum(step * change)))
+        q = q - parts[-1] * change
+    direction = newton(q)
+    for (step, change), part in zip(pairs, reversed(parts), strict=True):
+        direction -= step * (part + float(np.sum(change * direction) / np.sum(step * change)))
+    return direction
 
 
 def refined(energy: Energy, point: Point, enough: float = 1e-18, most: int = 6) -> Point:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,13 +36,24 @@ DEPENDENT = 1e-10  # of the squared size: columns nearer than this to the others
 Products = Callable[[Array], tuple[Array, Array]]
 
 
-def stability(energy: Energy | InteractingEnergy, point: Point) -> float:
+@dataclass
+class SoftModes:
+    """What judging one load leaves for the next of the same body: soft columns (planes, k, m), volumes of unknowns, what rest has."""
+
+    columns: Array | None = None
+    lumped: Array | None = None
+    rest: float | None = None
+
+
+def stability(energy: Energy | InteractingEnergy, point: Point, modes: SoftModes | None = None) -> float:
     """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
 
     energy: of the solve, with its last factors in its panels, which stay; with interaction, those of the other parts of the energy.
+    modes: what the last call for the same body left, from which this one begins, and which it changes.
     """
     alone = energy.alone if isinstance(energy, InteractingEnergy) else energy
-    rest = _of_rest(alone)
+    modes = modes or SoftModes()
+    rest = modes.rest = _of_rest(alone) if modes.rest is None else modes.rest
     here = energy.at(point.grid)  # and tables that follow the shape
 
     def products(columns: Array) -> tuple[Array, Array]:
@@ -51,7 +62,7 @@ def stability(energy: Energy | InteractingEnergy, point: Point) -> float:
             stiff += energy.refresh_product(here, columns)
         return stiff, heavy
 
-    return _smallest(alone, products, rest) / rest
+    return _smallest(alone, products, rest, modes) / rest
 
 
 def _of_rest(energy: Energy) -> float:
@@ -65,18 +76,19 @@ def _of_rest(energy: Energy) -> float:
         _, panels = unloaded.tangent(at)
         if factor(panels, model.layout.split) >= 0:
             raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
-        _rest[key] = _smallest(unloaded, lambda columns: unloaded.products(at, columns), 0.0)
+        _rest[key] = _smallest(unloaded, lambda columns: unloaded.products(at, columns), 0.0, SoftModes())
         while len(_rest) > KEPT:
             _rest.popitem(last=False)
     _rest.move_to_end(key)
     return _rest[key]
 
 
-def _smallest(energy: Energy, products: Products, scale: float) -> float:
+def _smallest(energy: Energy, products: Products, scale: float, modes: SoftModes) -> float:
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself."""
     split = energy.model.layout.split
-    X, lumped = _start(energy), _lumped(energy)
-    for _ in range(ROUNDS):
+    X, rounds = (_start(energy), ROUNDS) if modes.columns is None else (modes.columns, 1)
+    lumped = modes.lumped = _lumped(energy) if modes.lumped is None else modes.lumped
+    for _ in range(rounds):
         MX = lumped * X
         X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
     X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
@@ -86,6 +98,7 @@ def _smallest(energy: Energy, products: Products, scale: float) -> float:
         turn = _orthonormal(_inner(X, MX))
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
         value, mix = float(values[0]), (turn @ vectors)[:, :1]
+        modes.columns = _mixed(X, (turn @ vectors)[:, :COLUMNS])
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = solve_columns(energy.panels, split, left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
 
 from studies.hard_cases.case import Case, Outcome
 
@@ -25,6 +23,9 @@ def outcomes(
             on_done(k, len(cases), case.name)
             found.append(_outcome(case, controls))
         return found
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from multiprocessing import get_context
+
     by_name: dict[str, Outcome] = {}
     with _threads(processes), ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         order = sorted(cases, key=lambda case: not case.slow)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
@@ -147,6 +146,8 @@ def _opened(scene: Scene) -> float:
     """Largest distance of particles from the undeformed shape, fitted to them, over L; infinite if the body never folded."""
     model = build(scene)
     widest: list[float] = []
+    from scipy.spatial.transform import Rotation  # 0.2 s to import, for this case alone
+
     X = model.particles.position
     first, last = X[:, 0] < 0.5e-3, X[:, 0] > X[:, 0].max() - 0.5e-3
     moved = begin(model)

@@ -1,4 +1,4 @@
-"""The fields of a map: along rays to all sides, or a grid of two components. Paths join neighbors: each solve starts from the last."""
+"""The fields of a map: along rays to all sides, or a grid of two components. Paths join neighbors: each solve learns from those before."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from magmpm.errors import InputError, report
 
 STRENGTHS = 8  # along a ray, unless asked otherwise
 MOST = 100_000
+PATHS = 8  # as many processes can share the work; longer paths learn more. Their number is fixed, so that a map is the same on any machine
 AXES = "xyz"
 
 
 @dataclass(frozen=True)
 class Fields:
-    """values (m, 3) T; paths: lists of their indices, each next to the one before; kind: "rays" or "plane"; axes: of a plane's components;
+    """values (m, 3) T; paths: lists of their indices, each near those before; kind: "rays" or "plane"; axes: of a plane's components;
     shape: directions and strengths, or steps along both axes."""
 
     values: Array
@@ -48,7 +49,8 @@ def on_rays(count: int, largest: float, strengths: int | None = None) -> Fields:
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
     steps = largest * np.arange(1, strengths + 1) / strengths
     values = (directions[:, None, :] * steps[None, :, None]).reshape(-1, 3)
-    paths = tuple(tuple(range(j * strengths, (j + 1) * strengths)) for j in range(k))
+    bands = [sorted(band.tolist(), key=lambda j: turn[j] % (2.0 * math.pi)) for band in np.array_split(np.arange(k), min(PATHS, k))]
+    paths = tuple(tuple(j * strengths + step for j in band for step in range(strengths)) for band in bands)
     return Fields(values, paths, "rays", (0, 2), (k, strengths))
 
 
@@ -65,7 +67,8 @@ def in_plane(count: int, largest: float, axes: str) -> Fields:
     marks = np.linspace(-largest, largest, n)
     values = np.zeros((n, n, 3))
     values[:, :, first], values[:, :, second] = marks[None, :], marks[:, None]
-    paths = tuple(tuple(range(row * n, (row + 1) * n))[:: -1 if row % 2 else 1] for row in range(n))
+    rows = [tuple(range(row * n, (row + 1) * n))[:: -1 if row % 2 else 1] for row in range(n)]
+    paths = tuple(tuple(k for row in band.tolist() for k in rows[row]) for band in np.array_split(np.arange(n), min(PATHS, n)))
     return Fields(values.reshape(-1, 3), paths, "plane", (first, second), (n, n))
 
 

@@ -1,7 +1,7 @@
 """Equilibria of one scene over many fields, in processes of their own: each follows paths of fields, every solve beginning at the last.
 
-The equilibria are those that `magmpm run` finds: the rod follows the branch that grows from no load. What the solves add to their rods
-changes smoothly along a path, so it is extrapolated from the last fields to the next.
+The equilibria are those that `magmpm run` finds: the rod follows the branch that grows from no load. What the solves of a path have added
+to their rods tells what the next one will add (studies.neighbors). Paths know nothing of each other: it does not matter who takes one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import MagmpmError
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.statics.axis import tip
-from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.equilibrium import Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from studies.neighbors import Neighbors
 
 Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
 
@@ -59,10 +59,10 @@ def solved(scene: Scene, paths: Sequence[Path_], processes: int) -> Iterator[Tip
 
 
 class _Process:
-    """One process and its pipe; left: indices of its path that it has not told of."""
+    """One process and its pipe; left: the fields of its path that it has not told of."""
 
     def __init__(self, scene: Scene, threads: int) -> None:
-        self._scene, self._threads, self.left = scene, threads, list[int]()
+        self._scene, self._threads, self.left = scene, threads, list[tuple[int, Sequence[float]]]()
         self._start()
 
     def _start(self) -> None:
@@ -81,22 +81,23 @@ class _Process:
         """Begin a path. Returns whether there was one."""
         if path is None:
             return False
-        self.left = [index for index, _ in path]
+        self.left = list(path)
         self.pipe.send(path)
         return True
 
     def received(self) -> list[Tip]:
-        """What it has told; of a process that ended: that the rest of its path has no answer. It is then replaced."""
+        """What it has told; of a process that ended: that the field it was at has no answer. Another one takes up the rest of its path."""
         try:
             found: Tip = self.pipe.recv()
         except (EOFError, OSError):
             status = self.process.wait()
-            lost = [Tip(index, None, np.nan, 0, f"the process that solved it ended with status {status}") for index in self.left]
-            self.left = []
+            (index, _), rest = self.left[0], self.left[1:]
             self.end()
             self._start()
-            return lost
-        self.left.remove(found.index)
+            self.left = []
+            self.begin(rest or None)
+            return [Tip(index, None, np.nan, 0, f"the process that solved it ended with status {status}")]
+        self.left = [one for one in self.left if one[0] != found.index]
         return [found]
 
     def end(self) -> None:
@@ -122,25 +123,15 @@ def serve(descriptor: int) -> None:
 
 def _along(scene: Scene, model: StaticModel, path: Path_) -> Iterator[Tip]:
     """The tips along a path, each found from the ones before."""
-    known: list[Array] = []  # what the last solves added to their rods
+    following, neighbors = Following(), Neighbors()
     for index, field in path:
         here = scene.with_field(field)
         loaded = replace(model, scene=here, effects=acting.collect(here))
         try:
-            found = solve_static(loaded, correction=_extrapolated(known))
+            found = solve_static(loaded, correction=neighbors.expected, following=following)
         except (MagmpmError, ArithmeticError) as error:
-            known = []
             yield Tip(index, None, np.nan, 0, getattr(error, "reason", str(error)))
             continue
-        known = [*known[-2:], found.correction] if found.correction.any() else []
+        neighbors.learn(found.correction)
         at = tip(loaded, found.point.grid)
         yield Tip(index, tuple(at.tolist()), float(found.stability if found.stability is not None else np.nan), found.steps)
-
-
-def _extrapolated(known: Sequence[Array]) -> Array | None:
-    """What the next solve will add to its rod, by a polynomial through the last three at equal steps."""
-    if not known:
-        return None
-    if len(known) == 1:
-        return known[0]
-    return 2.0 * known[1] - known[0] if len(known) == 2 else 3.0 * known[2] - 3.0 * known[1] + known[0]

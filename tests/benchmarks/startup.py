@@ -2,46 +2,60 @@
 
     python tests/benchmarks/startup.py
 
-A command is given a file that is not there, or nothing to do: it has then imported what it needs and says so. Least of REPEATS runs, in
-seconds of wall clock and of processor time; other work on the machine adds to the first, and some to the second.
+A command is given a file that is not there, or nothing to do: it has then imported what reading its file needs, and says so. Rows "with
+its file" go further: the file is there, and a mistake in what was typed, looked for after it was read, ends the command. It has then also
+imported what solves. Least of REPEATS runs, in seconds of wall clock and of processor time; other work on the machine adds to the first,
+and some to the second. Python keeps the bytecode of what it imports, as it does for users; the last column is the wall clock where it does
+not (PYTHONDONTWRITEBYTECODE), and compiles all sources again with every command.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+STUDY, SCENE = str(ROOT / "data/studies/s_shape.yaml"), str(ROOT / "data/scenes/axial_transverse.yaml")
 REPEATS = 5
-COMMANDS = {  # what makes each begin, and the most it may take, s
-    "--help": ([], 0.3),
-    "run": (["no.yaml"], 1.0),
-    "design": (["no.yaml"], 1.0),
-    "accuracy": (["no.yaml"], 1.0),
-    "effects": (["no.yaml"], 1.0),
-    "render": (["no"], 1.0),
-    "dashboard": (["no"], 1.0),
-    "view": (["no.yaml"], 1.0),
-    "report": (["no"], 1.0),
-    "fit": (["no.csv", "no.yaml"], 1.0),
-    "doctor": (["--help"], 1.0),
-    "import": (["no.yaml", "-o", "no-scene.yaml"], 1.0),
-    "prepare": (["no.yaml"], 1.0),
-    "stability": (["--case", "no such case"], 1.0),
+BOUND = 1.0  # s, for all but --help
+NOTHING = {  # what makes each command begin, with a file that is not there
+    "--help": [],
+    "run": ["no.yaml"],
+    "design": ["no.yaml"],
+    "accuracy": ["no.yaml"],
+    "effects": ["no.yaml"],
+    "render": ["no"],
+    "dashboard": ["no"],
+    "view": ["no.yaml"],
+    "report": ["no"],
+    "map": ["no.yaml"],
+    "fit": ["no.csv", "no.yaml"],
+    "doctor": ["--help"],
+    "import": ["no.yaml", "-o", "no-scene.yaml"],
+    "prepare": ["no.yaml"],
+    "stability": ["--case", "no such case"],
+}
+READ = {  # with a file that is there
+    "design": [STUDY, "--workers", "0", "--out", "no"],
+    "accuracy": [SCENE, "--cells", "many", "--out", "no"],
+    "map": [SCENE, "--plane", "xx", "--out", "no"],
+    "fit": ["tips.csv", SCENE, "--vary", "nothing", "--out", "no"],
 }
 
 
-def begun(arguments: list[str], folder: str) -> tuple[float, float]:
+def begun(arguments: list[str], folder: str, env: Mapping[str, str]) -> tuple[float, float]:
     """Least seconds of wall clock and of processor time of a command."""
     best = (float("inf"), float("inf"))
     for _ in range(REPEATS):
         before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run([sys.executable, "-m", "magmpm.cli", *arguments], capture_output=True, check=False, cwd=folder)
+        subprocess.run([sys.executable, "-m", "magmpm.cli", *arguments], capture_output=True, check=False, cwd=folder, env=env)
         wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
         used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         best = min(best[0], wall), min(best[1], used)
@@ -51,12 +65,20 @@ def begun(arguments: list[str], folder: str) -> tuple[float, float]:
 def main() -> int:
     """Print the table, and write runs/bench/startup.json."""
     rows = []
-    print(f"{'command':<12}{'wall (s)':>10}{'processor (s)':>15}{'bound (s)':>11}")
+    print(f"{'command':<24}{'wall (s)':>10}{'processor (s)':>15}{'bound (s)':>11}{'no bytecode (s)':>17}")
     with tempfile.TemporaryDirectory() as folder:
-        for name, (arguments, bound) in COMMANDS.items():
-            wall, used = begun([name, *arguments], folder)
-            rows.append({"command": name, "wall_s": wall, "processor_s": used, "bound_s": bound})
-            print(f"{name:<12}{wall:>10.2f}{used:>15.2f}{bound:>11.1f}", flush=True)
+        Path(folder, "tips.csv").write_text("field_z_mT,tip_x_mm,tip_z_mm\n5,20,5\n", encoding="utf-8")
+        kept = {**os.environ, "PYTHONPYCACHEPREFIX": str(Path(folder, "bytecode"))}
+        kept.pop("PYTHONDONTWRITEBYTECODE", None)
+        bare = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+        asked = [(name, [name, *rest]) for name, rest in NOTHING.items()]
+        asked += [(f"{name}, with its file", [name, *rest]) for name, rest in READ.items()]
+        for name, arguments in asked:
+            wall, used = begun(arguments, folder, kept)
+            without = begun(arguments, folder, bare)[0]
+            bound = 0.3 if name == "--help" else BOUND
+            rows.append({"command": name, "wall_s": wall, "processor_s": used, "bound_s": bound, "no_bytecode_s": without})
+            print(f"{name:<24}{wall:>10.2f}{used:>15.2f}{bound:>11.1f}{without:>17.2f}", flush=True)
     out = ROOT / "runs/bench/startup.json"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,73 @@
+"""What a solve will add to its rod, from what solves of neighbors have added to theirs: where it begins.
+
+A rod bends nearly as the body does. What the solve adds to it, seen from the rod's frames, is local: how sections deform at the clamp and
+between segments. It follows from how the rod is curved, smoothly, and more simply than from the field: a small change of the field may
+turn the body round, and what is added at a given curvature is the same for another field, direction of magnetization or magnet.
+So it is interpolated over the curvature of rods: kriging, with a covariance that is smooth (Matern 5/2) and linear far away.
+
+Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, equations 2.25 and 4.17.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.rod.cosserat import RodShape
+
+STATIONS = 20  # along a rod, at which its curvature is compared
+REACH = 2.0  # of curvature times length, rad: rods farther apart have little to do with each other
+LINEAR = 0.1  # share of the covariance that is linear in the curvature
+NUGGET = 1e-8  # of the variance: solves have errors
+MOST = 64  # neighbors, the nearest
+
+
+class Neighbors:
+    """Solves of one body on one grid, and what they added to their rods. `expected` and `learn` take turns."""
+
+    def __init__(self) -> None:
+        self._rods: list[Array] = []
+        self._added: list[Array] = []
+        self._asked = np.zeros(0)
+
+    def expected(self, rod: RodShape) -> Array | None:
+        """What a solve will add to its rod: coefficients (planes, m), m, in the rod's frames; None where nothing is known."""
+        self._asked = _curvature(rod)
+        if not self._rods:
+            return None
+        known = np.array(self._rods)
+        near = np.argsort(np.linalg.norm(known - self._asked, axis=1), kind="stable")[:MOST]
+        among = _covariance(known[near], known[near])
+        share = np.linalg.solve(among + NUGGET * np.diag(np.diag(among)), _covariance(known[near], self._asked[None])[:, 0])
+        return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))
+
+    def learn(self, added: Array, most: int | None = None) -> None:
+        """What the solve of the rod asked for last has added to it. most: how many solves are kept, the last ones.
+
+        Nothing is learned of a solve that did not begin at its rod, nor from other grids than the last.
+        """
+        if not added.any() or not len(self._asked):
+            return
+        if self._added and self._added[-1].shape != added.shape:
+            self._rods, self._added = [], []
+        self._rods, self._added = [*self._rods, self._asked], [*self._added, added]
+        if most is not None:
+            self._rods, self._added = self._rods[-most:], self._added[-most:]
+
+    def fits(self, shape: tuple[int, ...]) -> bool:
+        """Whether what is known is of a grid with so many coefficients (planes, m)."""
+        return bool(self._added) and self._added[-1].shape == shape
+
+
+def _curvature(rod: RodShape) -> Array:
+    """Twist and bending times length at STATIONS places from the clamp on, rad, so scaled that the norm is their mean."""
+    at = np.arange(STATIONS) / STATIONS * rod.s[-1]
+    return np.concatenate([np.interp(at, rod.s, column) for column in rod.curvature.T]) * rod.s[-1] / math.sqrt(STATIONS)
+
+
+def _covariance(one: Array, other: Array) -> Array:
+    """(n, m) of curvatures (n, k) and (m, k)."""
+    apart = np.linalg.norm(one[:, None] - other[None], axis=2) * math.sqrt(5.0) / REACH
+    return (1.0 + apart + apart**2 / 3.0) * np.exp(-apart) + LINEAR * (one @ other.T)
