@@ -21,18 +21,22 @@ _MARKS = "osD^vPX<>"
 def fitted(shown: Mapping[str, Any], path: str | Path, title: str = "") -> Path:
     """Measured points and the fitted scene's, over field, arc length or time, or in a plane; below, residuals in standard errors.
 
-    shown: series, a mapping of names to x, measured and fitted (lists; fitted_x where those are at other x); x_label, y_label; residuals in
-    standard errors and the lines of the table they are of; numbers: the constants in words; equal: whether both axes have one scale.
+    shown: panels, one for each table: series, a mapping of names to x, measured and fitted (lists; fitted_x where those are at other x),
+    x_label, y_label, title, equal: whether both axes have one scale; residuals in standard errors and the lines of the table they are of;
+    numbers: the constants in words.
     Returns the path, whose ending says PNG, PDF or SVG.
     """
     with rc_context(LOOK):
-        figure = Figure(figsize=(6.4, 5.4), layout="constrained")
-        above, below = figure.subplots(2, 1, height_ratios=(2.4, 1.0))
-        _points(above, shown)
-        _residuals(below, shown)
-        figure.align_ylabels([above, below])
+        panels = shown["panels"]
+        figure = Figure(figsize=(6.4, 2.1 + 3.3 * len(panels)), layout="constrained")
+        *above, below = figure.subplots(len(panels) + 1, 1, height_ratios=(*[2.4] * len(panels), 1.0))
+        for axes, panel in zip(above, panels, strict=True):
+            _points(axes, panel)
+            axes.set_title(panel.get("title", ""), fontsize=8, loc="left", color=style.FAINT_INK)
+        _residuals(below, shown, "line of the table" if len(panels) == 1 else "number, table after table")
+        figure.align_ylabels([*above, below])
         words = "\n".join(shown["numbers"][:6])
-        above.set_title(f"{title}\n{words}" if title else words, fontsize=9)
+        figure.suptitle(f"{title}\n{words}" if title else words, fontsize=9)
         return saved(figure, path)
 
 
@@ -54,14 +58,14 @@ def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def _residuals(axes: Axes, shown: Mapping[str, Any]) -> None:
+def _residuals(axes: Axes, shown: Mapping[str, Any], x_label: str) -> None:
     sizes = np.array(shown["residuals"])
     axes.axhspan(-1.96, 1.96, color="#EEEEEE", linewidth=0, zorder=0)
     axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.8, zorder=1)
     axes.plot(shown["lines"], sizes, linestyle="none", marker="o", markersize=3.5, color=style.INK, zorder=2)
     most = max(3.0, 1.1 * float(np.max(np.abs(sizes), initial=0.0)))
     axes.set_ylim(-most, most)
-    axes.set_xlabel("line of the table")
+    axes.set_xlabel(x_label)
     axes.set_ylabel("residual\n(standard errors)")
     axes.annotate("95 % of normal errors", (1.0, 1.96), xycoords=axes.get_yaxis_transform(), xytext=(4, -8), textcoords="offset points",
                   fontsize=7, color=style.FAINT_INK)  # fmt: skip

@@ -16,7 +16,7 @@ REPORT, TABLE, SCENE, PICTURE = "fit.json", "residuals.csv", "fitted_scene.yaml"
 
 
 def command(options: argparse.Namespace) -> int:
-    """Fit constants of a scene to a table of measurements; table, files and picture. Returns the exit status."""
+    """Fit constants of a scene to tables of measurements; table, files and picture. Returns the exit status."""
     from magmpm.cli.design import refuse_study
     from magmpm.cli.progress import Progress
     from magmpm.inputs.yaml_document import of_file
@@ -25,9 +25,9 @@ def command(options: argparse.Namespace) -> int:
 
     asked = _numbers(options)
     scene = load_scene(options.scene)
-    from studies.fitting import Refused, fit, read_measured, summary, text
+    from studies.fitting import Refused, fit, read_tables, summary, text
 
-    measured = read_measured(options.measured, scene)
+    measured = read_tables(options.measured, scene)
     folder = options.out or results_folder(f"{scene.name} fit")
     with folder_lock(folder):
         refuse_study(folder)
@@ -76,7 +76,7 @@ def _numbers(options: argparse.Namespace) -> dict[str, Any]:
         name, _, share = pair.partition("=")
         known[name.strip()] = _quantity("--known", share, "percentage")
     return {
-        "noise": _quantity("--noise", options.noise, "length"),
+        "noise": None if options.noise is None else [_quantity("--noise", one, "length") for one in _list(options.noise) or [""]],
         "angle_noise": _quantity("--angle-noise", options.angle_noise, "angle"),
         "known": known,
         "level": options.level / 100,

@@ -84,7 +84,7 @@ def check_apart(
         remedy += f"; or --known {(loads or [c.name for c in involved if c.relative])[0]}=2%, if it is known that well"
     if advice:
         remedy += f"; or measure in addition: {'; or '.join(advice)}"
-    raise Refused(str(measured.path), rule=rule, remedy=remedy, together=names, known=said, advice=advice)
+    raise Refused(measured.named, rule=rule, remedy=remedy, together=names, known=said, advice=advice)
 
 
 def _fewer(constants: Sequence[Constant], right: Array, lost: Sequence[int]) -> str:

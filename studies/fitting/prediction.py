@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +25,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Label:
-    """Where a residual comes from: line of the table, what it measures, whether it is an angle (rad, else m).
+    """Where a residual comes from: line of the table, what it measures, whether it is an angle (rad, else m); which table of several.
 
     measured, simulated: the number, or of a curve the point and the foot on the curve, SI.
     """
@@ -36,6 +35,7 @@ class Label:
     angle: bool = False
     measured: tuple[float, ...] = ()
     simulated: tuple[float, ...] = ()
+    table: int = 0
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ class Axis:
 Found = tuple[list[float], list[Array], list[Label]]
 
 
-def compare(shape: Axis, readings: Readings, kind: str, axes: Sequence[int]) -> tuple[Array, Array, list[Label]]:
+def compare(shape: Axis, readings: Readings) -> tuple[Array, Array, list[Label]]:
     """Residuals (r,) m or rad of one state, their derivatives (r, k), and where each comes from."""
     found: Found = ([], [], [])
-    if kind == "curve":
-        _along_curve(shape, readings, list(axes), found)
+    if readings.kind == "curve":
+        _along_curve(shape, readings, list(readings.axes), found)
     else:
-        _at_points(shape, readings, kind, found)
+        _at_points(shape, readings, readings.kind, found)
     residuals, slopes, labels = found
     return np.array(residuals), np.array(slopes).reshape(len(residuals), shape.tip_change.shape[1]), labels
 
@@ -82,11 +82,11 @@ def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None
         for i in np.flatnonzero(np.isfinite(readings.points[m])):
             prefix = "tip_" if kind == "tips" else ""
             both = (float(readings.points[m, i]),), (float(place[i]),)
-            _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{AXES[i]}", False, *both))
+            _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{AXES[i]}", False, *both, readings.table))
         if np.isfinite(readings.angles[m]):
             angle, turned = _tip_angle(shape)
             both = (float(readings.angles[m]),), (angle,)
-            _add(found, angle - readings.angles[m], turned, Label(int(line), "tip_angle", True, *both))
+            _add(found, angle - readings.angles[m], turned, Label(int(line), "tip_angle", True, *both, readings.table))
 
 
 def _add(found: Found, residual: float, slope: Array, label: Label) -> None:
@@ -124,7 +124,7 @@ def _along_curve(shape: Axis, readings: Readings, axes: list[int], found: Found)
             gap, ahead = float(normal @ away), float(tangent @ away) / size  # ahead: not 0 beyond an end alone, where the tangent turns
             what = f"across the curve{f' ({k + 1})' if len(axes) == 3 else ''}"
             both = tuple(point.tolist()), tuple(places[0, axes].tolist())
-            _add(found, gap, normal @ (moved[0, axes] - ahead * turned[0, axes]), Label(int(line), what, False, *both))
+            _add(found, gap, normal @ (moved[0, axes] - ahead * turned[0, axes]), Label(int(line), what, False, *both, readings.table))
 
 
 def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array) -> float:
@@ -168,23 +168,24 @@ class Prediction:
         """
         if self.scene.in_time:
             return self._in_motion(x, slopes)
-        parts = [self._of_state(i, readings, x, slopes) for i, readings in enumerate(self.measured.states)]
+        fields = [readings.field for readings in self.measured.states]
+        shapes = {field: self._shape_in(field, fields.index(field), x, slopes) for field in dict.fromkeys(fields)}
+        parts = [compare(shapes[readings.field], readings) for readings in self.measured.states]
         self.labels = [label for _, _, labels in parts for label in labels]
         return np.concatenate([r for r, _, _ in parts]), np.concatenate([j for _, j, _ in parts])
 
-    def _of_state(self, index: int, readings: Readings, x: Array, slopes: bool) -> tuple[Array, Array, list[Label]]:
-        base = self.scene if readings.field is None else self.scene.with_field(readings.field)
+    def _shape_in(self, field: tuple[float, float, float] | None, index: int, x: Array, slopes: bool) -> Axis:
+        """The shape in a field; tables may share one."""
+        base = self.scene if field is None else self.scene.with_field(field)
         scene, start = applied(base, self.constants, x), self._last.get(index)
         self.solves += 1
         if not slopes:
-            shape = _shape_of(run(scene, start=start))
-        else:
-            kinds = list(dict.fromkeys(constant.kind for constant in self.constants))
-            near = sensitivities(scene, of=kinds, start=start)
-            self._last[index] = near.result
-            per_x = chain(base, self.constants, x, near.variables)
-            shape = Axis(near.result.centreline, near.result.tip, near.centreline @ per_x, near.tip @ per_x)
-        return compare(shape, readings, self.measured.kind, self.measured.axes)
+            return _shape_of(run(scene, start=start))
+        kinds = list(dict.fromkeys(constant.kind for constant in self.constants))
+        near = sensitivities(scene, of=kinds, start=start)
+        self._last[index] = near.result
+        per_x = chain(base, self.constants, x, near.variables)
+        return Axis(near.result.centreline, near.result.tip, near.centreline @ per_x, near.tip @ per_x)
 
     def _in_motion(self, x: Array, slopes: bool) -> tuple[Array, Array]:
         residuals = self._moved(x)
@@ -209,7 +210,7 @@ class Prediction:
         for readings in self.measured.states:
             t = readings.time
             shape = Axis.alone(np.column_stack([shapes[0, :, 0], rows(t)]) if len(shapes[0]) else shapes[0], tip(t))
-            parts.append(compare(shape, readings, self.measured.kind, self.measured.axes))
+            parts.append(compare(shape, readings))
         self.labels = [label for _, _, labels in parts for label in labels]
         return np.concatenate([r for r, _, _ in parts])
 

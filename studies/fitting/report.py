@@ -12,7 +12,9 @@ import yaml
 from magmpm.inputs.settings import read_yaml
 from studies.file_paths import mended
 from studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, directions
+from studies.fitting.prediction import Label
 from studies.fitting.search import Fit, Fitted
+from studies.fitting.table import Measured
 
 MOST_SERIES = 9  # in the picture
 
@@ -21,7 +23,11 @@ def summary(found: Fit) -> dict[str, Any]:
     """Everything as plain data, SI."""
     return {
         "name": found.scene.name,
-        "measured": str(found.measured.path),
+        "measured": found.measured.named,
+        "tables": [
+            {"path": str(one.path), "kind": one.kind, "numbers": one.numbers, "sigma_m": found.sigma_m * ratio}
+            for one, ratio in zip(found.measured.each, found.ratios, strict=True)
+        ],
         "constants": [_entry(one) for one in found.constants],
         "level": found.level,
         "noise": {"sigma_m": found.sigma_m, "sigma_rad": found.sigma_rad, "from": found.noise},
@@ -31,7 +37,7 @@ def summary(found: Fit) -> dict[str, Any]:
         "degrees_of_freedom": found.degrees,
         "correlation": found.correlation.tolist(),
         "residuals": [
-            {"line": label.line, "what": label.what, "value": float(value), "unit": "rad" if label.angle else "m"}
+            {"table": label.table, "line": label.line, "what": label.what, "value": float(value), "unit": "rad" if label.angle else "m"}
             for value, label in zip(found.residuals, found.labels, strict=True)
         ],
         "warnings": list(found.warnings),
@@ -51,7 +57,7 @@ def _entry(one: Fitted) -> dict[str, Any]:
 def text(found: Fit) -> str:
     """The table for people."""
     sizes = len(found.measured.states)
-    head = f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)}, {found.measured.path}"
+    head = f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)}, {found.measured.named}"
     width = max(len(one.constant.name) for one in found.constants)
     share = f"{100 * found.level:g} % interval"
     lines = [head, f"  {'':{width}}  {'fitted':>12}  {share:^27}  {'standard error':>15}  {'finer grid':>11}"]
@@ -62,9 +68,10 @@ def text(found: Fit) -> str:
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
         lines.append(f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g}  {finer:>11}  {unit}")
+    of_each = ", ".join(f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios))
     angles = "" if found.sigma_rad is None else f" and {math.degrees(found.sigma_rad):.3g} deg"
     lines += [
-        f"  residuals        rms {1e3 * found.rms_m:.3g} mm; noise {1e3 * found.sigma_m:.3g} mm{angles} a number ({found.noise}), "
+        f"  residuals        rms {1e3 * found.rms_m:.3g} mm; noise {of_each} mm{angles} a number ({found.noise}), "
         f"{found.degrees} degrees of freedom",
         f"  intervals        {_method(found)}",
         f"  solves           {found.solves} in {found.seconds:.1f} s",
@@ -81,12 +88,13 @@ def _method(found: Fit) -> str:
 
 
 def residuals_table(found: Fit) -> str:
-    """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors."""
-    rows = ["line,what,residual,unit,standard_errors"]
+    """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors; of several tables, which."""
+    several = bool(found.measured.tables)
+    rows = ["line,what,residual,unit,standard_errors" + ",table" * several]
     for value, label in zip(found.residuals, found.labels, strict=True):
-        sigma = (found.sigma_rad or 1.0) if label.angle else found.sigma_m
         shown, unit = (math.degrees(value), "deg") if label.angle else (1e3 * value, "mm")
-        rows.append(f"{label.line},{label.what},{shown:.6g},{unit},{value / sigma:.4g}")
+        row = f"{label.line},{label.what},{shown:.6g},{unit},{value / found.sigma_of(label):.4g}"
+        rows.append(row + f",{label.table + 1}" * several)
     return "\n".join(rows) + "\n"
 
 
@@ -113,23 +121,35 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
             for key in region.at:
                 place = place[key]
             place["magnetization"] = [round(part, 9) for part in direction]
-    comment = "".join(f"# {line}\n" for line in (f"Fitted to {found.measured.path.name} by `magmpm fit`:", *text(found).splitlines()[1:]))
+    source_names = ", ".join(one.path.name for one in found.measured.each)
+    comment = "".join(f"# {line}\n" for line in (f"Fitted to {source_names} by `magmpm fit`:", *text(found).splitlines()[1:]))
     return comment + "\n" + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
 
 
 def shown(found: Fit) -> dict[str, Any]:
-    """What the picture shows (viz.fit_plot): series of measured and simulated numbers over what was changed, and residuals."""
-    sigmas = [(found.sigma_rad or 1.0) if label.angle else found.sigma_m for label in found.labels]
-    data: dict[str, Any] = {
-        "residuals": [float(r / sigma) for r, sigma in zip(found.residuals, sigmas, strict=True)],
-        "lines": [label.line for label in found.labels],
+    """What the picture shows (viz.fit_plot): a panel for each table, and residuals.
+
+    A panel: series of measured and simulated numbers over what was changed.
+    """
+    several = bool(found.measured.tables)
+    return {
+        "residuals": [float(r / found.sigma_of(label)) for r, label in zip(found.residuals, found.labels, strict=True)],
+        "lines": [k + 1 if several else label.line for k, label in enumerate(found.labels)],
         "numbers": [_in_words(one) for one in found.constants],
+        "panels": [
+            _panel(found, table, [label for label in found.labels if label.table == k]) for k, table in enumerate(found.measured.each)
+        ],
     }
-    if found.measured.kind == "curve":
-        return {**data, **_curves(found)}
-    over, label_of = _over(found)
+
+
+def _panel(found: Fit, table: Measured, labels: list[Label]) -> dict[str, Any]:
+    """What is shown of a table."""
+    title = {"title": table.path.name} if found.measured.tables else {}
+    if table.kind == "curve":
+        return {**title, **_curves(table, labels)}
+    over, label_of = _over(found, table)
     series: dict[str, dict[str, Any]] = {}
-    for label in found.labels:
+    for label in labels:
         x, group = over[label.line]
         one = series.setdefault(f"{label.what.replace('_', ' ')}{group}", {"x": [], "measured": [], "fitted": []})
         factor = 180 / math.pi if label.angle else 1e3
@@ -138,8 +158,8 @@ def shown(found: Fit) -> dict[str, Any]:
         one["fitted"].append(factor * label.simulated[0])
     kept = dict(list(series.items())[:MOST_SERIES])
     some = f" ({len(kept)} of {len(series)} series)" if len(kept) < len(series) else ""
-    y_label = "place (mm), angle (deg)" if found.measured.has_angles else "place (mm)"
-    return {**data, "series": kept, "x_label": label_of + some, "y_label": y_label}
+    y_label = "place (mm), angle (deg)" if table.has_angles else "place (mm)"
+    return {**title, "series": kept, "x_label": label_of + some, "y_label": y_label}
 
 
 def _in_words(one: Fitted) -> str:
@@ -148,10 +168,10 @@ def _in_words(one: Fitted) -> str:
     return f"{one.constant.name.replace('_', ' ')} {factor * one.value:.4g} ({low} to {high}) {unit}"
 
 
-def _over(found: Fit) -> tuple[dict[int, tuple[float, str]], str]:
+def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], str]:
     """Of each line of the table: where it stands on the axis, and the group that its series belongs to; the axis's label."""
     over: dict[int, tuple[float, str]] = {}
-    states = found.measured.states
+    states = table.states
     fields = np.array([state.field or found.scene.field.uniform for state in states])
     strongest = fields[np.argmax(np.linalg.norm(fields, axis=1))]
     direction = strongest / max(float(np.linalg.norm(strongest)), 1e-300)
@@ -160,26 +180,26 @@ def _over(found: Fit) -> tuple[dict[int, tuple[float, str]], str]:
         for line, s in zip(state.lines.tolist(), state.s.tolist(), strict=True):
             if state.time is not None:
                 over[line] = 1e3 * state.time, "" if math.isnan(s) else f" at {1e3 * s:.3g} mm"
-            elif found.measured.kind == "places":
+            elif table.kind == "places":
                 over[line] = 1e3 * s, f", state {k + 1}" if several else ""
             else:
                 over[line] = 1e3 * float(fields[k] @ direction), ""
     if states[0].time is not None:
         return over, "time (ms)"
-    if found.measured.kind == "places":
+    if table.kind == "places":
         return over, "arc length (mm)"
     straight = np.allclose(np.cross(fields, direction), 0.0, atol=1e-3 * max(float(np.linalg.norm(strongest)), 1e-12))
     return over, "field (mT)" if straight else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)"
 
 
-def _curves(found: Fit) -> dict[str, Any]:
+def _curves(table: Measured, labels: list[Label]) -> dict[str, Any]:
     """Points of digitized curves, and where they are nearest to the simulated ones, in the first two coordinates they have."""
-    state_of = {line: k for k, state in enumerate(found.measured.states) for line in state.lines.tolist()}
+    state_of = {line: k for k, state in enumerate(table.states) for line in state.lines.tolist()}
     series: dict[str, dict[str, Any]] = {}
-    for label in found.labels:
+    for label in labels:
         name, keys = f"curve {state_of[label.line] + 1}", ("x", "measured", "fitted_x", "fitted")
         one = series.setdefault(name, {key: [] for key in keys})
         for key, value in zip(keys, (*label.measured[:2], *label.simulated[:2]), strict=True):
             one[key].append(1e3 * value)
-    first, second = ("xyz"[i] for i in found.measured.axes[:2])
+    first, second = ("xyz"[i] for i in table.axes[:2])
     return {"series": dict(list(series.items())[:MOST_SERIES]), "x_label": f"{first} (mm)", "y_label": f"{second} (mm)", "equal": True}

@@ -10,6 +10,7 @@ Regression (1989), section 5.4.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ __all__ = ["Fit", "Fitted", "Refused", "fit"]
 FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
 UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
 ODD = 3.5  # standard errors: residuals beyond are named
+UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
 STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin at a fourth and four times the scene's
 
 
@@ -54,6 +56,8 @@ class Fitted:
 class Fit:
     """What a fit found. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
 
+    ratios: by what each table's sigma of lengths is larger than that, which is the first table's.
+
     noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
     """
 
@@ -72,6 +76,11 @@ class Fit:
     warnings: tuple[str, ...]
     solves: int
     seconds: float
+    ratios: tuple[float, ...] = (1.0,)
+
+    def sigma_of(self, label: Label) -> float:
+        """Standard deviation of a residual, m or rad."""
+        return (self.sigma_rad or 1.0) if label.angle else self.sigma_m * self.ratios[label.table]
 
     @property
     def rms_m(self) -> float:
@@ -86,14 +95,15 @@ def _rms(residuals: Array, labels: Sequence[Label]) -> float:
 
 @dataclass(frozen=True)
 class _Noise:
-    """Standard deviations of lengths (m) and angles (rad); given: whether that of lengths was."""
+    """Standard deviations of lengths (m; times the ratio of their table) and angles (rad); given: whether those of lengths were."""
 
     length: float
     angle: float
     given: bool
+    ratios: tuple[float, ...] = (1.0,)
 
     def of(self, labels: Sequence[Label]) -> Array:
-        return np.array([self.angle if label.angle else self.length for label in labels])
+        return np.array([self.angle if label.angle else self.length * self.ratios[label.table] for label in labels])
 
 
 def fit(
@@ -101,7 +111,7 @@ def fit(
     scene: Scene,
     *,
     vary: Sequence[str] | None = None,
-    noise: float | None = None,
+    noise: float | Sequence[float] | None = None,
     angle_noise: float | None = None,
     known: Mapping[str, float] | None = None,
     level: float = 0.95,
@@ -111,7 +121,8 @@ def fit(
     """The constants of a scene that explain measurements best.
 
     vary: kinds or names of constants (studies.fitting.constants), None: shear moduli, remanences, and a motion's losses. noise: standard
-    deviation of each measured coordinate, m, None: estimated from the residuals; angle_noise: of angles, rad. known: relative standard
+    deviation of each measured coordinate, m, one for all or one for each table, None: estimated from the residuals, one for all;
+    angle_noise: of angles, rad. known: relative standard
     deviations of constants that are known beforehand, by name or kind: the scene's values count as measured that well. level: of the
     intervals. thorough: of equilibria, descents from further starts, and what a finer grid would change.
     Raises Refused where the measurements can't tell constants apart; InputError for what does not fit together; SolveError where no
@@ -120,9 +131,11 @@ def fit(
     begun = time.perf_counter()
     scene = _on_one_grid(scene)
     constants = with_known(constants_of(scene, vary), dict(known or {}))
-    _check_counts(measured, constants, noise, angle_noise)
+    first, ratios = _of_tables(measured, noise)
+    _check_counts(measured, constants, first, angle_noise)
     prediction = Prediction(scene, measured, constants)
-    search = _Search(prediction, constants, noise, angle_noise, scene.length, on_progress or (lambda text: None))
+    search = _Search(prediction, constants, first, angle_noise, scene.length, on_progress or (lambda text: None))
+    search.ratios = ratios
     best, sigmas, others = search.best(thorough and not scene.in_time)
     degrees = len(prediction.labels) - len(constants) + sum(c.known is not None for c in constants)
     sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, prediction.labels)
@@ -136,13 +149,26 @@ def fit(
     shift = search.on_finer_grid(best, sigmas, covariance) if thorough and not scene.in_time else None
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
-    warnings += _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels) + _of_grid(found)
+    warnings += _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
+    warnings += _of_their_sizes(raw / sigmas.of(prediction.labels), prediction.labels, measured)
     if not best.converged:
         warnings.append(f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file")
     return Fit(
         scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, tuple(prediction.labels),
         degrees, covariance / np.outer(deviations, deviations), best.x, tuple(warnings), prediction.solves, time.perf_counter() - begun,
+        ratios,
     )  # fmt: skip
+
+
+def _of_tables(measured: Measured, noise: float | Sequence[float] | None) -> tuple[float | None, tuple[float, ...]]:
+    """The first table's standard deviation of lengths (m), and by what each one's is larger. InputError for another number of them."""
+    count = len(measured.each)
+    if noise is None or isinstance(noise, float | int):
+        return noise, (1.0,) * count
+    if len(noise) not in (1, count):
+        rule = f"one for all tables, or one for each, {count}"
+        raise InputError(report("--noise", received=f"{len(noise)} of them", rule=rule, remedy='say, --noise "0.2 mm, 0.5 mm"'))
+    return noise[0], tuple(each / noise[0] for each in (noise if len(noise) == count else [noise[0]] * count))
 
 
 def _on_one_grid(scene: Scene) -> Scene:
@@ -168,10 +194,10 @@ def _check_counts(measured: Measured, constants: Sequence[Constant], noise: floa
     if measured.numbers < unknown:
         names = ", ".join(constant.name for constant in constants)
         rule = f"{unknown} constants ({names}) need {unknown} measured numbers or more"
-        raise Refused(str(measured.path), received=f"{measured.numbers}", rule=rule, remedy="measure more, or --vary fewer")
+        raise Refused(measured.named, received=f"{measured.numbers}", rule=rule, remedy="measure more, or --vary fewer")
     if measured.numbers == unknown and noise is None:
         rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
-        raise InputError(report(str(measured.path), received=f"{measured.numbers} numbers", rule=rule, remedy='say it: --noise "0.2 mm"'))
+        raise InputError(report(measured.named, received=f"{measured.numbers} numbers", rule=rule, remedy='say it: --noise "0.2 mm"'))
 
 
 class _Search:
@@ -188,6 +214,7 @@ class _Search:
     ) -> None:
         self.prediction, self.constants, self.length, self.given, self.angle = prediction, constants, length, noise, angle or 1.0
         self._say, self._told = say, 0
+        self.ratios: tuple[float, ...] = (1.0,) * len(prediction.measured.each)
 
     def say(self) -> None:
         self._say(f"{self.prediction.solves} solves")
@@ -218,11 +245,11 @@ class _Search:
 
     def best(self, thorough: bool) -> tuple[Minimum, _Noise, list[Minimum]]:
         """The least minimum, the standard deviations that it was weighed by, and the other minima."""
-        sigmas = _Noise(max(self.given or 1e-3 * self.length, FLOOR * self.length), self.angle, self.given is not None)
+        sigmas = _Noise(max(self.given or 1e-3 * self.length, FLOOR * self.length), self.angle, self.given is not None, self.ratios)
         found = self._descents(sigmas, thorough)
         mixed = self.prediction.measured.has_angles or any(c.known is not None for c in self.constants)
         for _ in range(4 if mixed and not sigmas.given else 0):
-            new = _Noise(self._estimated(found[0], sigmas), self.angle, False)
+            new = replace(sigmas, length=self._estimated(found[0], sigmas))
             if abs(np.log(new.length / sigmas.length)) < 0.02:
                 break
             sigmas = new
@@ -282,14 +309,14 @@ def _scatter(best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: 
         factor = float(np.sqrt(best.cost / max(degrees, 1)))
         mixed = any(label.angle for label in labels)
         length = sigmas.length if mixed else max(sigmas.length * factor, 0.0)
-        return _Noise(length, sigmas.angle, False), float(stdtrit(degrees, tail)), "residuals", []
+        return replace(sigmas, length=length), float(stdtrit(degrees, tail)), "residuals", []
     if degrees > 0 and chdtrc(degrees, best.cost) < UNLIKELY:
         factor = float(np.sqrt(best.cost / degrees))
         says = (
             f"the residuals are {factor:.2g} times as large as the noise given explains (probability {chdtrc(degrees, best.cost):.1g}): "
             "the scene lacks something that the measurement has, or the noise is larger; the intervals go by the residuals"
         )
-        wider = _Noise(sigmas.length * factor, sigmas.angle * factor, True)
+        wider = replace(sigmas, length=sigmas.length * factor, angle=sigmas.angle * factor)
         return wider, float(stdtrit(degrees, tail)), "given, enlarged", [says]
     return sigmas, float(ndtri(tail)), "given", []
 
@@ -301,13 +328,35 @@ def _fitted(constant: Constant, k: int, best: Minimum, covariance: Array, interv
     return Fitted(constant, constant.value(x), abs(constant.slope(x)) * float(np.sqrt(covariance[k, k])), low, high, interval.method, moved)
 
 
-def _of_residuals(sizes: Array, labels: Sequence[Label]) -> list[str]:
+def _of_residuals(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
     """A warning for residuals beyond what the noise explains."""
-    odd = [f"line {label.line}, {label.what} ({size:+.1f})" for size, label in zip(sizes, labels, strict=True) if abs(size) > ODD]
+    files = [f"{one.path.name}, " if measured.tables else "" for one in measured.each]
+    odd = [
+        f"{files[label.table]}line {label.line}, {label.what} ({size:+.1f})"
+        for size, label in zip(sizes, labels, strict=True)
+        if abs(size) > ODD
+    ]
     if not odd:
         return []
     more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
     return [f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"]
+
+
+def _of_their_sizes(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
+    """A warning where one table's lengths are off by much more than another's, in standard errors: then their weights are wrong."""
+    parts = [
+        np.array([size for size, label in zip(sizes, labels, strict=True) if label.table == k and not label.angle])
+        for k in range(len(measured.each))
+    ]
+    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= ENOUGH else math.nan for part in parts]
+    known = [value for value in rms if math.isfinite(value)]
+    if len(known) < 2 or max(known) < UNEQUAL * max(min(known), 1e-12):
+        return []
+    large, small = (measured.each[rms.index(end(known))].path.name for end in (max, min))
+    return [
+        f"in standard errors the residuals of {large} are {max(known) / max(min(known), 1e-12):.2g} times as large as those of {small}: "
+        'give each table its noise, say, --noise "0.2 mm, 0.5 mm"'
+    ]
 
 
 def _of_grid(found: Sequence[Fitted]) -> list[str]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,8 @@ class Readings:
     """The rows of one state of the body: one field, or one moment. SI.
 
     field (3,) T, None: the scene's own; time s, None of an equilibrium. lines (m,) of the file; s (m,) m, NaN at the tip and along a curve;
-    points (m, 3) m and angles (m,) rad, NaN where not measured; angles are those of the tip's tangent to the base's axis, +x.
+    points (m, 3) m and angles (m,) rad, NaN where not measured; angles are those of the tip's tangent to the base's axis, +x. kind: of the
+    table, tips | places | curve; axes: coordinates that its points have; table: which of several it is of.
     """
 
     field: tuple[float, float, float] | None
@@ -46,24 +48,43 @@ class Readings:
     s: Array
     points: Array
     angles: Array
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A table: its states, and whether its points are tips, places (marked by s) or a curve without arc lengths."""
-
-    path: Path
-    kind: str  # tips | places | curve
-    states: tuple[Readings, ...]
-    columns: tuple[str, ...]
-    axes: tuple[int, ...] = field(default=())  # coordinates that the points have
+    kind: str = "tips"
+    axes: tuple[int, ...] = (0, 1, 2)
+    table: int = 0
 
     @property
     def numbers(self) -> int:
         """How many numbers were measured: of a curve those across it, one in a plane and two in space."""
         if self.kind == "curve":
-            return sum((len(self.axes) - 1) * len(state.lines) for state in self.states)
-        return sum(int(np.isfinite(state.points).sum() + np.isfinite(state.angles).sum()) for state in self.states)
+            return (len(self.axes) - 1) * len(self.lines)
+        return int(np.isfinite(self.points).sum() + np.isfinite(self.angles).sum())
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A table, or several of the same body: its states, and whether its points are tips, places (marked by s) or a curve without them."""
+
+    path: Path
+    kind: str  # tips | places | curve | several
+    states: tuple[Readings, ...]
+    columns: tuple[str, ...]
+    axes: tuple[int, ...] = field(default=())  # coordinates that the points have
+    tables: tuple[Measured, ...] = ()  # where there are several
+
+    @property
+    def each(self) -> tuple[Measured, ...]:
+        """The tables one by one."""
+        return self.tables or (self,)
+
+    @property
+    def named(self) -> str:
+        """Its file, or its files."""
+        return ", ".join(str(one.path) for one in self.each)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers were measured."""
+        return sum(state.numbers for state in self.states)
 
     @property
     def in_time(self) -> bool:
@@ -87,6 +108,26 @@ class _Column:
         return _QUANTITIES[self.quantity]
 
 
+def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measured:
+    """The measurements in files, for a scene, to be explained together. Raises TableError, as read_measured."""
+    known: dict[Path, Path | str] = {}
+    for path in paths:
+        if known.setdefault(Path(path).resolve(), path) is not path:
+            raise TableError(str(path), received="the same file twice", rule="each reading counts once", remedy="name each table once")
+    return together([read_measured(path, scene) for path in paths])
+
+
+def together(tables: Sequence[Measured]) -> Measured:
+    """Several tables of the same body as one."""
+    if len(tables) == 1:
+        return tables[0]
+    own = tuple(
+        replace(one, states=tuple(replace(state, table=k) for state in one.states)) for k, one in enumerate(tables)
+    )
+    states = tuple(state for one in own for state in one.states)
+    return Measured(own[0].path, "several", states, (), (), own)
+
+
 def read_measured(path: Path | str, scene: Scene) -> Measured:
     """The measurements in a file, for a scene. Raises TableError, which names file, row, column, value, rule and remedy."""
     path = Path(path)
@@ -108,8 +149,8 @@ def read_measured(path: Path | str, scene: Scene) -> Measured:
     if not grouped:
         raise TableError(str(path), received="a header alone", rule="a table has a header and rows", remedy=_START)
     prefix = "tip_" if kind == "tips" else ""
-    states = tuple(_readings(state, rows, prefix) for state, rows in grouped.items())
     axes = tuple(i for i, a in enumerate(AXES) if f"{prefix}{a}" in named)
+    states = tuple(replace(_readings(state, rows, prefix), kind=kind, axes=axes) for state, rows in grouped.items())
     return Measured(path, kind, states, tuple(column.title for column in columns), axes)
 
 

@@ -41,11 +41,11 @@ def study_file(folder: Path) -> Path:
     return folder / "short.yaml"
 
 
-def finished(folder: Path, *, trials: int, material: str = "silicone", solve: Callable[..., Any] = magmpm.run) -> Path:
-    """Run the study without pictures; the folder of its results."""
+def finished(folder: Path, *, trials: int, material: str = "silicone", solve: Callable[..., Any] = magmpm.run, more: str = "") -> Path:
+    """Run the study, with more lines in its file, without pictures; the folder of its results."""
     quoted = "'" + material.replace("'", "''") + "'"
     (folder / "scene.yaml").write_text(SCENE.replace("MATERIAL", quoted))
-    study_file(folder).write_text(STUDY)
+    study_file(folder).write_text(STUDY + more)
     s = np.linspace(0.0, 0.024, 13)
     write_centreline(folder / "target.csv", np.column_stack([s, 0.03 * np.sin(s / 0.03), 0 * s, 0.03 * (1 - np.cos(s / 0.03))]))
     out = folder / "out"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 import re
@@ -96,6 +97,21 @@ def test_a_study_without_a_feasible_design_says_so(tmp_path: Path) -> None:
     assert "no feasible design" in page.words
     assert "2 trials, of which 2 failed" in page.words
     assert "fell apart" in page.words
+    assert "ready to make" not in page.words
+
+
+def test_a_study_whose_designs_are_all_refused_says_why(tmp_path: Path) -> None:
+    """Solved, but each nearer to a critical load than its margin: no sheet, and what was refused is told."""
+
+    def about_to_snap(*arguments: Any, **options: Any) -> Result:
+        return dataclasses.replace(magmpm.run(*arguments, **options), stability=0.05)
+
+    page, report = reported(finished(tmp_path, trials=3, solve=about_to_snap, more="stability: {margin: 0.1}\n"))
+    assert report["best"] is None
+    assert report["refused"] == 3
+    assert "no feasible design" in page.words
+    assert "3 trials, of which 0 failed, 3 were refused as less stable than the margin" in page.words
+    assert "stability 0.05 is below the margin, 0.1" in page.words
     assert "ready to make" not in page.words
 
 

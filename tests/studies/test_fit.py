@@ -13,7 +13,7 @@ from magmpm import load_scene, run
 from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from studies.fitting import Refused, fit, read_measured
+from studies.fitting import Refused, fit, read_measured, read_tables, residuals_table, shown, summary, text
 from studies.fitting.constants import applied, constants_of
 from studies.fitting.identify import refuse_twins
 from studies.fitting.prediction import Prediction
@@ -115,6 +115,74 @@ def test_constants_of_exact_tips_are_found(tmp_path: Path) -> None:
     found = fit(read_measured(tips(tmp_path), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
     assert found.constants[0].value == pytest.approx(100e3, rel=1e-4)
     assert found.rms_m < 1e-6 * SCENE.length
+
+
+def three_tables(folder: Path, modulus: float, noises: tuple[float, float, float], seed: int = 3) -> list[Path]:
+    """Tips in two fields, places of the axis in one of these, and a curve in another field, of the body with a modulus; noises in mm."""
+    rng, real = np.random.default_rng(seed), with_modulus(SCENE, modulus)
+    shapes = {strength: run(real.with_field([0, 0, 1e-3 * strength])) for strength in (2.0, 4.0)}
+    rows: list[list[str]] = [["field_z_mT,tip_x_mm,tip_z_mm"], ["field_z_mT,s_mm,x_mm,z_mm"], ["field_z_mT,x_mm,z_mm"]]
+    for strength, result in shapes.items():
+        tip = 1e3 * result.tip + rng.normal(0, noises[0], 3)
+        rows[0].append(f"{strength},{tip[0]:.9f},{tip[2]:.9f}")
+        for s, *point in 1e3 * result.centreline[4::3]:
+            k = 2 if strength == 2.0 else 1
+            x, _, z = np.array(point) + rng.normal(0, noises[k], 3)
+            rows[k].append(f"{strength},{x:.9f},{z:.9f}" if k == 2 else f"{strength},{s:.9f},{x:.9f},{z:.9f}")
+    paths = [folder / name for name in ("tips.csv", "places.csv", "curve.csv")]
+    for path, lines in zip(paths, rows, strict=True):
+        path.write_text("\n".join(lines) + "\n")
+    return paths
+
+
+def test_tables_of_three_kinds_are_explained_together(tmp_path: Path) -> None:
+    """Their residuals are those of each alone, one after the other; a field that tables share is solved once; the constant is found."""
+    paths = three_tables(tmp_path, 100e3, (0.0, 0.0, 0.0))
+    measured = read_tables(paths, SCENE)
+    constants = constants_of(SCENE, ["shear_modulus"])
+    both, x = Prediction(SCENE, measured, constants), np.array([0.2])
+    residuals, slopes = both.at(x)
+    assert both.solves == 2
+    alone = [Prediction(SCENE, read_measured(path, SCENE), constants).at(x) for path in paths]
+    np.testing.assert_allclose(residuals, np.concatenate([one for one, _ in alone]), rtol=0, atol=1e-9 * SCENE.length)
+    np.testing.assert_allclose(slopes, np.concatenate([one for _, one in alone]), rtol=0, atol=1e-6 * np.abs(slopes).max())
+    assert [label.table for label in both.labels] == [k for k, (one, _) in enumerate(alone) for _ in one]
+    assert measured.numbers == len(residuals)
+    found = fit(measured, SCENE, vary=["shear_modulus"], thorough=False)
+    assert found.constants[0].value == pytest.approx(100e3, rel=1e-4)
+    told = summary(found)
+    assert [one["kind"] for one in told["tables"]] == ["tips", "places", "curve"]
+    assert "tips.csv" in text(found)
+    assert [panel["title"] for panel in shown(found)["panels"]] == [path.name for path in paths]
+    assert residuals_table(found).splitlines()[-1].endswith(",3")
+
+
+def test_each_table_counts_by_its_own_noise(tmp_path: Path) -> None:
+    """The error of a constant that one number of each table tells: 1 over the root of the sum of squared slopes in standard errors."""
+    paths = three_tables(tmp_path, 100e3, (0.05, 0.05, 0.8))
+    measured = read_tables(paths, SCENE)
+    noise = [0.05e-3, 0.05e-3, 0.8e-3]
+    found = fit(measured, SCENE, vary=["shear_modulus"], noise=noise, thorough=False)
+    prediction = Prediction(SCENE, measured, constants_of(SCENE, ["shear_modulus"]))
+    _, slopes = prediction.at(found.x)
+    sigmas = np.array([noise[label.table] for label in prediction.labels])
+    error = 1 / np.linalg.norm(slopes[:, 0] / sigmas)
+    one = found.constants[0]
+    assert found.noise == "given"
+    assert one.error / one.value == pytest.approx(error, rel=1e-3)
+    assert abs(one.value - 100e3) < 4 * one.error
+    assert [entry["sigma_m"] for entry in summary(found)["tables"]] == pytest.approx(noise)
+    equal = fit(measured, SCENE, vary=["shear_modulus"], thorough=False)
+    assert any("give each table its noise" in line for line in equal.warnings)
+    assert equal.constants[0].error > 1.5 * one.error
+
+
+def test_tables_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    paths = three_tables(tmp_path, 100e3, (0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="the same file twice"):
+        read_tables([paths[0], tmp_path / "." / paths[0].name], SCENE)
+    with pytest.raises(InputError, match="one for all tables, or one for each, 3"):
+        fit(read_tables(paths, SCENE), SCENE, noise=[1e-4, 1e-4])
 
 
 def test_what_is_known_beforehand_widens_the_interval(tmp_path: Path) -> None:
@@ -227,6 +295,9 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert all(Path(name).stat().st_size > 0 for name in told["files"])
     fitted = load_scene("found/fitted_scene.yaml")
     assert fitted.materials[MATERIAL].shear_modulus == pytest.approx(constant["value"], rel=1e-9)
+    several = [*map(str, three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2))), str(scene), "--out", "all"]
+    assert main(["fit", *several, "--vary", "shear_modulus", "--quick", "--noise", "0.1 mm, 0.2 mm, 0.2 mm"]) == 0
+    assert "tips.csv, " in capsys.readouterr().out
     assert main(["fit", str(measured), str(scene), "--quick", "--json", "--out", "found"]) == 2
     refused = json.loads(capsys.readouterr().out)
     assert refused["measure"]
