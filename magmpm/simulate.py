@@ -31,7 +31,7 @@ from magmpm.scene import Scene, load_scene, memory, remedies
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.effects_choice import choose_effects, missed
-from magmpm.statics.equilibrium import Equilibrium, solve_static
+from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.resolution import choose
@@ -105,7 +105,7 @@ def run(
 def simulated(
     scene: Scene,
     *,
-    start: Result | RodShape | None = None,
+    start: Result | RodShape | Following | None = None,
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
@@ -166,7 +166,7 @@ def missed_effects(scene: Scene) -> list[str]:
 
 
 def _at_rest(
-    scene: Scene, start: Result | RodShape | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
+    scene: Scene, start: Result | RodShape | Following | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
 ) -> tuple[Result, Equilibrium]:
     """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
     if scene.resolution.asked:
@@ -179,7 +179,8 @@ def _at_rest(
     begun = time.perf_counter()
     try:
         rod = start if isinstance(start, RodShape) else None
-        found = solve_static(model, correction=_neighbor(model, start), rod=rod, on_step=on_progress)
+        following = start if isinstance(start, Following) else None
+        found = solve_static(model, correction=_neighbor(model, start), rod=rod, on_step=on_progress, following=following)
     except SolveError as error:
         seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
@@ -322,7 +323,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     )
 
 
-def _neighbor(model: StaticModel, start: Result | RodShape | None) -> NDArray[np.float64] | None:
+def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
     """The grid correction of a neighboring design: nearly the same for this design."""
     if not isinstance(start, Result):
         return None

@@ -27,7 +27,9 @@ MOST = 64  # neighbors, the nearest
 class Neighbors:
     """Solves of one body on one grid, and what they added to their rods. `expected` and `learn` take turns."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int | None = None) -> None:
+        """most: solves that are kept, the last ones; all unless given."""
+        self._most = most
         self._rods: list[Array] = []
         self._added: list[Array] = []
         self._asked = np.zeros(0)
@@ -43,22 +45,15 @@ class Neighbors:
         share = np.linalg.solve(among + NUGGET * np.diag(np.diag(among)), _covariance(known[near], self._asked[None])[:, 0])
         return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))
 
-    def learn(self, added: Array, most: int | None = None) -> None:
-        """What the solve of the rod asked for last has added to it. most: how many solves are kept, the last ones.
-
-        Nothing is learned of a solve that did not begin at its rod, nor from other grids than the last.
-        """
+    def learn(self, added: Array) -> None:
+        """What the solve of the rod asked for last has added to it: nothing where it did not begin there. Another grid begins anew."""
         if not added.any() or not len(self._asked):
             return
         if self._added and self._added[-1].shape != added.shape:
             self._rods, self._added = [], []
         self._rods, self._added = [*self._rods, self._asked], [*self._added, added]
-        if most is not None:
-            self._rods, self._added = self._rods[-most:], self._added[-most:]
-
-    def fits(self, shape: tuple[int, ...]) -> bool:
-        """Whether what is known is of a grid with so many coefficients (planes, m)."""
-        return bool(self._added) and self._added[-1].shape == shape
+        if self._most is not None:
+            self._rods, self._added = self._rods[-self._most :], self._added[-self._most :]
 
 
 def _curvature(rod: RodShape) -> Array:

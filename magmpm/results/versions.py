@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 
 def versions() -> dict[str, str]:
     """Of Python, magmpm and what computes for it, by name."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
     found = {"python": platform.python_version()}
     for name in ("magmpm", "numpy", "scipy", "numba"):
         try:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -30,29 +31,44 @@ from magmpm.statics.stability import SoftModes, stability
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
 
+BODY = ("particles.position", "particles.volume", "shear", "bulk", "weights", "modes", "layout.fixed", "layout.cell_first")
+LOADED = ("remanence", "density")  # what loads act on
+
 _controller: ThreadpoolController | None = None
 
 
 @dataclass
 class Following:
-    """What a solve leaves for the next one of the same body under another load: its energy with all arrays, and soft modes."""
+    """What a solve leaves for those of its neighbors: its energy with all arrays, and soft modes.
 
+    expected: what neighbors say that a solve will add to its rod, coefficients (planes, m), m, in the rod's frames; None: they don't know.
+    """
+
+    expected: Callable[[RodShape], Array | None]
     energy: Energy | None = None
     modes: SoftModes = field(default_factory=SoftModes)
 
     def loaded(self, model: StaticModel) -> Energy:
-        """The energy under a model's load."""
-        if self.energy is None:
+        """The energy of a model: the last one with another load, if it is of the same body, magnetized in the same way."""
+        last = None if self.energy is None else self.energy.model
+        if last is None or not _alike(model, last, BODY):
+            self.modes = SoftModes()
+        if self.energy is None or last is None or not _alike(model, last, (*BODY, *LOADED)):
             self.energy = Energy(model)
         self.energy.load(model)
         return self.energy
+
+
+def _alike(one: StaticModel, other: StaticModel, parts: tuple[str, ...]) -> bool:
+    """Whether two models have the same arrays of these names, to the last bit."""
+    return one.order == other.order and all(np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts)
 
 
 @dataclass(frozen=True)
 class _Start:
     """What a solve begins from: see solve_static."""
 
-    correction: Array | Callable[[RodShape], Array | None] | None
+    correction: Array | None
     rod: RodShape | None
     following: Following | None = None
 
@@ -80,16 +96,14 @@ class Equilibrium:
 def solve_static(
     model: StaticModel,
     *,
-    correction: Array | Callable[[RodShape], Array | None] | None = None,
+    correction: Array | None = None,
     rod: RodShape | None = None,
     on_step: Callable[[int, float], None] | None = None,
     judged: bool = True,
     following: Following | None = None,
 ) -> Equilibrium:
-    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from, or what tells it for a rod;
-    rod: a shape to find it near;
-    judged: find its stability as well; following: what solves of the same body on the same grid left, and this one will change: it is then
-    quick near them.
+    """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from; rod: a shape to find it near;
+    judged: find its stability as well; following: what solves of neighbors left, which makes this one quick, and which it changes.
 
     Raises SolveError, with the last good Equilibrium (converged False) as its state, or where none is found near `rod`; InputError if
     nothing holds the body; ValueError for a rod's shape of another length, or if the body is no straight one that is held at
@@ -243,8 +257,8 @@ def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
     Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
     """
     model, known = energy.model, start.correction
-    alone, told = from_rod(model, rod), known(rod) if callable(known) else known
-    if told is None:
+    alone, told = from_rod(model, rod), known if start.following is None else start.following.expected(rod)
+    if told is None or told.shape != alone.shape:
         return [alone]
     starts = [with_correction(model, rod, told), alone]
     return starts if start.following is None else sorted(starts, key=lambda grid: energy.at(grid).energy)

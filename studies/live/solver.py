@@ -18,8 +18,11 @@ from magmpm.errors import MagmpmError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.simulate import simulated
+from magmpm.statics.equilibrium import Following
+from studies.neighbors import Neighbors
 from studies.shape_distance import gaps, root_mean_square
 
+MOST = 400  # solves that are remembered, the last ones
 PATIENCE = 0.4  # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so that shapes keep coming
 
 
@@ -98,21 +101,23 @@ class Solver:
 def serve(descriptor: int) -> None:
     """The process: solves what comes through the pipe until it closes."""
     pipe: Any = Connection(descriptor)
-    last: Result | None = None
+    neighbors = Neighbors(MOST)
+    following = Following(neighbors.expected)
     try:
         target = pipe.recv()
         while True:
             scene = pipe.recv()
             if scene is None:  # what was to be given up had ended by then
                 continue
-            answer = _answer(scene, last, target, pipe)
-            last = answer[1] if answer[0] == "result" else last
+            answer = _answer(scene, following, target, pipe)
             pipe.send(answer)
+            if answer[0] == "result":
+                neighbors.learn(answer[1].grid_correction)
     except (EOFError, OSError, KeyboardInterrupt):
         return
 
 
-def _answer(scene: Scene, last: Result | None, target: Array | None, pipe: Any) -> tuple[str, Any, float | None]:
+def _answer(scene: Scene, following: Following, target: Array | None, pipe: Any) -> tuple[str, Any, float | None]:
     """("result", Result, rms) or ("failure" or "overtaken", words, None)."""
 
     def look(step: int, decrement: float) -> None:
@@ -120,7 +125,7 @@ def _answer(scene: Scene, last: Result | None, target: Array | None, pipe: Any) 
             raise Overtaken
 
     try:
-        result = _near(scene, last, look)
+        result = simulated(scene, start=following, on_progress=look)
         rms = None if target is None else root_mean_square(gaps(result, target))
         return "result", result, rms
     except Overtaken:
@@ -131,13 +136,3 @@ def _answer(scene: Scene, last: Result | None, target: Array | None, pipe: Any) 
         return "failure", str(error), None
     except (ArithmeticError, ValueError) as error:
         return "failure", f"the solve failed: {error}", None
-
-
-def _near(scene: Scene, last: Result | None, look: Any) -> Result:
-    """The equilibrium, from the last one where it is on the same grid: on the branch that `magmpm run` finds, all the same."""
-    if last is not None and last.grid_correction.size:
-        try:
-            return simulated(scene, start=last, on_progress=look)
-        except ValueError:  # another grid: another length
-            pass
-    return simulated(scene, on_progress=look)

@@ -123,12 +123,13 @@ def serve(descriptor: int) -> None:
 
 def _along(scene: Scene, model: StaticModel, path: Path_) -> Iterator[Tip]:
     """The tips along a path, each found from the ones before."""
-    following, neighbors = Following(), Neighbors()
+    neighbors = Neighbors()
+    following = Following(neighbors.expected)
     for index, field in path:
         here = scene.with_field(field)
         loaded = replace(model, scene=here, effects=acting.collect(here))
         try:
-            found = solve_static(loaded, correction=neighbors.expected, following=following)
+            found = solve_static(loaded, following=following)
         except (MagmpmError, ArithmeticError) as error:
             yield Tip(index, None, np.nan, 0, getattr(error, "reason", str(error)))
             continue

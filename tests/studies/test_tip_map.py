@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from magmpm import load_scene, run
 from magmpm.cli import main
 from magmpm.errors import InputError
-from studies.tip_map import MARKS, in_plane, map_tips, on_rays
+from studies.tip_map import MARKS, in_plane, map_tips, on_rays, processes
 from studies.tip_map.rods import rod_tips
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,11 +34,12 @@ def test_rays_cover_the_sphere_in_equal_steps() -> None:
 
 
 def test_a_planes_rows_run_to_and_fro() -> None:
-    """Every field is next to the one before it."""
-    fields = in_plane(25, 4e-3, "xz")
-    assert sorted(k for path in fields.paths for k in path) == list(range(25))
-    along = fields.values[[k for path in fields.paths for k in path]]
-    np.testing.assert_allclose(np.linalg.norm(np.diff(along, axis=0), axis=1), 2e-3, rtol=1e-9)
+    """Every field of a path is next to the one before it; eight paths at most."""
+    fields = in_plane(100, 9e-3, "xz")
+    assert len(fields.paths) == 8
+    assert sorted(k for path in fields.paths for k in path) == list(range(100))
+    for path in fields.paths:
+        np.testing.assert_allclose(np.linalg.norm(np.diff(fields.values[list(path)], axis=0), axis=1), 2e-3, rtol=1e-9)
     assert not fields.values[:, 1].any()
 
 
@@ -67,6 +69,34 @@ def test_tips_are_those_of_runs(tmp_path: Path) -> None:
     kept = json.loads(numbers.read_text(encoding="utf-8"))
     np.testing.assert_allclose([[float(row[f"{a}_mm"]) for a in "xyz"] for row in rows], 1e3 * found.tip, rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(kept["tip_m"], found.tip)
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_costs_one_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another process takes up the rest of its path, and finds the same tips."""
+    scene, begun = load_scene(SCENE).with_cells(2), list[processes._Process]()
+
+    class Seen(processes._Process):
+        def __init__(self, *args: object) -> None:
+            super().__init__(*args)
+            begun.append(self)
+
+    monkeypatch.setattr(processes, "_Process", Seen)
+    path = [(k, [0.0, 0.0, 1e-3 * k]) for k in range(1, 6)]
+    whole = list(processes.solved(scene, [path], 1))
+    tips = processes.solved(scene, [path], 1)
+    found = [next(tips)]
+    begun[-1].process.send_signal(signal.SIGSTOP)  # so that it does not finish before it is killed
+    begun[-1].process.kill()
+    found += list(tips)
+    assert sorted(one.index for one in found) == [1, 2, 3, 4, 5]
+    lost = [one for one in found if one.tip is None]
+    assert len(lost) <= 1
+    assert all("ended with status -9" in one.failure for one in lost)
+    assert len(found) - len(lost) >= 4
+    for one in found:
+        if one.tip is not None:
+            np.testing.assert_allclose(one.tip, whole[one.index - 1].tip, atol=2e-6 * scene.length)
 
 
 @pytest.mark.slow
