@@ -184,4 +184,8 @@ fuzz: $(VENV)/.ready-test
 # Guided by coverage; atheris has wheels for Linux alone, so it is no part of the test extra.
 fuzz-coverage: $(VENV)/.ready-test
 	@$(BIN)/python -c "import atheris" 2>/dev/null || $(BIN)/python -m pip install -q "atheris>=2.3"
-	@for kind in stl axis map schedule measured; do PYTHONPATH=. $(BIN)/python tests/fuzz/guided.py $$kind -runs=$(or $(RUNS),20000) -timeout=20 2>&1 | tail -1; done
+	@mkdir -p runs/fuzz
+	@for kind in stl axis map schedule measured; do \
+	  PYTHONPATH=. $(BIN)/python tests/fuzz/guided.py $$kind -runs=$(or $(RUNS),20000) -timeout=20 > runs/fuzz/$$kind.log 2>&1 \
+	    || { tail -40 runs/fuzz/$$kind.log; exit 1; }; \
+	  grep -o "cov: [0-9]*" runs/fuzz/$$kind.log | tail -1; echo "$$kind: $$(tail -1 runs/fuzz/$$kind.log)"; done
