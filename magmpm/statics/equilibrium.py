@@ -17,6 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.lapack import addresses
 from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError
 from magmpm.rod.cosserat import RodShape, solve_rod
@@ -142,6 +143,7 @@ def _unloaded(model: StaticModel) -> Equilibrium:
 def one_blas_thread() -> AbstractContextManager[object]:
     """BLAS on one thread: the two halves of a factorization already use the threads."""
     global _controller
+    addresses()  # loads the library: a controller knows only those that are there
     _controller = _controller or ThreadpoolController()
     limit: AbstractContextManager[object] = _controller.limit(limits=1, user_api="blas")
     return limit

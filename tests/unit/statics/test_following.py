@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -60,3 +63,14 @@ def test_a_wrong_expectation_does_no_harm() -> None:
     for expected in (nonsense, lambda rod: np.ones((2, 2)), lambda rod: None):
         found = simulated(scene, start=Following(expected))
         np.testing.assert_allclose(found.tip, alone.tip, atol=1e-6 * scene.length)
+
+
+def test_blas_has_one_thread_in_a_fresh_process() -> None:
+    """SciPy's library too, which is loaded at the first solve: with a thread for each core in each half of a factorization, moves of a
+    slider took twice the time."""
+    code = (
+        "from magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl import threadpool_info\n"
+        "with one_blas_thread():\n    print([one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(found.stdout) == [1, 1]  # NumPy's and SciPy's
