@@ -69,8 +69,9 @@ def test_blas_has_one_thread_in_a_fresh_process() -> None:
     """SciPy's library too, which is loaded at the first solve: with a thread for each core in each half of a factorization, moves of a
     slider took twice the time."""
     code = (
-        "from magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl import threadpool_info\n"
-        "with one_blas_thread():\n    print([one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'])"
+        "import sys\nfrom magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl import threadpool_info\n"
+        "with one_blas_thread():\n    assert 'scipy.linalg.cython_lapack' in sys.modules\n"
+        "    print([one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert json.loads(found.stdout) == [1, 1]  # NumPy's and SciPy's
+    assert set(json.loads(found.stdout)) == {1}
