@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
-from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
 
@@ -247,6 +246,8 @@ def _trusted(J: Array, r: Array, bounds: tuple[Array, Array], radius: float, cur
         if (p >= low).all() and (p <= high).all():
             return p
         matrix = np.vstack([J, root * np.eye(J.shape[1])])
+        from scipy.optimize import lsq_linear  # 0.3 s to import, and only this sampler steps
+
         return np.asarray(lsq_linear(matrix, np.concatenate([-r, np.zeros(J.shape[1])]), bounds, method="bvls").x)
 
     def expected(p: Array) -> float:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodModel, rod_model
@@ -94,6 +93,8 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, apart: floa
 
     What is found is passed on from neighbor to neighbor, so that a branch is followed as far as it is stable.
     """
+    from scipy.spatial import cKDTree  # 0.2 s to import: not before there are rods
+
     m = len(fields)
     other, passed = np.full((m, 3), np.nan), shapes.copy()
     if m < 2:
