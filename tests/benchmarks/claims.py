@@ -27,6 +27,8 @@ from typing import Any
 
 import numpy as np
 import yaml
+from speed import begins as begins  # groups of the table
+from speed import mapped as mapped
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))  # for reference.*

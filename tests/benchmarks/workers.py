@@ -1,13 +1,16 @@
 """Trials a second with one and with two workers: `make bench-workers`.
 
 Each number of workers runs data/studies/s_shape.yaml past its `stop`, without and with pictures, on a warm cache; the time counts from the
-end of trial WARM to the last, so that starts of processes do not. One worker is the default: this process solves, with all threads.
+end of trial WARM to the last, so that starts of processes do not. One worker is the default: this process solves, with all threads. The row
+"one thread" is that process with one thread for kernels and BLAS: two workers over it is what a second process gives, two workers over
+one is what a user gains.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -37,15 +40,26 @@ def rate(workers: int | None, pictures: bool) -> float:
         return (len(ends) - WARM) / (ends[-1] - ends[WARM - 1]).total_seconds()
 
 
+def on_one_thread(pictures: bool) -> float:
+    """Trials a second of one process that solves with one thread. Threads are counted once, when a process loads them: it is a new one."""
+    env = {**os.environ, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, "--pictures" if pictures else "--alone"]
+    return float(subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.split()[-1])
+
+
 def main() -> int:
     optuna.logging.set_verbosity(optuna.logging.ERROR)
+    if len(sys.argv) > 1:
+        print(rate(None, sys.argv[1] == "--pictures"))
+        return 0
     found = {}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before")
     for pictures in (False, True):
-        one, two = rate(None, pictures), rate(2, pictures)
-        found["with pictures" if pictures else "without pictures"] = {"one": one, "two": two, "ratio": two / one}
+        one, two, single = rate(None, pictures), rate(2, pictures), on_one_thread(pictures)
         what = "with pictures" if pictures else "without pictures"
+        found[what] = {"one": one, "two": two, "ratio": two / one, "one_thread": single, "ratio_to_one_thread": two / single}
         print(f"{what}: one {one:.2f}, two {two:.2f} trials a second; {two / one:.2f} times", flush=True)
+        print(f"    one on one thread {single:.2f}; two {two / single:.2f} times that", flush=True)
     Path("runs/bench").mkdir(parents=True, exist_ok=True)
     Path("runs/bench/workers.json").write_text(json.dumps(found, indent=1) + "\n")
     return 0
