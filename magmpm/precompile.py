@@ -54,6 +54,7 @@ from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
 
 LOCK = "compiling.lock"
+FAINT = 1e-3  # of the load
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
 SOLVE, DERIVATIVES, RODS = "solve", "sensitivities", "rods"  # what kernels are for
 Tell = Callable[[str], None]
@@ -157,8 +158,13 @@ def _times(scene: Scene) -> NDArray[np.float64] | None:
 
 
 def _small(scene: Scene) -> Scene:
-    """The scene on the coarsest grid."""
+    """The scene on the coarsest grid, under a thousandth of its load: a hard one would be ramped for minutes only to compile."""
     data = {**scene.to_si(), "name": "compilation", "reference": None}
+    if scene.solver.dynamic is None:
+        for material in data["materials"].values():
+            material["remanence"] *= FAINT
+        if data["effects"]["gravity"] is not None:
+            data["effects"]["gravity"]["acceleration"] = [FAINT * g for g in data["effects"]["gravity"]["acceleration"]]
     if data["body"]["parts"] is not None:
         data["body"]["parts"]["spacing"] = None
     if scene.solver.quasi_static is not None:

@@ -46,11 +46,14 @@ class Table:
 
 
 def points_between(low: Array, high: Array, spacing: float) -> tuple[Array, float, tuple[int, int, int]]:
-    """Origin, spacing and shape of a table over a box (m); the spacing is widened where it would take more than MOST_POINTS."""
+    """Origin, spacing and shape of a table over a box (m); the spacing is widened where it would take more than MOST_POINTS.
+
+    The points lie about the middle of the box: what is its own mirror image has a table that is, too.
+    """
     size = np.asarray(high) - np.asarray(low)
     spacing = max(spacing, float(np.prod(size + spacing) / MOST_POINTS) ** (1 / 3))
     nx, ny, nz = (int(n) for n in np.ceil(size / spacing).astype(int) + 1)
-    return np.asarray(low, dtype=float), spacing, (nx, ny, nz)
+    return (np.asarray(low) + high - spacing * (np.array([nx, ny, nz]) - 1)) / 2, spacing, (nx, ny, nz)
 
 
 def to_path(points: Array, path: Array) -> Array:

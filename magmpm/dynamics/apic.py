@@ -23,6 +23,7 @@ from magmpm.model import Model
 SLAB = 4  # cells: after a drift of up to one cell since the last sort, particles still touch no other slab of their color
 MARGIN = 2  # cells around the body
 NODES_MOST = 60_000_000  # 4 GB of grid
+CHANGED = ("x", "v", "C", "L", "F", "stiffness", "anchor")  # by a step
 
 
 class UpdatedMotion:
@@ -36,6 +37,7 @@ class UpdatedMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.keeps_gradient = has_hook("rate_stress", model.effects)
+        self.touches = has_hook("contact", model.effects)
         self.drift_correction: DriftCorrection | None = DriftCorrection(model)  # None: F is never corrected
         self.since = 0  # steps since F was last relaxed
         self.component = model.scene.body.shape.components(model.particles)  # one grid each
@@ -47,16 +49,18 @@ class UpdatedMotion:
         self.threads = Threads(n)
         self.place(model.particles.position, np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
 
-    def place(self, x: Array, v: Array, F: Array, C: Array, L: Array | None = None) -> None:
+    def place(self, x: Array, v: Array, F: Array, C: Array, L: Array | None = None, anchor: Array | None = None) -> None:
         """Set and sort the particles, given in the model's order: x m, v m/s (n, 3), F, APIC's C and L = dv/dx 1/s (n, 3, 3).
 
         L matters only where an effect's stress depends on it. The default is C, which equals L if the velocity is linear in space.
+        anchor (n, 3) m: where friction holds the particles (effects.contact_force); the default is where they are.
         """
         model = self.model
         order, source = self._fit(x)
         self.x, self.v = _blocks(x, source), _blocks(v, source)
         self.C, self.F = _blocks(C.reshape(-1, 9), source), _blocks(F.reshape(-1, 9), source)
         self.L = _blocks((C if L is None else L).reshape(-1, 9), source) if self.keeps_gradient else np.zeros(0)
+        self.anchor = _blocks(x if anchor is None else anchor, source) if self.touches else np.zeros(0)
         self.volume = np.where(order >= 0, model.particles.volume[source], 0.0)
         self.shear, self.bulk, self.density = model.shear[source], model.bulk[source], model.density[source]
         self.remanence = _blocks(model.remanence, source)
@@ -70,7 +74,8 @@ class UpdatedMotion:
         rows = row[source]
         columns = {"x": 3, "v": 3, "C": 9, "F": 9, "remanence": self.model.remanence.shape[1]}
         columns |= dict.fromkeys(("shear", "bulk", "density", "stiffness"), 1)
-        for name, width in (columns | {"L": 9} if self.keeps_gradient else columns).items():
+        columns |= ({"L": 9} if self.keeps_gradient else {}) | ({"anchor": 3} if self.touches else {})
+        for name, width in columns.items():
             moved = np.empty(width * len(rows))
             apic_step.rearrange(rows, width, getattr(self, name), moved)
             setattr(self, name, moved)
@@ -139,7 +144,7 @@ class UpdatedMotion:
             raise ValueError("effects with a rate stress need a motion made for a model with such an effect")
         if self.drift > apic_step.DRIFT:
             self.sort()
-        taken, self.drift = self._steps(steps, dt, effects, self.x, self.v, self.C, self.L, self.F)
+        taken, self.drift = self._steps(steps, dt, effects, self.x, self.v, self.C, self.L, self.F, self.anchor)
         self.lag, self._last = dt / 2 if taken else self.lag, at_step(effects, taken)
         broken = bool(self.watch[WHY] == BROKEN)
         self.since += taken
@@ -147,10 +152,9 @@ class UpdatedMotion:
             self._relax()
         return taken, broken
 
-    def _steps(
-        self, steps: int, dt: float, effects: tuple[Any, ...], x: Array, v: Array, C: Array, L: Array, F: Array
-    ) -> tuple[int, float]:
-        state = apic_step.State(x, v, C, L, F, self.stiffness)
+    def _steps(self, steps: int, dt: float, effects: tuple[Any, ...], *changed: Array) -> tuple[int, float]:
+        x, v, C, L, F, anchor = changed
+        state = apic_step.State(x, v, C, L, F, self.stiffness, anchor)
         particles = apic_step.Particles(self.slab_first, self.lift, self.volume, self.shear, self.bulk, self.density, self.remanence)
         low, high = self.shared
         contact = multi_grid_contact.Contact(bool((low < high).all()), low, high, self.weight, self.curve)
@@ -162,7 +166,7 @@ class UpdatedMotion:
     def _kick(self, dt: float, effects: tuple[Any, ...]) -> tuple[Array, Array]:
         """Change of v and C in dt (s) by forces alone, at the present positions. The watch checks the present state."""
         v, C = np.zeros_like(self.v), np.zeros_like(self.C)
-        self._steps(1, dt, effects, self.x.copy(), v, C, self.L.copy(), self.F.copy())
+        self._steps(1, dt, effects, self.x.copy(), v, C, self.L.copy(), self.F.copy(), self.anchor.copy())
         return v, C
 
     def kinematics(self) -> Kinematics:
@@ -196,7 +200,7 @@ class UpdatedMotion:
     def kept(self) -> dict[str, Any]:
         """What `rewind` needs within the same process. Cheaper than `state`."""
         field = None if self.drift_correction is None else self.drift_correction.field.copy()
-        changed = {name: getattr(self, name).copy() for name in ("x", "v", "C", "L", "F", "stiffness")}
+        changed = {name: getattr(self, name).copy() for name in CHANGED}
         return {**vars(self), **changed, "field": field}
 
     def rewind(self, kept: dict[str, Any]) -> None:
@@ -204,7 +208,7 @@ class UpdatedMotion:
         field = kept["field"]
         for name, value in kept.items():
             if name != "field":
-                setattr(self, name, value.copy() if name in ("x", "v", "C", "L", "F", "stiffness") else value)
+                setattr(self, name, value.copy() if name in CHANGED else value)
         self.grid.momentum[:] = 0.0
         if self.drift_correction is not None:
             self.drift_correction.field[:] = field
@@ -220,6 +224,8 @@ class UpdatedMotion:
         self.stiffness[:] = np.nan  # F changes here, but not by the motion
         self.drift += self.drift_correction.relax(self.x, self.F, self.rows(), self.touching, self.since)
         self.since = 0
+        if self.touches:
+            self.anchor += self.x - before
         if not self.model.free:
             return
         mass = self.density * self.volume
@@ -250,6 +256,12 @@ class UpdatedMotion:
 
     def _places(self) -> Array:
         x = self._in_order(self.x, 3)
+        x[self.model.held] = self.model.particles.position[self.model.held]
+        return x
+
+    def anchors(self) -> Array:
+        """Where friction holds the particles (n, 3) m, in the model's order (effects.contact_force); without contact, where they are."""
+        x = self._in_order(self.anchor if self.touches else self.x, 3)
         x[self.model.held] = self.model.particles.position[self.model.held]
         return x
 
@@ -295,13 +307,15 @@ class UpdatedMotion:
         kept: dict[str, Array] = {"lag": np.array(self.lag)}
         if self.keeps_gradient:
             kept["L"] = self._in_order(self.L, 9).reshape(-1, 3, 3)
+        if self.touches:
+            kept["anchor"] = self.anchors()
         if self.drift_correction is not None:
             kept |= {"fit": self.drift_correction.field.copy(), "since": np.array(self.since)}
         return {"x": x, "v": v, "F": F, "C": self.affine(), **kept}
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a `state`."""
-        self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"))
+        self.place(state["x"], state["v"], state["F"], state["C"], state.get("L"), state.get("anchor"))
         self.lag = float(state.get("lag", 0.0))
         if self.drift_correction is not None:
             self.drift_correction.field[:], self.since = state["fit"], int(state["since"])

@@ -312,8 +312,9 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
         potentials = energies.effect_energies(model, now.x, now.F, state.time)
     state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
     state.contacts = {}
+    anchor = motion.anchors() if has_hook("contact", model.effects) else now.x
     for key, effect in model.scene.effects.named().items():
-        if (contact := effect.report(model, state.x, state.v, state.dt)) is not None:
+        if (contact := effect.report(model, state.x, state.v, state.dt, anchor)) is not None:
             state.contacts[key] = contact
 
 

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
+from magmpm.effects.hooks import has_hook
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
@@ -27,6 +29,8 @@ class TotalMotion:
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
+        touches = has_hook("contact", model.effects)
+        self.anchor = self.packed.particles.reference.copy() if touches else np.zeros(0)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
         self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
@@ -35,20 +39,20 @@ class TotalMotion:
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
         taken, _ = self.threads.run(
-            lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.stiffness, self.watch), False)
+            lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.anchor, self.stiffness, self.watch), False)
         )
         self._last = at_step(effects, taken)
         self.lag = dt / 2 if taken else self.lag
         return taken, bool(self.watch[WHY] == BROKEN)
 
     def _advance(
-        self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array,
+        self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array, anchor: Array,
         stiffness: Array | None = None, watch: Array | None = None,
     ) -> int:  # fmt: skip
         p = self.packed
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
-        state = total_lagrangian_step.State(u, v, force, stiffness)
+        state = total_lagrangian_step.State(u, v, force, stiffness, anchor)
         return int(total_lagrangian_step.advance(steps, dt, p.cells, p.particles, p.nodes, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
@@ -61,7 +65,7 @@ class TotalMotion:
 
     def _caught_up(self, stiffness: Array | None, watch: Array | None) -> Array:
         v = self.v.copy()
-        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), stiffness, watch)
+        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), stiffness, watch)
         return v
 
     def kinematics(self) -> Kinematics:
@@ -79,7 +83,7 @@ class TotalMotion:
 
     def kept(self) -> dict[str, Any]:
         """What `rewind` needs within the same process. Cheaper than `state`."""
-        return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness")} | {"lag": self.lag, "_last": self._last}
+        return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor")} | {"lag": self.lag, "_last": self._last}
 
     def rewind(self, kept: dict[str, Any]) -> None:
         """Go back to the state that `kept` returned."""
@@ -96,14 +100,14 @@ class TotalMotion:
         if abs(back) <= 1e-9 * dt:
             return
         kick = np.zeros_like(self.v)
-        self._advance(1, abs(back), effects, self.u.copy(), kick, np.zeros_like(self.v))
+        self._advance(1, abs(back), effects, self.u.copy(), kick, np.zeros_like(self.v), self.anchor.copy())
         self.v -= np.sign(back) * kick
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def acceleration(self, u: Array) -> Array:
         """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone."""
         v = np.zeros_like(u)
-        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u))  # a step of one second from rest: v is the acceleration
+        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor)  # a step of one second from rest: v is the acceleration
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
@@ -122,13 +126,29 @@ class TotalMotion:
 
     def state(self) -> dict[str, Array]:
         """What `restore` needs."""
-        return {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
+        kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
+        return kept | ({"anchor": self.anchors()} if self.anchor.size else {})
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a `state`."""
         self.u[:], self.v[:] = state["u"], state["v"]
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
+        if self.anchor.size:
+            self._hold_at(state["anchor"] if "anchor" in state else self._kinematics(self.v).x)
+
+    def anchors(self) -> Array:
+        """Where friction holds the particles (n, 3) m, in the model's order (effects.contact_force); without contact, where they are."""
+        if not self.anchor.size:
+            return self._kinematics(self.v).x
+        real, out = self.packed.particle >= 0, np.empty((len(self.model.density), 3))
+        out[self.packed.particle[real]] = self.anchor.reshape(-1, 3, WIDTH).transpose(0, 2, 1)[real]
+        return out
+
+    def _hold_at(self, places: Array) -> None:
+        real, held = self.packed.particle >= 0, np.zeros((*self.packed.particle.shape, 3))
+        held[real] = places[self.packed.particle[real]]
+        self.anchor[:] = held.transpose(0, 2, 1).reshape(-1)
 
     def sort(self) -> None:
         """Do nothing: the particles stay in their cells."""

@@ -170,8 +170,9 @@ class Effect(Settings):
         """What the author of the scene may not have meant."""
         return []
 
-    def report(self, model: Any, x: Array, v: Array, dt: float) -> Contact | None:
-        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s)."""
+    def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact | None:
+        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s), held by friction at anchor
+        (n, 3) m."""
         return None
 
     def marks(self, particles: Any, remanence: Array) -> Array | None:

@@ -1,9 +1,7 @@
 """What every contact has in common: the penalty force with Coulomb friction, its stiffness, checks and reports.
 
 A particle of mass m at a depth inside the obstacle is pushed back along the normal by the force m w^2 depth, with the energy
-m w^2 depth^2 / 2. Friction opposes sliding. It is at most friction times that force, and at most the force that stops the particle's
-sliding within the step (m speed / dt): it never reverses a motion and never adds energy. The second limit is sticking: if particles of
-mass m in contact hold a body of mass M against a force M a, they creep at (M / m) a dt, 0.1 mm/s for a catheter on a slope at usual steps.
+m w^2 depth^2 / 2. Friction holds it by a spring of the same stiffness, up to friction times that force (effects.contact_force).
 
 The frequency w of the penalty is that of a pressure wave through a cell of the stiffest material, w = sqrt((K + 4/3 G) / rho) / h, about
 a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by g / w^2 times the number
@@ -22,6 +20,7 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Effect, Records, SceneLike
+from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import add_contact, near_of
 from magmpm.errors import SceneError, dotted
 
@@ -54,24 +53,6 @@ Stiffness = Annotated[
 ]
 
 
-@compiled
-def push(depth, n0, n1, n2, v, mass, dt, stiffness, friction, f):
-    """f += mass stiffness depth n, and friction against the part of v (m/s) normal to n.
-
-    n: unit normal out of the obstacle; stiffness 1/s^2; depth > 0 m.
-    """
-    normal = mass * stiffness * depth
-    along = v[0] * n0 + v[1] * n1 + v[2] * n2
-    t0, t1, t2 = v[0] - along * n0, v[1] - along * n1, v[2] - along * n2
-    speed = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
-    drag = 0.0
-    if speed > 0.0:
-        drag = min(friction * normal / speed, mass / dt)
-    f[0] += normal * n0 - drag * t0
-    f[1] += normal * n1 - drag * t1
-    f[2] += normal * n2 - drag * t2
-
-
 def reach(scene: SceneLike, toward: Array | None = None) -> float:
     """Distance of the outermost particles from the body's surface, m: the body touches when a particle is that near.
 
@@ -101,13 +82,17 @@ def place(model: Any, particle: int) -> str:
 
 
 @compiled
-def _touching(named, x, v, mass, dt, force):
-    """Number in contact, the deepest one (-1: none) and how deep it is (m), sum of mass depth^2 (kg m^2); adds to force (3,) N."""
-    count, worst, deepest, squares = 0, -1, 0.0, 0.0
+def _touching(named, x, v, mass, dt, anchor, force):
+    """Number in contact, the deepest one (-1: none) and how deep it is (m), sum of mass depth^2 (kg m^2); adds to force (3,) N and moves
+    anchors (n, 3) m."""
+    count, worst, deepest, squares, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
     for p in range(len(mass)):
         depth = near_of(named, x[p])
         if depth > 0.0:
-            add_contact(named, 0, x[p], v[p], mass[p], dt, force)
+            f[:] = 0.0
+            add_contact(named, 0, x[p], v[p], mass[p], dt, f)
+            hold(x[p], anchor[p], f)
+            force += f[:3]
             count += 1
             if depth > deepest:
                 worst, deepest = p, depth
@@ -115,10 +100,13 @@ def _touching(named, x, v, mass, dt, force):
     return count, worst, deepest, squares
 
 
-def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float) -> Contact:
-    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s); named: of one effect."""
+def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, anchor: Array | None = None) -> Contact:
+    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s); named: of one effect.
+
+    anchor (n, 3) m: where friction holds them; None: where they are, without friction.
+    """
     force = np.zeros(3)
-    count, _, deepest, _ = _touching(named, x, v, mass, dt, force)
+    count, _, deepest, _ = _touching(named, x, v, mass, dt, np.array(x if anchor is None else anchor), force)
     return Contact(force=force, count=count, depth=deepest)
 
 
@@ -138,14 +126,14 @@ class Obstacle(Effect):
         """Largest stable step, s."""
         return stable_step(penalty(model.scene, self.stiffness))
 
-    def report(self, model: Any, x: Array, v: Array, dt: float) -> Contact:
-        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s)."""
-        return contact_of(self.records(model.scene), x, v, model.density * model.particles.volume, dt)
+    def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact:
+        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s), held at anchor (n, 3) m."""
+        return contact_of(self.records(model.scene), x, v, model.density * model.particles.volume, dt, anchor)
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         x, masses = model.particles.position, model.density * model.particles.volume
-        _, particle, depth, squares = _touching(self.records(model.scene), x, 0 * x, masses, 1.0, np.zeros(3))
+        _, particle, depth, squares = _touching(self.records(model.scene), x, 0 * x, masses, 1.0, x.copy(), np.zeros(3))
         energy, mass = 0.5 * penalty(model.scene, self.stiffness) * squares, float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:

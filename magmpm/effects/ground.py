@@ -14,7 +14,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, push, reach
+from magmpm.effects.contact_force import push
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, reach
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
@@ -100,11 +101,11 @@ def near(effect, data, x):
 
 @compiled
 def contact(effect, data, x, v, mass, dt, f):
-    """f += the plane's push and friction, N."""
+    """f += the plane's push and grip (contact_force)."""
     below = near(effect, data, x)
     if below > 0.0:
         n = effect.ground_normal
-        push(below, n[0], n[1], n[2], v, mass, dt, effect.ground_stiffness, effect.ground_friction, f)
+        push(below, n[0], n[1], n[2], mass, effect.ground_stiffness, effect.ground_friction, f)
 
 
 register(DTYPE, wide=("near",), contact=contact, near=near)

@@ -23,7 +23,8 @@ x (3,) its deformed position (m), F (3, 3) its deformation gradient:
                                                                 linear in magnet, or in rho)
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
-``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f (3,) N
+``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f[:3], N;
+                                                                an obstacle with friction, what f[3:7] hold (effects.contact_force)
                                                                 (x, v and f only indexed, v[i]: kernels pass views)
 ``near(effect, data, x) -> float``                              above 0 where `contact` can push a particle at x: if an effect has it,
                                                                 contact and the velocities it needs are left out elsewhere
@@ -131,7 +132,7 @@ def add_rate_stress(effects, step, rho, F, dF, P):
 
 
 def add_contact(effects, step, x, v, mass, dt, f):
-    """Adds every effect's contact force on a particle to f. Only within compiled code."""
+    """Adds every effect's contact force on a particle to f (effects.contact_force). Only within compiled code."""
 
 
 def change_node(effects, step, X, u, v, dt):

@@ -33,7 +33,7 @@ class SelfContact(Effect):
         """Nothing for the kernels: the formulation does it."""
         return ()
 
-    def report(self, model: Any, x: Array, v: Array, dt: float) -> Contact:
+    def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact:
         """The body's gap, as contact; see `observe`."""
         return observe(model, x)
 

@@ -24,7 +24,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, place, push, reach
+from magmpm.effects.contact_force import push
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, place, reach
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
@@ -253,13 +254,13 @@ def near(effect, data, x):
 
 @compiled
 def contact(effect, data, x, v, mass, dt, f):
-    """f += the wall's push and friction, N."""
+    """f += the wall's push and grip (contact_force)."""
     beyond, sx, sy, sz = depth(effect, data, x)
     if beyond > 0.0:
         size = math.sqrt(sx * sx + sy * sy + sz * sz)
         if size > 0.0:  # times the slope's size: the exact slope of the energy
             push(
-                beyond, sx / size, sy / size, sz / size, v, mass, dt,
+                beyond, sx / size, sy / size, sz / size, mass,
                 effect.walls_stiffness * size, effect.walls_friction, f,
             )  # fmt: skip
 

@@ -89,7 +89,8 @@ class State(NamedTuple):
     """What a step changes, in blocks of eight: x m, v m/s (3 n,), APIC's C and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
 
     L is used only where an effect has a rate stress; elsewhere it may be empty. stiffness: materials.stiffest_in_space over density in the
-    last step, NaN before the first step.
+    last step, NaN before the first step. anchor (3 n,) m: where friction holds the particles (effects.contact_force), empty where no effect
+    has contact.
     """
 
     x: Array
@@ -98,6 +99,7 @@ class State(NamedTuple):
     L: Array
     F: Array
     stiffness: Array
+    anchor: Array
 
 
 @inlined
@@ -128,7 +130,7 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
                     rate = rate + load(state.L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
         touched = has_contact(effects) and touches(effects, step, block, place, particles.volume)
-        add_effects(effects, step, dt, block, at, touched, particles, work)
+        add_effects(effects, step, dt, block, at, touched, particles, state.anchor, work)
     mass, zero = density * V, splat(0.0)
     push = V * dt
     p0 = mass * load(v, 24 * block) + push * load(f, 0)
@@ -160,7 +162,7 @@ def _stress_column(k, scale, F, at, P):
 @compiled
 def _move(block, dt, h, rows, state, keep):
     """x += dt v and F <- (I + dt L) F for a block of eight particles, with v, C and L from rows. Returns the cells each one moves."""
-    x, v, C, L, F, _ = state
+    x, v, C, L, F, _, _ = state
     _, v0, v1, v2, _, c00, c10, c20 = load_rows(rows, 0, ROW)
     _, c01, c11, c21, _, c02, c12, c22 = load_rows(rows, 8, ROW)
     at, first = 72 * block, 24 * block

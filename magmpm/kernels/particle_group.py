@@ -11,8 +11,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
-from magmpm.compiled.simd import WIDTH, highest, load
+from magmpm.compiled.simd import WIDTH, highest, load, store
 from magmpm.compiled.simd_views import matrix, single, vector
+from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import (
     add_contact,
     add_narrow_force,
@@ -74,14 +75,15 @@ def group_room(F):
 
 
 @inlined
-def add_effects(effects, step, dt, group, at, touched, particles, work):
+def add_effects(effects, step, dt, group, at, touched, particles, anchor, work):
     """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
 
     touched: whether contact may push the group (`touches`); particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an
-    effect marks particles (effects.marked), and density and volume (groups 8,).
+    effect marks particles (effects.marked), and density and volume (groups 8,); anchor (groups 3 8,) m: where friction holds them, changed
+    in place, and empty where no effect has contact.
     Flat arrays, no slices: counting references to slices would cost as much as an effect.
     """
-    F, P, dF, x, v, f, spare = work
+    F, P, dF, x, _, f, _ = work
     remanence, density, volume = particles.remanence, particles.density, particles.volume
     rho = load(density, WIDTH * group)
     m, place, deformed, out = vector(remanence, WIDTH * (len(remanence) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
@@ -90,8 +92,12 @@ def add_effects(effects, step, dt, group, at, touched, particles, work):
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
     if has_narrow(effects):
         _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume)
-    if has_contact(effects) and touched:
-        _contacts(effects, step, dt, group, x, v, f, spare, density, volume)
+    if has_contact(effects):
+        if touched:
+            _contacts(effects, step, dt, group, work, density, volume, anchor)
+        else:
+            for i in range(3):
+                store(anchor, 3 * WIDTH * group + WIDTH * i, load(x, WIDTH * i))
 
 
 @compiled
@@ -113,15 +119,17 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
 
 
 @compiled
-def _contacts(effects, step, dt, group, x, v, f, room, density, volume):
-    """Add contact to the loads, particle by particle; room (3 8,): work space."""
-    force = room
+def _contacts(effects, step, dt, group, work, density, volume, anchor):
+    """Add contact to the loads of a group in work (GroupRoom), particle by particle."""
+    _, _, _, x, v, f, force = work
     for lane in range(WIDTH):
         V = volume[WIDTH * group + lane]
         if V != 0.0:  # a lane with a particle
-            for i in range(3):
+            for i in range(PARTS):
                 force[WIDTH * i + lane] = 0.0
-            add_contact(effects, step, single(x, lane), single(v, lane), density[WIDTH * group + lane] * V, dt, single(force, lane))
+            place, one = single(x, lane), single(force, lane)
+            add_contact(effects, step, place, single(v, lane), density[WIDTH * group + lane] * V, dt, one)
+            hold(place, single(anchor, 3 * WIDTH * group + lane), one)
             per_volume = 1.0 / V
             for i in range(3):
                 f[WIDTH * i + lane] += per_volume * force[WIDTH * i + lane]

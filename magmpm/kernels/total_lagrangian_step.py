@@ -193,12 +193,14 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """What a step changes. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2: materials.stiffest
-    over density in the last step, NaN before the first step."""
+    over density in the last step, NaN before the first step; anchor (groups 3 8,) m: where friction holds the particles
+    (effects.contact_force), empty where no effect has contact."""
 
     u: Array
     v: Array
     force: Array
     stiffness: Array
+    anchor: Array
 
 
 class CellRoom(NamedTuple):
@@ -261,7 +263,7 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
                 gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
             elif touched:
                 gather_value(state.v, node, along_x, along_y, splines, pattern, rate)
-            add_effects(effects, step, dt, group, at, touched, particles, work)
+            add_effects(effects, step, dt, group, at, touched, particles, state.anchor, work)
         V = load(particles.volume, 8 * group)
         for i in range(9):
             store(P, 8 * i, load(P, 8 * i) * V)

@@ -14,7 +14,6 @@ Open Sci. 5 (2018) 171628.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.fields.schedule import places
 from magmpm.rod.cosserat import RodModel, rod_model, segment_counts
-from magmpm.rod.motion_kernels import ELEMENT, SURROUNDINGS, advance
+from magmpm.rod.motion_kernels import ELEMENT, SURROUNDINGS, State, advance
 from magmpm.rod.mutual import MutualField
 from magmpm.scene import Scene
 
@@ -44,14 +43,6 @@ class RodPath:
     s: Array
     step: float
     steps: int
-
-
-class _State(NamedTuple):
-    x: Array
-    v: Array
-    q: Array
-    w: Array
-    old: Array
 
 
 def move_rod(scene: Scene, *, coarser: int = 0) -> RodPath:
@@ -128,7 +119,7 @@ def _follow(scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64],
     s = np.concatenate([[0.0], np.cumsum(elements["length"])])
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     x = np.array(line.base) + s[:, None] * [1.0, 0.0, 0.0]
-    state = _State(x, np.zeros((n + 1, 3)), quaternions, np.zeros((n, 3)), np.zeros((n + 2, 6)))
+    state = State(x, np.zeros((n + 1, 3)), quaternions, np.zeros((n, 3)), np.zeros((n + 2, 6)), x.copy())
     around, table = _surroundings(scene, dt)
     outside = _Outside(scene, elements, counts)
     times = np.linspace(0.0, LOOKS * steps * dt, LOOKS + 1)
@@ -137,7 +128,7 @@ def _follow(scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64],
     field, load = outside.at(state, times[0])
     for k in range(LOOKS):
         after, next_load = outside.at(state, times[k + 1])
-        advance(*state, elements, np.stack([field, after]), load, around, table, dt, steps)
+        advance(state, elements, np.stack([field, after]), load, around, table, dt, steps)
         if not np.isfinite(state.x).all():
             raise SolveError(f"the rod's motion is unstable at {times[k + 1]:.3g} s")
         position[k + 1], field, load = state.x, after, next_load
@@ -160,7 +151,7 @@ class _Outside:
         several = named.magnetic_interaction is not None and len(scene.magnetized_regions()) > 1
         self.mutual = MutualField(scene, counts, elements["length"]) if several else None
 
-    def at(self, state: _State, time: float) -> tuple[Array, Array]:
+    def at(self, state: State, time: float) -> tuple[Array, Array]:
         """Field (n, 3) T on the elements; force (n + 1, 3) N on the nodes, and below it couple (n, 3) N m on the elements."""
         named, middle = self.scene.effects, (state.x[1:] + state.x[:-1]) / 2
         field, pull = np.zeros_like(middle), np.zeros_like(middle)  # pull: N/m
@@ -180,7 +171,7 @@ class _Outside:
         load[1 : n + 1] += half
         return field, load
 
-    def _moments(self, state: _State) -> Array:
+    def _moments(self, state: State) -> Array:
         """Moment per length (n, 3) A m of the turned elements."""
         return np.einsum("kij,kj->ki", frames_of(state.q), self.elements["moment"])
 

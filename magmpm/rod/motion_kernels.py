@@ -7,12 +7,14 @@ first, and angular velocities w (n, 3) rad/s in their own frames.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from magmpm.bodies.signed_distance import value
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.contact_law import push
+from magmpm.effects.contact_force import PARTS, hold, push
 from magmpm.rod.kernels import matrix
 
 # Of an element: length m; twist and bending N m^2; stretch and shear N; moment A m; loss s; masses of its halves kg; inertia kg m^2
@@ -32,6 +34,18 @@ SURROUNDINGS = np.dtype(
         ("walls_friction", np.float64),
     ]
 )  # fmt: skip
+
+
+class State(NamedTuple):
+    """What a step changes: x, v, q, w; old (n + 2, 6): strains of the last step, for losses, of each element, then of the two clamps;
+    anchor (n + 1, 3) m: where friction holds the nodes (effects.contact_force)."""
+
+    x: Array
+    v: Array
+    q: Array
+    w: Array
+    old: Array
+    anchor: Array
 
 
 @compiled
@@ -80,9 +94,12 @@ def _bend(a, b, length, D, loss, old, dt, ga, gb):
 
 
 @compiled
-def _touch(p, table, x, v, t, mass, dt, f):
-    """Contact of the disc around a node with ground and wall; t (3,): the rod's direction there. The rim of a disc that meets the wall
-    head on is no nearer to it than its middle."""
+def _touch(p, table, x, anchor, t, mass, f):
+    """Add to f (3,) N the contact of the disc around a node with ground and wall, and move its anchor (effects.contact_force).
+
+    t (3,): the rod's direction there. The rim of a disc that meets the wall head on is no nearer to it than its middle.
+    """
+    pushed = np.zeros(PARTS)
     if p.ground == 1:
         n = p.ground_normal
         cosine = t[0] * n[0] + t[1] * n[1] + t[2] * n[2]
@@ -90,7 +107,7 @@ def _touch(p, table, x, v, t, mass, dt, f):
         for i in range(3):
             below -= (x[i] - p.ground_point[i]) * n[i]
         if below > 0.0:
-            push(below, n[0], n[1], n[2], v, mass, dt, p.stiffness, p.ground_friction, f)
+            push(below, n[0], n[1], n[2], mass, p.stiffness, p.ground_friction, pushed)
     if p.walls == 1:
         s = p.walls_spacing
         a, b, c = (x[0] - p.walls_origin[0]) / s, (x[1] - p.walls_origin[1]) / s, (x[2] - p.walls_origin[2]) / s
@@ -103,7 +120,10 @@ def _touch(p, table, x, v, t, mass, dt, f):
                 cosine = t[0] * n0 + t[1] * n1 + t[2] * n2
                 beyond = p.half * math.sqrt(max(0.0, 1.0 - cosine * cosine)) - room
                 if beyond > 0.0:
-                    push(beyond, n0, n1, n2, v, mass, dt, p.stiffness, p.walls_friction, f)
+                    push(beyond, n0, n1, n2, mass, p.stiffness, p.walls_friction, pushed)
+    hold(x, anchor, pushed)
+    for i in range(3):
+        f[i] += pushed[i]
 
 
 @compiled
@@ -123,7 +143,7 @@ def _spin(q, w, torque, inertia, dt, damping):
 
 
 @compiled
-def _forces(x, v, q, old, elements, field, load, around, table, dt, f, torque):
+def _forces(x, anchor, q, old, elements, field, load, around, table, dt, f, torque):
     """Forces f (n + 1, 3) N on the nodes and torques (n, 3) N m on the elements. field (n, 3) T: on them now."""
     n, p = len(elements), around[0]
     R, t, one, ends = np.empty((3, 3)), np.empty(3), np.zeros(4), np.zeros((2, 3))
@@ -140,9 +160,9 @@ def _forces(x, v, q, old, elements, field, load, around, table, dt, f, torque):
             for i in range(3):
                 t[i] = R[i, 0]
             before = elements[e - 1].mass if e > 0 else 0.0
-            _touch(p, table, x[e], v[e], t, elements[e].mass + before, dt, f[e])
+            _touch(p, table, x[e], anchor[e], t, elements[e].mass + before, f[e])
             if e == n - 1:
-                _touch(p, table, x[n], v[n], t, elements[e].mass, dt, f[n])
+                _touch(p, table, x[n], anchor[n], t, elements[e].mass, f[n])
     for e in range(n - 1):
         here, there = elements[e], elements[e + 1]
         length = 0.5 * (here.length + there.length)
@@ -157,10 +177,10 @@ def _forces(x, v, q, old, elements, field, load, around, table, dt, f, torque):
 
 
 @compiled
-def advance(x, v, q, w, old, elements, field, load, around, table, dt, steps):
-    """`steps` steps of dt (s), in place. field (2, n, 3) T: on the elements, at the first and after the last step; load (2 n + 1, 3): N on
-    the nodes, then N m on the elements;
-    old (n + 2, 6): strains of the last step, for losses, of each element, then of the two clamps; around: SURROUNDINGS (1,)."""
+def advance(state, elements, field, load, around, table, dt, steps):
+    """`steps` steps of dt (s); changes State in place. field (2, n, 3) T: on the elements, at the first and after the last step;
+    load (2 n + 1, 3): N on the nodes, then N m on the elements; around: SURROUNDINGS (1,)."""
+    x, v, q, w, old, anchor = state
     n, p = len(elements), around[0]
     f, torque, now = np.empty((n + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     left = math.exp(-p.damping * dt)
@@ -169,7 +189,7 @@ def advance(x, v, q, w, old, elements, field, load, around, table, dt, steps):
         for e in range(n):
             for i in range(3):
                 now[e, i] = (1.0 - share) * field[0, e, i] + share * field[1, e, i]
-        _forces(x, v, q, old, elements, now, load, around, table, dt, f, torque)
+        _forces(x, anchor, q, old, elements, now, load, around, table, dt, f, torque)
         for k in range(n + 1):
             mass = (elements[k].mass if k < n else 0.0) + (elements[k - 1].mass if k > 0 else 0.0)
             guided = p.fed == 1 and x[k, 0] < p.feed_exit and x[k, 1] ** 2 + x[k, 2] ** 2 < p.feed_radius**2

@@ -34,6 +34,7 @@ PAIRS = 6  # steps that a chord step remembers
 POOR = 0.5  # of the decrement, half of what a full step wins in a quadratic: a straight step that wins less is compared with an arc
 CRAWL = 8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
 NEAREST, FARTHEST = 2.0**-6, 16.0  # times as far as `_leave` says
+STALL, STALLED = 15, 0.1  # steps that all together win less than this share of what the next one promises: the solve leads nowhere
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
@@ -79,13 +80,14 @@ def minimize(
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
     tolerance: energy decrement over the energy scale at which to stop; on_step(step, decrement): called after each step.
-    Raises SolveError, with the last point as its state, if max_steps do not reach a minimum, or no step lowers the energy.
+    Raises SolveError, with the last point as its state, if max_steps do not reach a minimum, STALL steps lead nowhere, or no
+    step lowers the energy.
     """
     point = energy.at(start)
     rest = energy.rest_energy()
     if not point.min_det_F > 0:
         raise SolveError("the start has det F <= 0", point)
-    left, shifted, least_shift = 0, 0, 0.0 if chord.trusted else _expected_shift(energy, point)
+    left, shifted, least_shift, energies = 0, 0, 0.0 if chord.trusted else _expected_shift(energy, point), [point.energy]
     for step in range(1, max_steps + 1):
         residual, direction, shift = _step(energy, point, least_shift)
         least_shift, shifted = 0.0, shifted + 1 if shift > 0.0 else 0
@@ -111,9 +113,16 @@ def minimize(
                 point = _along_mode(energy, point, residual, shifted // CRAWL)
         if on_step is not None:
             on_step(step, decrement / scale)
-    raise SolveError(
-        f"no equilibrium within {max_steps} Newton steps (energy decrement {decrement / scale:.1e} of the energy, "
-        f"wanted {tolerance:.1e}); raise solver.static.max_steps or set solver.static.field_steps",
+        energies.append(point.energy)
+        if step >= STALL and decrement > NEAR * scale and energies[-1 - STALL] - point.energy < STALLED * decrement:
+            raise _not_found(point, f"after {step} Newton steps, of which the last {STALL} led nowhere", decrement / scale, tolerance)
+    raise _not_found(point, f"within {max_steps} Newton steps", decrement / scale, tolerance)
+
+
+def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> SolveError:
+    return SolveError(
+        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e}); "
+        "raise solver.static.max_steps or set solver.static.field_steps",
         point,
     )
 

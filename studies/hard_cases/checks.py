@@ -201,9 +201,11 @@ def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Check
             where = found.wrong if apart > max(bound, GROWN * grown) else found.branches
             where.append(f"mirror image: {apart:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
     options = scene.to_si()["solver"]["dynamic"]
-    if number % 2 == 0:
+    if number % 2 == 0 or result.warnings:  # with such strains the updated formulation tears, or is about to
         changed, name, bound = {**options, "safety": 0.4}, "half the step", HALF_STEP * largest + 1e-5
-        if result.formulation == "updated" or scene.effects.ground or scene.effects.walls or scene.effects.feed:
+        if scene.effects.ground or scene.effects.walls:
+            bound += 1e-3  # at which step a particle touches
+        if result.formulation == "updated" or scene.effects.feed:
             bound = 5 * HALF_STEP * largest + 1e-3  # transfers lose energy by their number; each node that leaves a guide is a shock
     elif scene.effects.self_contact is None:
         changed = {**options, "formulation": "updated" if result.formulation == "total" else "total"}

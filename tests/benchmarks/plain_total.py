@@ -83,5 +83,5 @@ def advance(steps, dt, cells, particles, nodes, state, watch, slabs):
 
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
-    p, state = motion.packed, State(u, v, motion.force, motion.stiffness)
+    p, state = motion.packed, State(u, v, motion.force, motion.stiffness, motion.anchor)
     return advance(steps, dt, p.cells, p.particles, p.nodes, state, motion.watch, motion.slabs)

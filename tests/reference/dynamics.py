@@ -21,7 +21,7 @@ ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, pairwise, product
 from typing import Any
 
@@ -66,18 +66,39 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     return shape + (model.bulk * change * J)[:, None, None] * H
 
 
+def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The force (3,) N of contact on a particle at x (3,) m with friction, and its next anchor; f (7,): see effects.contact_force.
+
+    The spring is as long as x is from the anchor along the obstacle, but no longer than what the grip can hold.
+    """
+    grip, rigidity = f[3:6], f[6]
+    most = np.linalg.norm(grip)
+    if most == 0:
+        return f[:3].copy(), x.copy()
+    n = grip / most
+    stretch = (np.eye(3) - np.outer(n, n)) @ (x - anchor)
+    stretch *= min(1.0, most / (rigidity * np.linalg.norm(stretch))) if stretch.any() else 1.0
+    return f[:3] - rigidity * stretch, x - stretch
+
+
 def particle_forces(
-    model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0
+    model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0, anchor: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects. dF (n, 3, 3) 1/s: rate of F."""
+    """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects. dF (n, 3, 3) 1/s: rate of F.
+
+    anchor (n, 3) m, changed in place: where friction holds them; None: where they are.
+    """
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
-        rho, f, contact = model.density[p], np.zeros(3), np.zeros(3)
+        rho, f, contact = model.density[p], np.zeros(3), np.zeros(7)
         call(model, "stress", model.remanence[p], rho, x[p], F[p], P[p], step=step)
         call(model, "rate_stress", rho, F[p], dF[p], P[p], step=step)
         call(model, "force", model.remanence[p], rho, x[p], F[p], f, step=step)
         call(model, "contact", x[p], v[p], rho * volume, dt, contact, step=step)
-        force[p] = volume * f + contact
+        push, there = held(x[p], x[p] if anchor is None else anchor[p], contact)
+        force[p] = volume * f + push
+        if anchor is not None:
+            anchor[p] = there
     return P, force
 
 
@@ -85,7 +106,8 @@ def particle_forces(
 class Total:
     """The total formulation on a dense box of nodes, cells + 2 along each axis, x slowest.
 
-    N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool.
+    N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
+    anchor (n, 3) m: where friction holds the particles.
     """
 
     model: Model
@@ -94,6 +116,7 @@ class Total:
     X: np.ndarray
     mass: np.ndarray
     fixed: np.ndarray
+    anchor: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> Total:
@@ -113,7 +136,7 @@ class Total:
         axes = [model.grid.node_coordinates(axis) for axis in range(3)]
         X = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
         fixed = (N[model.held] > 0).any(axis=0)
-        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed)
+        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, model.particles.position.copy())
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
         """sum c_a (x) grad N_a (n, 3, 3)."""
@@ -123,7 +146,7 @@ class Total:
         """Force on every node, (nodes, 3) N."""
         V, x = self.model.particles.volume, self.model.particles.position + self.N @ c
         P, force = particle_forces(
-            self.model, x, self.N @ v, np.eye(3) + self.gradient(c), self.gradient(v), dt, step
+            self.model, x, self.N @ v, np.eye(3) + self.gradient(c), self.gradient(v), dt, step, self.anchor
         )
         return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN)
 
@@ -140,7 +163,8 @@ class Total:
 
 @dataclass
 class Updated:
-    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s of every particle.
+    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s, and anchor
+    (n, 3) m, where friction holds it, of every particle.
 
     Each connected component of the body has its own grid; `meet` is the contact between components.
     """
@@ -151,6 +175,10 @@ class Updated:
     F: np.ndarray
     C: np.ndarray
     L: np.ndarray
+    anchor: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.anchor = self.x.copy()
 
     @classmethod
     def of(cls, model: Model) -> Updated:
@@ -162,7 +190,7 @@ class Updated:
         """Advance the particles by a time dt, in place."""
         model, h = self.model, self.model.grid.spacing
         mass = model.density * model.particles.volume
-        P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, dt, step)
+        P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, dt, step, self.anchor)
         stress = model.particles.volume[:, None, None] * P @ self.F.transpose(0, 2, 1)  # V P F^T, N m
 
         # The box: the cells of the particles, and from the mirror of node 0 inward two more than needed.
@@ -267,7 +295,7 @@ def drift_corrected(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
         N[rows, node] = w[0] * w[1] * w[2]
         dN[:, rows, node] = s[0] * w[1] * w[2], w[0] * s[1] * w[2], w[0] * w[1] * s[2]
     root = np.sqrt(model.density * model.particles.volume)[:, None]
-    field = np.linalg.lstsq(root * N, root * (x - model.particles.position), rcond=None)[0]
-    A = np.eye(3) + np.einsum("jna,ai->nij", dN, field)
+    coefficients = np.linalg.lstsq(root * N, root * (x - model.particles.position), rcond=None)[0]
+    A = np.eye(3) + np.einsum("jna,ai->nij", dN, coefficients)
     J = np.linalg.det(A)
-    return model.particles.position + N @ field, A * ((1 + projected(model, J - 1)) / J)[:, None, None] ** (1 / 3)
+    return model.particles.position + N @ coefficients, A * ((1 + projected(model, J - 1)) / J)[:, None, None] ** (1 / 3)

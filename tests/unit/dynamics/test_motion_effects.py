@@ -51,13 +51,16 @@ def test_total(model: Model, rng: np.random.Generator) -> None:
     c, v = np.zeros((2, *reference.X.shape))
     on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
     c[on], v[on] = 3e-5 * rng.standard_normal((on.sum(), 3)), rng.standard_normal((on.sum(), 3))
-    motion.restore({"u": c.ravel(), "v": v.ravel()})
+    x = model.particles.position + reference.N @ c
+    reference.anchor = x + 3e-6 * rng.standard_normal(x.shape)  # some are held and some slide
+    motion.restore({"u": c.ravel(), "v": v.ravel(), "anchor": reference.anchor})
     touching(model, motion.particles()[0])
     for _ in range(STEPS):
         c, v = reference.step(c, v, DT)
     assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
     np.testing.assert_allclose(motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max())
     np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=ROUNDING * np.abs(v).max())
+    np.testing.assert_allclose(motion.anchors(), reference.anchor, rtol=0, atol=ROUNDING * np.abs(reference.anchor).max())
 
 
 @pytest.mark.slow
@@ -69,10 +72,11 @@ def test_updated(model: Model, rng: np.random.Generator) -> None:
     F = np.eye(3) + 0.05 * rng.standard_normal((n, 3, 3))
     touching(model, x)
     reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
-    motion.place(x, v, F, C)
+    reference.anchor = x + 3e-6 * rng.standard_normal(x.shape)  # some are held and some slide
+    motion.place(x, v, F, C, anchor=reference.anchor)
     for _ in range(STEPS):
         reference.step(DT)
     assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
-    found = (*motion.particles(), motion.affine())
-    for a, b in zip(found, (reference.x, reference.v, reference.F, reference.C), strict=True):
+    found = (*motion.particles(), motion.affine(), motion.anchors())
+    for a, b in zip(found, (reference.x, reference.v, reference.F, reference.C, reference.anchor), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=ROUNDING * np.abs(b).max())

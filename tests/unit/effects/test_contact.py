@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.dynamics import held
 from reference.moving import block, moving_scene
 from reference.scenes import G, rod_scene
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.effects import contact_force, ground, self_contact, walls
 from magmpm.effects import contact_law as contact
-from magmpm.effects import ground, self_contact, walls
 from magmpm.effects.acting import Effects
+from magmpm.effects.contact_force import PARTS
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
@@ -93,7 +95,7 @@ def test_outside_the_table_nothing_touches() -> None:
     table = distance.surface(*box([0, 0, 0], [8e-3, 8e-3, 8e-3]), 0.5e-3)
     named = walls.parameters(table, friction=0.3, stiffness=STIFFNESS)
     for far in ([1.0, 0, 0], [-1.0, 0, 0], [4e-3, 4e-3, 1.0], [4e-3, -1.0, 4e-3]):
-        f = np.zeros(3)
+        f = np.zeros(PARTS)
         walls.contact(named[0][0], named[1], np.array(far), np.ones(3), MASS, 1e-6, f)
         assert not f.any()
 
@@ -101,24 +103,63 @@ def test_outside_the_table_nothing_touches() -> None:
 # forces
 
 
-def test_push_and_friction_have_the_numbers_of_their_formulas() -> None:
-    """m w^2 depth upward, mu times that against the sliding; zero above the plane; less than mu where mu would reverse the sliding."""
+def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
+    """m w^2 depth upward, mu times that as grip, m w^2 as stiffness; nothing above the plane; no difference by the speed."""
     named = ground.parameters(
         point=[0, 0, 1e-3], normal=[0, 0, 2], friction=0.4, stiffness=STIFFNESS, reach=1e-4
     )
 
     def force(z: float, v: list[float]) -> np.ndarray:
-        f = np.zeros(3)
+        f = np.zeros(PARTS)
         ground.contact(named[0][0], named[1], np.array([5.0, -3.0, z]), np.array(v), MASS, 1e-6, f)
         return f
 
     assert not force(1.2e-3, [1, 0, 0]).any()
     normal = MASS * STIFFNESS * 3e-4
-    np.testing.assert_allclose(
-        force(0.8e-3, [3.0, 4.0, 0.1]), normal * np.array([-0.24, -0.32, 1]), rtol=1e-12
-    )
-    gentle = 1e-3 * 0.4 * normal * 1e-6 / MASS  # a thousandth of the speed that friction takes in a step
-    np.testing.assert_allclose(force(0.8e-3, [gentle, 0, 0]), [-MASS * gentle / 1e-6, 0, normal], rtol=1e-12)
+    for v in ([3.0, 4.0, 0.1], [0.0, 0.0, 0.0]):
+        np.testing.assert_allclose(force(0.8e-3, v), [0, 0, normal, 0, 0, 0.4 * normal, MASS * STIFFNESS], rtol=1e-12)
+
+
+def test_friction_is_a_spring_with_a_slider() -> None:
+    """3 um to the side: the spring's force. 50 um: the grip, 0.4 of the push, and the anchor follows at the distance it can hold. Back by
+    3 um: less by the spring's 3 um, toward the same side. Lifted: no force, and the anchor is where the particle is."""
+    depth = 3e-5
+    push, rigidity = MASS * STIFFNESS * depth, MASS * STIFFNESS
+    anchor = np.zeros(3)
+
+    def at(x: list[float], pressed: bool = True) -> np.ndarray:
+        f = np.array([0, 0, push, 0, 0, 0.4 * push, rigidity]) if pressed else np.zeros(PARTS)
+        told = held(np.array(x), anchor, f)
+        contact_force.hold(np.array(x), anchor, f)
+        np.testing.assert_allclose(f[:3], told[0], rtol=0, atol=1e-12 * push)
+        np.testing.assert_allclose(anchor, told[1], rtol=0, atol=1e-18)
+        return f[:3]
+
+    np.testing.assert_allclose(at([3e-6, 0, -depth]), [-3e-6 * rigidity, 0, push], rtol=1e-12)
+    np.testing.assert_allclose(at([3e-5, 4e-5, -depth]), push * np.array([-0.24, -0.32, 1]), rtol=0, atol=1e-2 * push)
+    np.testing.assert_allclose(np.linalg.norm(at([3e-5, 4e-5, -depth])[:2]), 0.4 * push, rtol=1e-9)
+    np.testing.assert_allclose(anchor[2], -depth, rtol=1e-12)
+    before = at([3e-5, 4e-5, -depth])
+    np.testing.assert_allclose(at([2.7e-5, 4e-5, -depth]) - before, [3e-6 * rigidity, 0, 0], rtol=0, atol=1e-9 * push)
+    assert not at([0.1, 0.2, 0.3], pressed=False).any()
+    np.testing.assert_array_equal(anchor, [0.1, 0.2, 0.3])
+
+
+def test_friction_gives_back_no_more_than_it_took(rng: np.random.Generator) -> None:
+    """Along any closed way under constant push its work is negative, but for the energy that its spring holds at the end."""
+    depth = 3e-5
+    push, rigidity = MASS * STIFFNESS * depth, MASS * STIFFNESS
+    for _ in range(10):
+        way = np.cumsum(2e-6 * rng.standard_normal((400, 3)), axis=0)  # the spring holds 12 um: it sticks and slides
+        way -= np.linspace(0, 1, 400)[:, None] * (way[-1] - way[0]) + way[0]
+        anchor, work, last = way[0].copy(), 0.0, np.zeros(3)
+        for k in range(1, 400):
+            f = np.array([0, 0, push, 0, 0, 0.4 * push, rigidity])
+            contact_force.hold(way[k], anchor, f)
+            f[2] -= push
+            work += 0.5 * (f[:3] + last) @ (way[k] - way[k - 1])
+            last = f[:3].copy()
+        assert work < -(0.4 * push) * 1e-5, "it slid: energy is lost"
 
 
 def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
@@ -130,9 +171,10 @@ def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
     def fastest(dt: float) -> float:
         x, v, most = np.zeros(3), np.zeros(3), 0.0
         for _ in range(2000):
-            f = np.array([0.0, 0.0, -MASS * 1e3])  # pressed on, so that it stays in touch
+            f = np.zeros(PARTS)
+            f[2] = -MASS * 1e3  # pressed on, so that it stays in touch
             ground.contact(named[0][0], named[1], x, v, MASS, dt, f)
-            v = v + dt * f / MASS
+            v = v + dt * f[:3] / MASS
             x = x + dt * v
             most = max(most, abs(v[2]))
         return most
