@@ -42,6 +42,7 @@ from magmpm.rod.cosserat import RodModel
 from magmpm.rod.family import RodFamily
 from magmpm.rod.shifts import exercise
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import coarsest
 from magmpm.scene.variables import variables
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.block_cholesky import factor, new_panels, solve, solve_columns
@@ -54,7 +55,6 @@ from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
 
 LOCK = "compiling.lock"
-FAINT = 1e-3  # of the load
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
 SOLVE, DERIVATIVES, RODS = "solve", "sensitivities", "rods"  # what kernels are for
 Tell = Callable[[str], None]
@@ -75,7 +75,7 @@ def prepare_kernels(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = 
     if not missing:
         return 0.0
     begun = time.perf_counter()
-    small = _small(scene)
+    small = coarsest(scene)
     fill_cache(scene, tell, missing)
     for use in missing:
         _WHOLE[use](small)
@@ -98,7 +98,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
             return True
         what = " and ".join(describe(scene) if use == SOLVE else use for use in missing)
         tell(f"compiling kernels for {what}; once on this machine, 5 to 20 s on two idle cores")
-        if _compiled_elsewhere(_small(scene), missing):
+        if _compiled_elsewhere(coarsest(scene), missing):
             with suppress(OSError):  # a cache that can't be marked is only filled again
                 for use in missing:
                     marker[use].touch()
@@ -155,24 +155,6 @@ def _stamp(kinds: str) -> str:
 def _times(scene: Scene) -> NDArray[np.float64] | None:
     """Times at which effects are evaluated: as in motion, or as in statics."""
     return np.zeros(1) if scene.in_time else None
-
-
-def _small(scene: Scene) -> Scene:
-    """The scene on the coarsest grid, under a thousandth of its load: a hard one would be ramped for minutes only to compile."""
-    data = {**scene.to_si(), "name": "compilation", "reference": None}
-    if scene.solver.dynamic is None:
-        for material in data["materials"].values():
-            material["remanence"] *= FAINT
-        if data["effects"]["gravity"] is not None:
-            data["effects"]["gravity"]["acceleration"] = [FAINT * g for g in data["effects"]["gravity"]["acceleration"]]
-    if data["body"]["parts"] is not None:
-        data["body"]["parts"]["spacing"] = None
-    if scene.solver.quasi_static is not None:
-        data["solver"]["quasi_static"] = {"at": scene.path_times()[:2]}
-    if scene.solver.dynamic is not None:
-        short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
-        data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
-    return Scene.from_si({**data, "resolution": {"cells_across": 2, "particles_per_cell": 2}})
 
 
 @contextmanager

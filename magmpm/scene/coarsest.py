@@ -1,0 +1,25 @@
+"""The scene that is solved to compile a scene's kernels: it calls every one of them, in as little time as possible."""
+
+from __future__ import annotations
+
+from magmpm.scene.scene import Scene
+
+FAINT = 1e-3  # of the load
+
+
+def coarsest(scene: Scene) -> Scene:
+    """The scene on the coarsest grid, under a thousandth of its load: a hard one would be ramped for minutes only to compile."""
+    data = {**scene.to_si(), "name": "compilation", "reference": None}
+    if scene.solver.dynamic is None:
+        for material in data["materials"].values():
+            material["remanence"] *= FAINT
+        if data["effects"]["gravity"] is not None:
+            data["effects"]["gravity"]["acceleration"] = [FAINT * g for g in data["effects"]["gravity"]["acceleration"]]
+    if data["body"]["parts"] is not None:
+        data["body"]["parts"]["spacing"] = None
+    if scene.solver.quasi_static is not None:
+        data["solver"]["quasi_static"] = {"at": scene.path_times()[:2]}
+    if scene.solver.dynamic is not None:
+        short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
+        data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
+    return Scene.from_si({**data, "resolution": {"cells_across": 2, "particles_per_cell": 2}})
