@@ -27,7 +27,7 @@ from magmpm.statics.interacting import InteractingEnergy, minimize_with_interact
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
-from magmpm.statics.stability import SoftModes, stability
+from magmpm.statics.stability import Unloaded, stability
 
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
@@ -40,20 +40,20 @@ _controller: ThreadpoolController | None = None
 
 @dataclass
 class Following:
-    """What a solve leaves for those of its neighbors: its energy with all arrays, and soft modes.
+    """What a solve leaves for those of its neighbors: its energy with all arrays, and what is known of the unloaded body.
 
     expected: what neighbors say that a solve will add to its rod, coefficients (planes, m), m, in the rod's frames; None: they don't know.
     """
 
     expected: Callable[[RodShape], Array | None]
     energy: Energy | None = None
-    modes: SoftModes = field(default_factory=SoftModes)
+    body: Unloaded = field(default_factory=Unloaded)
 
     def loaded(self, model: StaticModel) -> Energy:
         """The energy of a model: the last one with another load, if it is of the same body, magnetized in the same way."""
         last = None if self.energy is None else self.energy.model
         if last is None or not _alike(model, last, BODY):
-            self.modes = SoftModes()
+            self.body = Unloaded()
         if self.energy is None or last is None or not _alike(model, last, (*BODY, *LOADED)):
             self.energy = Energy(model)
         self.energy.load(model)
@@ -127,8 +127,8 @@ def solve_static(
         try:
             found = _solve(model, _Start(correction, rod, following), on_step)
             assert found.energy is not None
-            modes = None if following is None else following.modes
-            return restored(model, replace(found, stability=stability(found.energy, found.point, modes) if judged else None), of)
+            known = None if following is None else following.body
+            return restored(model, replace(found, stability=stability(found.energy, found.point, known) if judged else None), of)
         except SolveError as error:
             state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
             raise type(error)(error.reason, restored(model, state, of)) from None

@@ -37,23 +37,26 @@ Products = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass
-class SoftModes:
-    """What judging one load leaves for the next of the same body: soft columns (planes, k, m), volumes of unknowns, what rest has."""
+class Unloaded:
+    """What is the same for all loads of a body: volumes of unknowns (planes, 1, m), smallest eigenvalue at rest.
 
-    columns: Array | None = None
+    Soft vectors are not: vectors of one symmetry, followed from load to load, would never become those of another.
+    """
+
     lumped: Array | None = None
     rest: float | None = None
 
 
-def stability(energy: Energy | InteractingEnergy, point: Point, modes: SoftModes | None = None) -> float:
+def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded | None = None) -> float:
     """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
 
     energy: of the solve, with its last factors in its panels, which stay; with interaction, those of the other parts of the energy.
-    modes: what the last call for the same body left, from which this one begins, and which it changes.
+    body: what an earlier call for the same body found.
     """
     alone = energy.alone if isinstance(energy, InteractingEnergy) else energy
-    modes = modes or SoftModes()
-    rest = modes.rest = _of_rest(alone) if modes.rest is None else modes.rest
+    body = body or Unloaded()
+    rest = body.rest = _of_rest(alone) if body.rest is None else body.rest
+    body.lumped = _lumped(alone) if body.lumped is None else body.lumped
     here = energy.at(point.grid)  # and tables that follow the shape
 
     def products(columns: Array) -> tuple[Array, Array]:
@@ -62,7 +65,7 @@ def stability(energy: Energy | InteractingEnergy, point: Point, modes: SoftModes
             stiff += energy.refresh_product(here, columns)
         return stiff, heavy
 
-    return _smallest(alone, products, rest, modes) / rest
+    return _smallest(alone, products, rest, body.lumped) / rest
 
 
 def _of_rest(energy: Energy) -> float:
@@ -76,19 +79,18 @@ def _of_rest(energy: Energy) -> float:
         _, panels = unloaded.tangent(at)
         if factor(panels, model.layout.split) >= 0:
             raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
-        _rest[key] = _smallest(unloaded, lambda columns: unloaded.products(at, columns), 0.0, SoftModes())
+        _rest[key] = _smallest(unloaded, lambda columns: unloaded.products(at, columns), 0.0, _lumped(unloaded))
         while len(_rest) > KEPT:
             _rest.popitem(last=False)
     _rest.move_to_end(key)
     return _rest[key]
 
 
-def _smallest(energy: Energy, products: Products, scale: float, modes: SoftModes) -> float:
-    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself."""
+def _smallest(energy: Energy, products: Products, scale: float, lumped: Array) -> float:
+    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes."""
     split = energy.model.layout.split
-    X, rounds = (_start(energy), ROUNDS) if modes.columns is None else (modes.columns, 1)
-    lumped = modes.lumped = _lumped(energy) if modes.lumped is None else modes.lumped
-    for _ in range(rounds):
+    X = _start(energy)
+    for _ in range(ROUNDS):
         MX = lumped * X
         X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
     X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
@@ -98,7 +100,6 @@ def _smallest(energy: Energy, products: Products, scale: float, modes: SoftModes
         turn = _orthonormal(_inner(X, MX))
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
         value, mix = float(values[0]), (turn @ vectors)[:, :1]
-        modes.columns = _mixed(X, (turn @ vectors)[:, :COLUMNS])
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = solve_columns(energy.panels, split, left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
