@@ -312,7 +312,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
         max_det_F=float(J.max()),
         energy=sum(moved.energies.values()) - moved.energies["kinetic"],
         seconds=seconds,
-        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings() + moved.strain.warnings(model),
+        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings() + moved.strain.warnings(model) + moved.lost.warnings(),
         time=moved.time,
         time_step=moved.dt,
         stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},

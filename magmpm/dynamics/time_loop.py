@@ -16,6 +16,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies, mass, watchdog
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
+from magmpm.dynamics.lost_energy import LostEnergy
 from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Kinematics
@@ -61,6 +62,7 @@ class SimulationState:
     contacts: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)  # the largest of all frames
+    lost: LostEnergy = field(default_factory=LostEnergy)
 
 
 def formulation(scene: Scene) -> str:
@@ -167,6 +169,7 @@ def integrate(
     if balance is not None and saved is None:  # velocities of a checkpoint lag by half a step: less kinetic energy
         balance.check(state.energies)
     if saved is None:
+        state.lost.see(state.motion, state.energies)
         _write(state, writer)
     times = options.frame_times if saved is None else saved.times(options)
     scene_hash = motion_hash(model.scene)
@@ -184,6 +187,7 @@ def integrate(
                 raise _stopped(state, trouble)
             _write(state, writer)
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
+            state.lost.see(state.motion, state.energies)
             state.control.at_frame()  # before the checkpoint, which stores the next step
             last = _checkpoint(state, scene_hash)
             if folder is not None and monotonic() > saved_at + SAVE_EVERY:
@@ -224,7 +228,8 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     motion = state.motion
     return Checkpoint(
         scene_hash=scene_hash, every=state.every, time=state.time, formulation=motion.formulation,
-        frame=state.frame, steps=state.steps, control={**state.control.state(), **state.strain.state()}, state=motion.state(),
+        frame=state.frame, steps=state.steps, state=motion.state(),
+        control={**state.control.state(), **state.strain.state(), **state.lost.state()},
     )  # fmt: skip
 
 
@@ -233,6 +238,7 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     state.motion.restore(saved.state)
     state.control.restore(saved.control)
     state.strain = Strain.restored(saved.control)
+    state.lost = LostEnergy.restored(saved.control)
     state.frame, state.steps, state.time = saved.frame, saved.steps, saved.time
 
 

@@ -51,6 +51,7 @@ def _source(rng: np.random.Generator, source: str, sizes: Any, flux: float, way:
     place = center + r * toward
     if source == "dipole":
         moment = flux * r**3 * 2 * math.pi / MU0 * way
+        moment *= min(1.0, 1e6 / np.abs(moment).max())  # the most a scene may have
         return {"dipole": {"position": _mm(place), "moment": [f"{m:.9g} A*m^2" for m in moment]}}
     if source == "magnet":
         side = min((2 * math.pi * r**3 * flux / MAGNET) ** (1 / 3), 0.5 * (r - half))
