@@ -151,7 +151,8 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
             "make the normals consistent (in Blender: Mesh > Normals > Recalculate Outside) and export the part again",
         )
     mesh = Mesh(vertices, faces)
-    volume, size = volume_of(mesh.triangles), float(np.prod(np.ptp(vertices, axis=0)))
+    # no triangle is left where all vertices count as one: next to a vertex that is far away
+    volume, size = volume_of(mesh.triangles) if len(faces) else 0.0, float(np.prod(np.ptp(vertices, axis=0)))
     if volume < -1e-9 * size:
         raise MeshError(
             "the triangles of a mesh must face outward, and those of this one face inward: its volume is negative",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from magmpm.bodies.surface_mesh import PREFIX, MeshError, unpack_mesh
+from magmpm.bodies.surface_mesh import PREFIX, MeshError, read_stl, unpack_mesh
 from magmpm.errors import InputError
 from magmpm.scene import load_scene
 
@@ -42,3 +42,17 @@ def test_a_text_in_a_file_is_checked_as_a_mesh_is(tmp_path: Path) -> None:
     file.write_text(yaml.safe_dump(data), encoding="utf-8")
     with pytest.raises(InputError, match="watertight"):
         load_scene(file)
+
+
+def test_a_mesh_whose_vertices_all_count_as_one_is_refused(tmp_path: Path) -> None:
+    """A vertex that is far away makes all others near each other, so that no triangle is left (found by `make fuzz-coverage`)."""
+    corners = np.zeros((4, 3, 3), "<f4")
+    corners[:, 1], corners[:, 2] = [1e-3, 0, 0], [0, 1e-3, 0]  # mm
+    corners[3, 2] = [1e8, 0, 0]
+    corners[3, 1] = [1e8, 0, 0]
+    records = np.zeros(4, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]))
+    records["corners"] = corners
+    path = tmp_path / "far.stl"
+    path.write_bytes(bytes(80) + len(records).to_bytes(4, "little") + records.tobytes())
+    with pytest.raises(MeshError, match="encloses none"):
+        read_stl(path)
