@@ -17,6 +17,7 @@ from magmpm.dynamics import energies, mass, watchdog
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.lost_energy import LostEnergy
+from magmpm.dynamics.own_loads import OwnLoads
 from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Kinematics
@@ -245,7 +246,7 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
 def _conserves(model: Model) -> bool:
     """Whether no load can add energy: loads are constant, and there is no contact or constraint."""
     scene, named = model.scene, model.scene.effects
-    if acting.feels_itself(scene):  # such loads lag by a chunk of steps
+    if acting.feels_itself(scene):  # such loads are held for some steps
         return False
     if scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy
@@ -261,20 +262,23 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
     Raises SolveError where the motion can't go on.
     """
     model, motion, control = state.motion.model, state.motion, state.control
-    itself = acting.feels_itself(model.scene)
+    own = OwnLoads(model) if acting.feels_itself(model.scene) else None
     while state.time < until:
         start, done = state.time, 0
         count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
         dt = (until - start) / count
-        for first in range(0, count, CHUNK):
-            steps = min(CHUNK, count - first)
+        while done < count:
+            first = done
+            steps = min(CHUNK if own is None else own.steps, count - first)
             named = acting.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
-            if itself:
+            if own is not None:
                 x, _, F = motion.particles()
-                acting.refresh(named, model, x, F)
+                own.refresh(named, x, F, steps * dt)
             motion.set_off(dt, named)
             taken, now, trouble = control.take(named, steps, dt)
             done = first + taken
+            if own is not None:
+                own.passed(taken, dt)
             state.steps, state.dt = state.steps + taken, dt
             state.time = until if done == count else start + dt * done
             trouble = trouble or _wrong(state, now)

@@ -140,6 +140,11 @@ def refresh(named: Records, body: Any, x: Array, F: Array) -> None:
         kind.refresh(data, _particles(body), x, F)
 
 
+def own_tables(named: Records) -> list[Array]:
+    """The tables that `refresh` brings up to date."""
+    return [data for _, data in _refreshed(named)]
+
+
 def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange) -> Records:
     """Records of the effects whose tables depend on the body's shape, with the change of their tables in place of these."""
     out: list[Any] = []

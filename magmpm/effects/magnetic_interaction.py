@@ -8,7 +8,7 @@ block's volume. These are the exact derivatives of E: the forces of each pair ca
 moments. The field of a segment in itself (its demagnetizing field) is left out.
 
 B_a and the forces are kept in `data` and computed again (`refresh`) for the deformed body: in statics at every step
-(statics.interacting); in motion before every chunk of a few hundred steps, much less time than the body takes to bend. In between they
+(statics.interacting); in motion as often as they change by a fiftieth, for the middle of that time (dynamics.own_loads). In between they
 act as a load of fixed direction, whose energy is `energy`; `shared_energy` is E itself.
 Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6; a cube has no quadrupole moment.
 """

@@ -11,7 +11,7 @@ from reference.dynamics import Total, Updated
 from reference.in_motion import free_rod, moving
 from reference.scenes import rod_scene
 
-from magmpm.dynamics import time_loop as run
+from magmpm.dynamics import own_loads
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.steps import take
 from magmpm.dynamics.time_loop import begin, interval
@@ -81,9 +81,11 @@ def test_a_schedule_goes_on_after_particles_are_sorted() -> None:
     np.testing.assert_allclose(motion.particles()[1] - v, moved, rtol=0, atol=ROUNDING * np.abs(moved).max())
 
 
-def test_what_segments_do_to_each_other_is_found_anew_before_every_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunks of 4 steps use the fields of the current shape, which differ by a thousandth from those of the undeformed body."""
-    monkeypatch.setattr(run, "CHUNK", 4)
+def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Held for 4 steps: the fields of the current shape, which differ by a thousandth from those of the undeformed body, and half of
+    their change in the 4 steps before."""
+    for name, value in {"FIRST": 4, "MOST": 4, "CHANGE": 1e9}.items():
+        monkeypatch.setattr(own_loads, name, value)
     body: dict[str, Any] = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
     model = build(free_rod({"magnetic_interaction": {}}, **body))
     moved = begin(model)
@@ -93,9 +95,15 @@ def test_what_segments_do_to_each_other_is_found_anew_before_every_chunk(monkeyp
     for every in (4, 12):
         total, dt = Total.of(model), moved.dt
         c, v = np.zeros((2, *total.X.shape))
+        before: list[np.ndarray] = []
         for step in range(12):
             if step % every == 0:
                 effects.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
+                tables = effects.own_tables(model.effects)
+                now = [table.copy() for table in tables]
+                for table, old in zip(tables, before, strict=bool(before)):
+                    table += (table - old) / 2
+                before = now
             if step == 0:
                 v = -total.step(c, v, dt / 2)[1]  # a load from the first step on: velocities are those of half a step before
             c, v = total.step(c, v, dt)
