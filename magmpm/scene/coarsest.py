@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
 FAINT = 1e-3  # of the load
+FINEST = 8  # cells across that are tried
 
 
 def coarsest(scene: Scene) -> Scene:
-    """The scene on the coarsest grid, under a thousandth of its load: a hard one would be ramped for minutes only to compile."""
+    """The scene on the coarsest grid that it can have, under a thousandth of its load: a hard one would be ramped for minutes only to
+    compile."""
     data = {**scene.to_si(), "name": "compilation", "reference": None}
     if scene.solver.dynamic is None:
         for material in data["materials"].values():
@@ -22,4 +25,9 @@ def coarsest(scene: Scene) -> Scene:
     if scene.solver.dynamic is not None:
         short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
-    return Scene.from_si({**data, "resolution": {"cells_across": 2, "particles_per_cell": 2}})
+    for cells in range(2, FINEST):
+        try:
+            return Scene.from_si({**data, "resolution": {"cells_across": cells, "particles_per_cell": 2}})
+        except InputError:  # a magnetization that turns along a strip, say, needs more of them
+            continue
+    return Scene.from_si({**data, "resolution": scene.to_si()["resolution"]})

@@ -53,9 +53,9 @@ def named(scene: Scene) -> Iterator[None]:
 def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
-        return _until(scene, error) if scene.in_time else _weaker(scene, error)
+        return _shorter_or_weaker(scene, error)
     if isinstance(error, Collapsed):
-        return _less_magnetic(scene)
+        return (*_less_magnetic(scene), *_shorter_or_weaker(scene, error))
     less = _less_magnetic(scene) if scene.effects.magnetic_interaction is not None else ()
     if scene.solver.dynamic is not None:
         return (*less, *_of_motion(scene, error))
@@ -91,6 +91,11 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     return (Remedy(words, {"solver.quasi_static": shorter}),)
 
 
+def _shorter_or_weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
+    """To end before it went wrong, where that was not at the first step; else a weaker load."""
+    return (_until(scene, error) if scene.in_time else ()) or _weaker(scene, error, by_field=not isinstance(error, Collapsed))
+
+
 def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     static = Remedy(
         f"solver.static: {{field_steps: {RAMPED['field_steps']}, max_steps: {RAMPED['max_steps']}}}",
@@ -124,12 +129,15 @@ def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
     return tuple(found)
 
 
-def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
-    """A weaker load, where the body finds no rest under the whole one: as much of it as was borne, or parts where that is not known."""
+def _weaker(scene: Scene, error: SolveError, *, by_field: bool = True) -> tuple[Remedy, ...]:
+    """A weaker load, where the body finds no rest under the whole one: as much of it as was borne, or parts where that is not known.
+
+    by_field: whether a weaker field is enough, where nothing else loads the body.
+    """
     share = getattr(error.state, "load_share", 1.0)
     parts = WEAKER if share >= 1.0 else (float(f"{SHARE * share:.3g}"),) if share > 0.0 else (WEAKER[-1], FAINT)
     weight = scene.effects.gravity
-    if weight is None and scene.field.over_time is None:
+    if by_field and weight is None and scene.field.over_time is None:
         return tuple(
             Remedy(
                 f"a weaker field, field.over_time: {{ramp: {{duration: 1 s, begin: {part:g}, end: {part:g}}}}}",

@@ -82,3 +82,21 @@ def test_segments_that_fall_onto_each_other_get_less_remanence() -> None:
             material = next(iter(remedy.applied(soft).materials.values()))
             ratios.append(material.remanence**2 / (4e-7 * np.pi * material.shear_modulus))
         assert ratios == pytest.approx([0.25, 0.03], rel=0.01)
+
+
+def test_segments_that_collapse_at_little_remanence_get_a_share_of_it() -> None:
+    """A weaker field would not hold them apart."""
+    scene = rod_scene(length=16e-3, directions=[(1, 0, 0), (1, 0, 0)], field=(0, 0, 1e-3), cells=2).with_effects(magnetic_interaction={})
+    data = scene.to_si()
+    for material in data["materials"].values():
+        material["shear_modulus"], material["remanence"] = 1e8, 0.3
+    stiff = Scene.from_si(data)
+    (only,) = remedies(stiff, Collapsed("collapsed", Reached(load_share=0.8)))
+    material = next(iter(only.applied(stiff).materials.values()))
+    assert material.remanence == pytest.approx(0.3 * 0.72)
+
+
+def test_equilibria_along_time_that_leave_the_field_at_once_get_a_weaker_load() -> None:
+    data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
+    path = Scene.from_si({**data, "solver": {"quasi_static": {"steps": 4, "duration": 1.0}}})
+    assert [remedy.words.split(",")[0] for remedy in remedies(path, LeftField("outside", None))] == ["a weaker field"] * 2
