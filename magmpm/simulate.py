@@ -28,6 +28,7 @@ from magmpm.results.strain import Strain, strain_of
 from magmpm.results.versions import versions
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, memory, remedies
+from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.effects_choice import choose_effects, missed
@@ -193,7 +194,7 @@ def _resolved(scene: Scene, start: object, on_progress: Progress | None, uses: S
     if start is not None:
         raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
     begun = time.perf_counter()
-    compiled = prepare_kernels(scene.with_cells(2), uses=uses)
+    compiled = prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=uses)
     choice = choose(scene, on_step=on_progress)
     seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
     told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.told}

@@ -22,6 +22,7 @@ from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.coarsest import coarsest_cells
 from studies.sampler_names import SAMPLERS, check_sampler_name
 from studies.study import Keyframe, Study
 from studies.study_checks import check_file_name, check_numbers, check_scene, check_target, named_in, place
@@ -49,9 +50,7 @@ def load_study(path: Path | str) -> Study:
     check_scene(scene, file, document)
     asked = scene.resolution if scene.resolution.asked else None
     if asked is not None:
-        from magmpm.statics.resolution import FIRST  # and with it the solver: 0.1 s, not for most studies
-
-        scene = scene.with_cells(FIRST)
+        scene = scene.with_cells(coarsest_cells(scene))
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
     return Study(

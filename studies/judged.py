@@ -1,6 +1,6 @@
 """The best designs of a study that asks for an error, judged on finer grids: trials run on the coarsest one, which tells good from bad.
 
-A study's scene may ask for `resolution: {error: ...}`. All its trials are then compared on one coarse grid (statics.resolution.FIRST), and
+A study's scene may ask for `resolution: {error: ...}`. All its trials are then compared on one coarse grid (scene.coarsest), and
 at the end every design that the coarse grid's own error can't tell from the best one is run with the error that is asked for. Each gets its
 distance from the target on that finer grid, and the bound of that grid's error.
 """
@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import MagmpmError
 from magmpm.scene import Scene
-from magmpm.statics.resolution import FIRST
 from studies.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
@@ -31,7 +30,9 @@ def judged(
     solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """The judged designs, best first: {number, rms_m, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or {..., reason}.
+    """The judged designs, best first.
+
+    Each {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or a `reason`.
 
     designs: feasible trials, nearest to the target first; scene_of: the scene of a trial on the coarse grid; known: what was judged before.
     rms_m is that of the trial; judged_rms_m (m) is right to error_estimate_m; coarse_error_m: bound of the trial's own error, None where
@@ -54,7 +55,8 @@ def _least(found: Sequence[dict[str, Any]]) -> float:
 
 def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]) -> dict[str, Any]:
     assert study.asked is not None
-    told: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"]}
+    first = coarse.resolution.cells_across
+    told: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"], "trial_cells": first}
     try:
         result = solve(Scene.from_si({**coarse.to_si(), "resolution": study.asked.model_dump(mode="json")}))
     except MagmpmError as error:
@@ -65,7 +67,7 @@ def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Sce
         "judged_rms_m": root_mean_square(gaps(result, study.target)),
         "error_estimate_m": result.error_estimate,
         "cells_across": result.resolution["cells_across"],
-        "coarse_error_m": next((one["error"] for one in result.resolution["tried"] if one["cells_across"] == FIRST), None),
+        "coarse_error_m": next((one["error"] for one in result.resolution["tried"] if one["cells_across"] == first), None),
     }
 
 
@@ -79,6 +81,6 @@ def said(found: Sequence[dict[str, Any]]) -> list[str]:
         bar = "" if one["coarse_error_m"] is None else f" (to {1e3 * one['coarse_error_m']:.2g} mm)"
         lines.append(
             f"trial {one['number']}: rms {1e3 * one['judged_rms_m']:.4g} mm, its shape right to {1e3 * one['error_estimate_m']:.2g} mm at "
-            f"{one['cells_across']} cells; {1e3 * one['rms_m']:.4g} mm{bar} in the trial, at {FIRST}"
+            f"{one['cells_across']} cells; {1e3 * one['rms_m']:.4g} mm{bar} in the trial, at {one['trial_cells']}"
         )
     return lines

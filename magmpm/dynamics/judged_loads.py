@@ -15,11 +15,12 @@ from magmpm.errors import SceneError
 from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.scene import Scene, memory
+from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium
 from magmpm.statics.ladder import Load, Loads, OnStep, particles, step_work
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.resolution import FIRST, at_rest, check_possible, choose, nothing
+from magmpm.statics.resolution import at_rest, check_possible, choose, nothing
 
 JUDGED = 3  # equilibria of a path: at equal parts of its times, the last one among them
 SETTLES = "a motion is judged at the equilibrium that it settles at"
@@ -34,7 +35,7 @@ def of_path(scene: Scene) -> tuple[Loads, list[float]]:
     def loads(on_grid: Scene) -> list[Load]:
         return [_at(on_grid, t) for t in bent]
 
-    coarse = scene.with_cells(2)
+    coarse = scene.with_cells(coarsest_cells(scene))
     bent = [t for t in chosen if _along(coarse, t).bends(t)]
     if not bent:
         raise _refused(scene, "all of the body is in its guide, where nothing bends", "push it out, or give `cells_across`")
@@ -90,13 +91,13 @@ def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene]
     begun = time.perf_counter()
     check_possible(scene)
     loads, times = of_path(scene) if path else (of_motion(scene), [])
-    coarse = scene.with_cells(FIRST)
+    coarse = scene.with_cells(coarsest_cells(scene))
     compiled = prepare(coarse if path else at_its_rest(coarse))
     known: dict[int, Result] = {}
     beside: Callable[[int], float] = nothing
     if scene.resolution.seconds is not None:  # the coarsest grid's run tells what finer ones take, and is the answer if none fits
         compiled += prepare(coarse)
-        known[FIRST], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
+        known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
         beside = _longer(scene, seconds)
     choice = choose(scene, loads, on_step, begun=begun + compiled, beside=beside)
     cells = choice.scene.resolution.cells_across
@@ -132,7 +133,7 @@ def _within(limit: float, begun: float, run: Callable[..., Result], coarse: Scen
             raise SceneError(
                 "resolution.seconds",
                 received=f"{limit:g} s",
-                rule=f"must be enough for the coarsest grid, {FIRST} cells across{done}",
+                rule=f"must be enough for the coarsest grid, {coarse.resolution.cells_across} cells across{done}",
                 remedy=f"allow {1.5 * limit * coarse.duration / at:.2g} s or more" if at > 0.0 else "allow much more",
             )
 
@@ -145,13 +146,15 @@ def _longer(scene: Scene, coarsest: float) -> Callable[[int], float]:
     Along a path they grow as a Newton step does; of a motion with particles and steps together, as the fourth power of the cells at most.
     """
 
+    first = coarsest_cells(scene)
+
     def takes(cells: int) -> float:
-        if cells == FIRST:
+        if cells == first:
             return 0.0  # it is done
-        fine, coarse = scene.with_cells(cells), scene.with_cells(FIRST)
+        fine, coarse = scene.with_cells(cells), scene.with_cells(first)
         if scene.solver.quasi_static is not None:
             return coarsest * step_work(fine) / step_work(coarse)
-        return coarsest * particles(fine) / particles(coarse) * cells / FIRST
+        return coarsest * particles(fine) / particles(coarse) * cells / first
 
     return takes
 

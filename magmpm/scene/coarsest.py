@@ -25,9 +25,15 @@ def coarsest(scene: Scene) -> Scene:
     if scene.solver.dynamic is not None:
         short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
+    return Scene.from_si({**data, "resolution": {"cells_across": coarsest_cells(scene), "particles_per_cell": 2}})
+
+
+def coarsest_cells(scene: Scene) -> int:
+    """Cells across of the coarsest grid that the scene can have: two, or more where its magnetization turns within a few cells."""
     for cells in range(2, FINEST):
         try:
-            return Scene.from_si({**data, "resolution": {"cells_across": cells, "particles_per_cell": 2}})
-        except InputError:  # a magnetization that turns along a strip, say, needs more of them
+            scene.with_cells(cells)
+        except InputError:
             continue
-    return Scene.from_si({**data, "resolution": scene.to_si()["resolution"]})
+        return cells
+    return FINEST

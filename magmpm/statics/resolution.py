@@ -17,6 +17,7 @@ import numpy as np
 from magmpm.errors import SceneError, SolveError
 from magmpm.model import build
 from magmpm.scene import Scene, memory
+from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
 from magmpm.statics.error_estimate import ALGEBRAIC, FASTEST, PROOF, WITNESS, bound, foretold, observed_order
@@ -24,7 +25,6 @@ from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnS
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
 
-FIRST = 2  # cells across: the coarsest grid
 PATIENCE = 3600.0  # s: an error that would take longer is out of reach
 FLOOR = 1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
 SHARE = 0.5  # of the machine's memory that a grid may take
@@ -119,7 +119,7 @@ def choose(
             on_step(step, number)
 
     search = _Search(Ladder(scene, loads or at_rest, tell), begun, beside)
-    cells: int | None = FIRST
+    cells: int | None = coarsest_cells(scene)
     failure: SolveError | None = None
     while cells is not None:
         try:
@@ -167,7 +167,7 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     """The grid to prove next; None where the last one will do. Raises SceneError where none can."""
     finer = [n for n in PROOF if n > tried]
     if failure is not None:
-        return finer[0] if finer and finer[0] <= FIRST + 2 else None
+        return finer[0] if finer and finer[0] <= coarsest_cells(search.scene) + 2 else None
     wanted = search.scene.resolution.allowed(search.scene.length)
     if wanted is None:
         return _next_in_time(search, finer)

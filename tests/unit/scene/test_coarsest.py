@@ -5,7 +5,8 @@ from __future__ import annotations
 from reference.scenes import rod_scene
 
 from magmpm.scene import Scene
-from magmpm.scene.coarsest import FAINT, coarsest
+from magmpm.scene.coarsest import FAINT, coarsest, coarsest_cells
+from magmpm.simulate import run
 
 
 def test_it_is_coarse_and_faint_and_has_every_effect() -> None:
@@ -27,3 +28,8 @@ def test_it_has_the_cells_that_the_scene_needs() -> None:
     data = {"name": "turning", "materials": materials, "body": {"strip": strip}, "resolution": {"cells_across": 3}}
     scene = Scene.from_si({**data, "field": {"uniform": [0.0, 0.0, 0.01]}, "effects": {"magnetic_torque": {}}, "solver": {"static": {}}})
     assert coarsest(scene).resolution.cells_across == 3
+    asked = Scene.from_si({**scene.to_si(), "resolution": {"error": 0.01}})
+    assert coarsest_cells(asked) == 3
+    result = run(asked)
+    assert result.resolution is not None
+    assert next(one["cells_across"] for one in result.resolution["tried"]) == 3
