@@ -10,7 +10,7 @@ from magmpm import materials
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects import acting
-from magmpm.effects.hooks import add_energy, add_stress, has_hook
+from magmpm.effects.hooks import add_energy, add_stress, has_hook, pairs
 from magmpm.model import Model
 
 
@@ -56,6 +56,15 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
             _energies(named, model.remanence, model.density, x, F, each)
             found[key] = float(np.sum(each * model.particles.volume))
     return found
+
+
+def loads_conserve(model: Model) -> bool:
+    """Whether no load can add energy: loads are constant, and there is no contact or constraint."""
+    named = model.scene.effects
+    if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
+        return False  # one without the other has no energy
+    records = [record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))]
+    return all(len(record) == 1 for record in records) and not any(has_hook(hook, model.effects) for hook in ("contact", "node"))
 
 
 @compiled

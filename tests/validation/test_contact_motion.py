@@ -77,6 +77,7 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
         motion.advance(round(0.02 / dt), dt, model.effects)
         ends.append(mean(model, motion.particles()[0] - model.particles.position)[0])
     assert abs(ends[1] - ends[0]) < 0.02 * abs(ends[0])
+    assert ends[0] == pytest.approx(0.33e-3, rel=0.03)
 
 
 def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
