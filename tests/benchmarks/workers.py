@@ -1,7 +1,8 @@
 """Trials a second with one and with two workers: `make bench-workers`.
 
 Each number of workers runs data/studies/s_shape.yaml past its `stop`, without and with pictures, on a warm cache; the time counts from the
-end of trial WARM to the last, so that starts of processes do not. One worker is the default: this process solves, with all threads. The row
+end of trial WARM to the last, so that starts of processes do not, and over TRIALS of them, so that the end, where one worker waits for the
+other, weighs little. One worker is the default: this process solves, with all threads. The row
 "one thread" is that process with one thread for kernels and BLAS: two workers over it is what a second process gives, two workers over
 one is what a user gains.
 """
@@ -25,7 +26,7 @@ from studies.engine import kernel_uses, run_study
 from viz.worker import Renderer
 
 ROOT = Path(__file__).parents[2]
-TRIALS, WARM = 60, 10
+TRIALS, WARM = 200, 10
 
 
 def rate(workers: int | None, pictures: bool) -> float:
