@@ -357,6 +357,16 @@ _MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
 
 
 @intrinsic
+def chosen(typing_context, flag, a, b):
+    """Lanes a where the flag is true, else b: without a branch, across which Numba would count references to arrays."""
+
+    def generate(context, builder, signature, values):
+        return builder.select(values[0], values[1], values[2])
+
+    return lanes(types.boolean, lanes, lanes), generate
+
+
+@intrinsic
 def cube_root_guess(typing_context, x):
     """x^(-1/3) to 4 %: the exponent's bits, divided by -3."""
 

@@ -146,6 +146,16 @@ single = intrinsic(_strided(WIDTH))  # single(array, index): the vector of one o
 row = intrinsic(_strided(1))  # row(array, index): array[index], array[index + 1], ...
 
 
+@intrinsic
+def lane_of(typing_context, view, lane):
+    """The vector of one of the eight particles of a `vector`."""
+
+    def generate(context, builder, signature, values):
+        return builder.gep(values[0], [values[1]])
+
+    return Strided(WIDTH)(view, types.intp), generate
+
+
 def _place(context: Any, builder: Any, kind: Strided, view: Any, index_type: Any, index: Any) -> Any:
     at = context.cast(builder, index, index_type, types.intp)
     return builder.gep(view, [builder.mul(at, ir.Constant(at.type, kind.step))])

@@ -296,6 +296,15 @@ class UpdatedMotion:
         affine = np.tile(self.model.grid.spacing**2 / 4, 3)[:, None] * C.reshape(-1, 9, WIDTH) ** 2
         return 0.5 * float(np.sum(mass * v.reshape(-1, 3, WIDTH) ** 2) + np.sum(mass * affine))
 
+    def lost_in_a_transfer(self) -> float:
+        """Kinetic energy, J, that one transfer to the grid and back takes from the velocities: a step of no time, without forces."""
+        if self.drift > apic_step.DRIFT:
+            self.sort()
+        v, C = self.v.copy(), self.C.copy()
+        with self.threads.alone():
+            self._steps(1, 0.0, self._last, self.x.copy(), v, C, self.L.copy(), self.F.copy(), self.anchor.copy())
+            return self.kinetic_energy() - self._kinetic(v, C)
+
     @property
     def unknowns(self) -> int:
         """Number of components of the particles' positions."""

@@ -170,7 +170,7 @@ def integrate(
     if balance is not None and saved is None:  # velocities of a checkpoint lag by half a step: less kinetic energy
         balance.check(state.energies)
     if saved is None:
-        state.lost.see(state.motion, state.energies)
+        state.lost.see(state.energies)
         _write(state, writer)
     times = options.frame_times if saved is None else saved.times(options)
     scene_hash = motion_hash(model.scene)
@@ -188,7 +188,7 @@ def integrate(
                 raise _stopped(state, trouble)
             _write(state, writer)
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
-            state.lost.see(state.motion, state.energies)
+            state.lost.see(state.energies)
             state.control.at_frame()  # before the checkpoint, which stores the next step
             last = _checkpoint(state, scene_hash)
             if folder is not None and monotonic() > saved_at + SAVE_EVERY:
@@ -271,6 +271,7 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
             done = first + taken
             if own is not None:
                 own.passed(taken, dt)
+            state.lost.passed(motion, taken)
             state.steps, state.dt = state.steps + taken, dt
             state.time = until if done == count else start + dt * done
             trouble = trouble or _wrong(state, now)

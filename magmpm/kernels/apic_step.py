@@ -33,7 +33,7 @@ from magmpm.compiled.simd import (
     store_rows,
     total,
 )  # fmt: skip
-from magmpm.compiled.simd_views import row
+from magmpm.compiled.simd_views import row, vector
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.kernels.apic_transfer import ROW, gather, locate, scatter
 from magmpm.kernels.multi_grid_contact import meet
@@ -130,7 +130,7 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
                     rate = rate + load(state.L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
         touched = has_contact(effects) and touches(effects, step, block, place, particles.volume)
-        add_effects(effects, step, dt, block, at, touched, particles, state.anchor, work)
+        add_effects(effects, step, dt, block, at, touched, particles, vector(state.anchor, 24 * block), work)
     mass, zero = density * V, splat(0.0)
     push = V * dt
     p0 = mass * load(v, 24 * block) + push * load(f, 0)

@@ -11,8 +11,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
-from magmpm.compiled.simd import WIDTH, highest, load, store
-from magmpm.compiled.simd_views import matrix, single, vector
+from magmpm.compiled.simd import WIDTH, chosen, highest, load
+from magmpm.compiled.simd_views import lane_of, matrix, single, vector
 from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import (
     add_contact,
@@ -75,15 +75,15 @@ def group_room(F):
 
 
 @inlined
-def add_effects(effects, step, dt, group, at, touched, particles, anchor, work):
+def add_effects(effects, step, dt, group, at, touched, particles, held, work):
     """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
 
     touched: whether contact may push the group (`touches`); particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an
-    effect marks particles (effects.marked), and density and volume (groups 8,); anchor (groups 3 8,) m: where friction holds them, changed
-    in place, and empty where no effect has contact.
-    Flat arrays, no slices: counting references to slices would cost as much as an effect.
+    effect marks particles (effects.marked), and density and volume (groups 8,); held: a view of where friction holds the group, m, changed
+    in place, and of nothing where no effect has contact.
+    Flat arrays and views, no slices: counting references would cost as much as an effect, and did where an array met a branch.
     """
-    F, P, dF, x, _, f, _ = work
+    F, P, dF, x, v, f, spare = work
     remanence, density, volume = particles.remanence, particles.density, particles.volume
     rho = load(density, WIDTH * group)
     m, place, deformed, out = vector(remanence, WIDTH * (len(remanence) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
@@ -93,11 +93,10 @@ def add_effects(effects, step, dt, group, at, touched, particles, anchor, work):
     if has_narrow(effects):
         _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume)
     if has_contact(effects):
-        if touched:
-            _contacts(effects, step, dt, group, work, density, volume, anchor)
-        else:
-            for i in range(3):
-                store(anchor, 3 * WIDTH * group + WIDTH * i, load(x, WIDTH * i))
+        for i in range(3):
+            held[i] = chosen(touched, held[i], load(x, WIDTH * i))
+    if has_contact(effects) and touched:
+        _contacts(effects, step, dt, group, x, v, f, spare, density, volume, held)
 
 
 @compiled
@@ -119,9 +118,8 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
 
 
 @compiled
-def _contacts(effects, step, dt, group, work, density, volume, anchor):
-    """Add contact to the loads of a group in work (GroupRoom), particle by particle."""
-    _, _, _, x, v, f, force = work
+def _contacts(effects, step, dt, group, x, v, f, force, density, volume, held):
+    """Add contact to the loads of a group in work (GroupRoom), particle by particle; held: a view of the group's anchors."""
     for lane in range(WIDTH):
         V = volume[WIDTH * group + lane]
         if V != 0.0:  # a lane with a particle
@@ -129,7 +127,7 @@ def _contacts(effects, step, dt, group, work, density, volume, anchor):
                 force[WIDTH * i + lane] = 0.0
             place, one = single(x, lane), single(force, lane)
             add_contact(effects, step, place, single(v, lane), density[WIDTH * group + lane] * V, dt, one)
-            hold(place, single(anchor, 3 * WIDTH * group + lane), one)
+            hold(place, lane_of(held, lane), one)
             per_volume = 1.0 / V
             for i in range(3):
                 f[WIDTH * i + lane] += per_volume * force[WIDTH * i + lane]

@@ -29,7 +29,7 @@ from magmpm.compiled.simd import (
     sums,
     total,
 )
-from magmpm.compiled.simd_views import row
+from magmpm.compiled.simd_views import row, vector
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import clear, see, stops
@@ -263,7 +263,7 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
                 gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
             elif touched:
                 gather_value(state.v, node, along_x, along_y, splines, pattern, rate)
-            add_effects(effects, step, dt, group, at, touched, particles, state.anchor, work)
+            add_effects(effects, step, dt, group, at, touched, particles, vector(state.anchor, 24 * group), work)
         V = load(particles.volume, 8 * group)
         for i in range(9):
             store(P, 8 * i, load(P, 8 * i) * V)

@@ -216,7 +216,8 @@ def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Check
     if other is not None:
         found.done.append(name)
         if (apart := _apart(scene, result, other)) > bound:
-            told = any(warning.startswith("energy: ") for warning in result.warnings)  # that the grid damps it, more at shorter steps
+            warnings = [*result.warnings, *other.warnings]
+            told = any(warning.startswith("energy: ") for warning in warnings)  # that the grid damps it, more at shorter steps
             where = found.branches if told else found.wrong
             where.append(f"{name}: {apart:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L")
 

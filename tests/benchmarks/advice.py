@@ -16,14 +16,12 @@ import json
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
+from effect_cost import measured
 
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
@@ -33,14 +31,13 @@ from magmpm.results.trajectory import Motion
 from magmpm.rod.advice import allowed_error, variants
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import missed_effects, run
-from studies.effects_costs import _records, counted
+from studies.effects_costs import counted
 from studies.effects_table import survey
 
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")
 FRAMES = 25
 WARNED = ("five_segments", "three_segments_3d", "pulled_by_magnet", "pulled_by_map", "fed_into_vessel", "gallery/catheter_swing")
-REPEATS, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
 
 
 def drawn(number: int) -> Scene:
@@ -152,26 +149,11 @@ def report() -> None:
 def costs() -> None:
     """Counted costs of a step beside those measured by short runs in pairs on one thread, of a catheter in motion."""
     scene = drawn(2)
-    found, model = counted(scene), build(scene)
-    bare = TotalMotion(replace(model, effects=()))
-    numba.set_num_threads(1)
-    for key, guess in found.items():
+    for key, guess in counted(scene).items():
         try:
-            records = _records(scene, key)
-            motion = TotalMotion(replace(model, effects=records))
-            motion.advance(1, STILL, records)
-            bare.advance(1, STILL, ())
+            print(f"{key:22} counted {guess:6.1f} %  measured {measured(scene, key):6.1f} %")
         except MagmpmError:
             continue
-        steps = int(np.clip(PART / _seconds(bare, 1, ()), 2, 1000))
-        pairs = [_seconds(motion, steps, records) / _seconds(bare, steps, ()) for _ in range(REPEATS)]
-        print(f"{key:22} counted {guess:6.1f} %  measured {100 * (float(np.median(pairs)) - 1):6.1f} %")
-
-
-def _seconds(motion: TotalMotion, steps: int, records: Any) -> float:
-    begun = time.thread_time()
-    motion.advance(steps, STILL, records)
-    return time.thread_time() - begun
 
 
 def warnings() -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numba
 import resident
+from effect_cost import measured
 
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import begin
@@ -173,15 +174,15 @@ def mechanism_percent() -> float:
 
 
 def effect_costs() -> dict[str, float]:
-    """Time that each effect alone adds to a step, in percent (total formulation), as `magmpm effects` prints it.
+    """Time that each effect alone adds to a step, in percent (total formulation), measured.
 
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
     and in a tube narrower than the body, so that its whole surface is in contact.
     """
-    from studies.effects_table import costs
+    from studies.effects_costs import counted
 
     lying = scene("total")
-    found = costs(lying)
+    found = {key: measured(lying, key) for key in counted(lying)}
     radius = lying.thickness / 2
     touching = {
         "ground": {"point": [0.0, 0.0, -0.4 * radius]},
@@ -192,7 +193,7 @@ def effect_costs() -> dict[str, float]:
         share = touching_share(touches, effect)
         if not share > 0.0:
             raise RuntimeError(f"the benchmark's body does not touch its {effect}")
-        found[f"{effect}, {100 * share:.0f} % touching"] = costs(touches, only=effect)[effect]
+        found[f"{effect}, {100 * share:.0f} % touching"] = measured(touches, effect)
     return found
 
 

@@ -1,84 +1,17 @@
-"""Broken scene files: a good scene, and for each case one edit that breaks it, with the required message.
+"""Broken scene files, a case a line: what is edited, and what the message must say.
 
-`CASES` is data, so that `load_scene` and the command are tested with the same files. `write(case, folder)` writes
-the file; `expected(case, path)` lists the phrases that its message must contain.
+`CASES` is data, so that `load_scene` and the command are tested with the same files (bad_scene.write, bad_scene.expected).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from bad_scene import BadScene, edit, effect, field, motion, whole
 
 # ruff: noqa: E501  (a case a line reads best)
 # fmt: off
 
-GOOD = """\
-name: probe
-materials:
-  magnetic silicone:
-    model: neo-hookean
-    shear_modulus: 120 kPa
-    bulk_to_shear: 20
-    density: 1882 kg/m^3
-    remanence: 138 mT
-  plain silicone: {shear_modulus: 60 kPa, bulk_to_shear: 20, density: 1070 kg/m^3}
-body:
-  catheter:
-    length: 40 mm
-    diameter: 4 mm
-    inner_diameter: 1 mm
-    material: magnetic silicone
-    clamp: base
-    segments:
-      - {magnetization: [1, 0, 0], length: 15 mm}
-      - {material: plain silicone, length: 5 mm}
-      - magnetization: {azimuth: 30 deg, elevation: 10 deg}
-field:
-  uniform: [0 mT, 6 mT, 8 mT]
-effects:
-  magnetic_torque: {}
-  gravity: {}
-solver:
-  static: {tolerance: 1e-9, max_steps: 60}
-resolution: {cells_across: 4, particles_per_cell: 2}
-"""
-
 DAMAGE = ("", " ", "\t", "\n", ":", "-", "[", "]", "{", "}", "'", '"', "#", "&a", "*a")  # what a file is damaged with, to see what is said
 TABLE = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,38,0,9\n"
-
-
-@dataclass(frozen=True)
-class BadScene:
-    """One way to get a scene file wrong.
-
-    name: identifies the case; edits: (old, new) replacements in GOOD, each of which must apply exactly once; content:
-    the whole file instead, None for no file, "folder" for a folder; key: the key path in the message; received: the
-    value in the message; says: phrases of rule and remedy; later: the error is NotThereYet; line: the reported line, by
-    default that of the first edit; table: content of shape.csv beside the scene.
-    """
-
-    name: str
-    edits: tuple[tuple[str, str], ...] = ()
-    key: str = ""
-    received: str = ""
-    says: tuple[str, ...] = ()
-    content: bytes | None = b""
-    folder: bool = False
-    later: bool = False
-    line: int | None = None
-    table: str | None = None
-
-
-def edit(name: str, old: str, new: str, key: str, received: str, *says: str, **more: object) -> BadScene:
-    """A case that replaces one piece of text of GOOD."""
-    return BadScene(name, ((old, new),), key, received, says, **more)  # type: ignore[arg-type]
-
-
-def whole(name: str, content: bytes | None, *says: str, **more: object) -> BadScene:
-    """A case that replaces the whole file."""
-    return BadScene(name, says=says, content=content, **more)  # type: ignore[arg-type]
-
-
 CATHETER = "body.catheter"
 MAGNETIC = 'materials."magnetic silicone"'
 SEGMENT = "body.catheter.segments[0]"
@@ -282,15 +215,8 @@ REFERENCES = [
          "belongs to this catheter", table=TABLE.replace("40,38", "50,38")),
 ]
 
-GRAVITY = "  gravity: {}\n"  # where the cases below insert effects of motion
 GROUND = "point: [0 mm, 0 mm, -2 mm]"
 TUBE = "radius: 5 mm, path: [[-10 mm, 0 mm, 0 mm], [60 mm, 0 mm, 0 mm]]"
-
-
-def effect(name: str, settings: str, key: str, received: str, *says: str, **more: object) -> BadScene:
-    """A case that names an effect of motion, with settings on its line."""
-    return edit(name, GRAVITY, f"  {settings}\n", f"effects.{key}", received, *says, **more)
-
 
 SURROUNDINGS = [
     *(
@@ -354,16 +280,6 @@ RESOLUTION = [
 DIPOLE = "dipole: {position: [60 mm, 0 mm, 0 mm], moment: [0 A*m^2, 0 A*m^2, 0.5 A*m^2]}"
 MAGNET = "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [70 mm, 0 mm, 0 mm], remanence: 1.3 T}"
 MAP = "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n" + "".join(f"{x},{y},{z},1,2,3\n" for x in range(4) for y in range(4) for z in range(4))
-
-
-def field(name: str, settings: str, key: str, received: str, *says: str, force: bool = True, **more: object) -> BadScene:
-    """A scene in this field, by default with magnetic_force."""
-    edits = [("  uniform: [0 mT, 6 mT, 8 mT]\n", "".join(f"  {line}\n" for line in settings.splitlines()))]
-    if force:
-        edits.append(("  gravity: {}", "  gravity: {}\n  magnetic_force: {}"))
-    line = 22 if "\n" not in settings else 23  # the error is last
-    return BadScene(name, tuple(edits), key, received, says, **{"line": line, **more})  # type: ignore[arg-type]
-
 
 FIELDS = [
     field("dipole without moment", "dipole: {position: [60 mm, 0 mm, 0 mm]}", "field.dipole.moment", "nothing", "is required"),
@@ -435,12 +351,6 @@ FIELDS = [
           table=MAP.replace("Bx_mT", "Bx_kA/m")),
 ]
 
-
-def motion(name: str, settings: str, key: str, received: str, *says: str) -> BadScene:
-    """A scene whose dynamic solver has these settings."""
-    return edit(name, "  static: {tolerance: 1e-9, max_steps: 60}", f"  dynamic: {{{settings}}}", f"solver.dynamic.{key}", received, *says)
-
-
 MOTION = [
     motion("motion without end", "output_every: 5 ms", "duration", "nothing", "this key is required", "0.5 s"),
     motion("motion of no unit", "duration: 0.5", "duration", "0.5", "a time needs a unit"),
@@ -459,43 +369,3 @@ MOTION = [
 
 # fmt: on
 CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *RESOLUTION]
-
-
-def text_of(case: BadScene) -> str:
-    """GOOD with the case's edits."""
-    text = GOOD
-    for old, new in case.edits:
-        if text.count(old) != 1:
-            raise ValueError(f"{case.name}: {old!r} stands {text.count(old)} times in the good scene")
-        text = text.replace(old, new)
-    return text
-
-
-def write(case: BadScene, folder: Path) -> Path:
-    """Writes the broken scene in the folder; returns the path for `load_scene` or `magmpm run`."""
-    path = folder / "probe.yaml"
-    if case.table is not None:
-        (folder / "shape.csv").write_text(case.table)
-    if case.folder:
-        path.mkdir()
-    elif case.edits:
-        path.write_text(text_of(case))
-    elif case.content is not None:
-        path.write_bytes(case.content)
-    return path
-
-
-def expected(case: BadScene, path: Path) -> list[str]:
-    """Phrases that the message must contain: file and line, key path, received value, rule and remedy."""
-    phrases = [str(path), *case.says]
-    if case.edits:
-        line = case.line or 1 + GOOD[: GOOD.index(case.edits[0][0])].count("\n") + _lines_kept(*case.edits[0])
-        place = f"{path}:{line}: {case.key}: " if case.key else f"{path}:{line}: "
-        phrases.append(f"{place}received {case.received}")
-    return phrases
-
-
-def _lines_kept(old: str, new: str) -> int:
-    """Number of line breaks at the start of an edit, before the changed text."""
-    same = next((n for n, (a, b) in enumerate(zip(old, new)) if a != b), min(len(old), len(new)))
-    return new[:same].count("\n")

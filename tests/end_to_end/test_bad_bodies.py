@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bad_scenes import BadScene
+from bad_scene import BadScene
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import Mesh, write_stl

@@ -6,7 +6,8 @@ import random
 from pathlib import Path
 
 import pytest
-from bad_scenes import CASES, DAMAGE, GOOD, BadScene, expected, write
+from bad_scene import GOOD, BadScene, expected, write
+from bad_scenes import CASES, DAMAGE
 
 from magmpm.errors import InputError, NotThereYet
 from magmpm.scene import load_scene

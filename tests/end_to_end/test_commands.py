@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import bad_scene
 import bad_scenes
 import numpy as np
 import pytest
@@ -174,11 +175,11 @@ def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.Ca
     for number, case in enumerate(bad_scenes.CASES):
         here = tmp_path / str(number)
         here.mkdir()
-        path = bad_scenes.write(case, here)
+        path = bad_scene.write(case, here)
         assert main(["run", str(path), "--json", "--out", str(here / "out")]) == 2, case
         captured = capsys.readouterr()
         assert captured.out == ""
-        for phrase in bad_scenes.expected(case, path):
+        for phrase in bad_scene.expected(case, path):
             assert phrase in captured.err, case
         assert not (here / "out").exists()
 

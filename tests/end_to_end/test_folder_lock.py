@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 from reference.folders import holding
+from swing import environment, scene
 from test_commands import SCENE, STUDY
-from test_motion_runs import environment, scene
 
 from magmpm.cli import main
 from magmpm.results import folder_lock as lock

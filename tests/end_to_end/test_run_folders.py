@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from swing import SCENE as SWING
+from swing import environment
 from test_commands import SCENE, STUDY
 from test_import import robot_file
-from test_motion_runs import SCENE as SWING
-from test_motion_runs import environment
 
 from magmpm.cli import main
 from magmpm.dynamics.time_loop import begin

@@ -26,7 +26,7 @@ for folder in ("", "studies", "workers", "end_to_end"):
     sys.path.insert(0, str(TESTS / folder))
 
 from rod_solve import STUDY, write_study  # noqa: E402
-from test_motion_runs import scene as motion_scene  # noqa: E402
+from swing import scene as motion_scene  # noqa: E402
 
 from magmpm.results.file_names import CHECKPOINT  # noqa: E402
 from magmpm.results.trajectory import Motion  # noqa: E402
