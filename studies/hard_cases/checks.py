@@ -181,7 +181,7 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
 
 
 def _off_by_cells(scene: Scene, result: Result) -> float:
-    """By how much cells may be off, over L: their stiffness, 2 % at two cells and in proportion to the cells' area, moves a soft equilibrium
+    """By how much cells may be off, over L: their stiffness, 2 % at two cells and in proportion to the cells' area, moves a soft body
     by that share over its stability."""
     moved = float(np.linalg.norm(result.particle_position - result.particle_reference, axis=1).max()) / scene.length
     return STIFFNESS * (2 / scene.resolution.cells_across) ** 2 * moved / max(result.stability or 0.0, BRINK)
