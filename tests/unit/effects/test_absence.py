@@ -121,7 +121,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
 
 @pytest.mark.slow
 def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The ground adds 8 places where Numba counts a reference, to 105. It once added 114, in the loop over particles, and half of a step."""
+    """The ground adds 8 places where Numba counts a reference, to 105. It added 114 once, and half of a step."""
     seen: list[tuple[Any, ...]] = []
 
     def advance(*given: Any) -> int:
