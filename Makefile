@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -63,7 +63,12 @@ lint: $(VENV)/.ready-test
 test: lint
 	$(BIN)/python -m pytest -m "not slow" $(WORKERS)
 
-test-long: lint
+# Names and calls of benchmarks, which no test runs.
+lint-benchmarks: $(VENV)/.ready-test
+	MYPYPATH=tests:tests/benchmarks $(BIN)/mypy --explicit-package-bases --allow-untyped-defs \
+	  --disable-error-code union-attr --disable-error-code var-annotated --disable-error-code arg-type tests/benchmarks
+
+test-long: lint lint-benchmarks
 	$(BIN)/python -m pytest $(WORKERS)
 
 # Studies by Optuna's GPSampler need torch, which no other test does: a second environment, with PyTorch's own wheels for CPUs (those of PyPI bring CUDA,

@@ -96,7 +96,7 @@ def rates_by_threads() -> dict[str, float]:
                     numba.set_num_threads(count)
                     rates[count].append(rate(*work))
         finally:
-            numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+            numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
         found |= {f"{formulation}, {count} thread{'s' * (count > 1)}": statistics.median(each) for count, each in rates.items()}
         ratios = [two / (2 * one) for one, two in zip(rates[1], rates[2], strict=True)]
         found[f"{formulation}, two over twice one"] = statistics.median(ratios)

@@ -43,7 +43,7 @@ MOVES = """async (count) => {
 
 def measured(count: int, shot: Path | None) -> dict[str, Any]:
     """Milliseconds and rates."""
-    from conftest import BROWSERS, FLAGS
+    from conftest import BROWSERS, FLAGS  # type: ignore[attr-defined]  # of tests/browser
     from playwright.sync_api import sync_playwright
 
     scene = ROOT / "data" / "scenes" / "five_segments.yaml"
