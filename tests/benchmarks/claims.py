@@ -293,12 +293,11 @@ def stability_quick() -> Figures:
 
 def _cases(slow: bool) -> Figures:
     from studies.hard_cases import CASES
+    from studies.hard_cases.parallel import outcomes
 
-    found: Figures = {}
-    for case in CASES:
-        if case.slow == slow:
-            measure = case.run().measure
-            found |= {case.name: measure, f"{case.name} in %": 100 * measure, f"{case.name} apart": -measure}
+    cases, found = [case for case in CASES if case.slow == slow], {}
+    for case, outcome in zip(cases, outcomes(cases), strict=True):
+        found |= {case.name: outcome.measure, f"{case.name} in %": 100 * outcome.measure, f"{case.name} apart": -outcome.measure}
     return found
 
 
