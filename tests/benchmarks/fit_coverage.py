@@ -1,6 +1,6 @@
 """`make bench-fit`: how often the intervals of `magmpm fit` hold the true constants, over synthetic measurements.
 
-    python tests/benchmarks/fit_coverage.py [FITS]
+    python tests/benchmarks/fit_coverage.py [FITS [FIRST]]     # FIRST: number of the first, so that a run can be made in parts
 
 Each fit has five tips with normal errors of 0.2 mm in each coordinate, of a body whose constants are drawn within 25 % of the scene's. Four
 kinds in turn: the shear modulus alone, or both shear modulus and remanence, of a body with weight; the noise given, or estimated. The
@@ -74,7 +74,7 @@ def _share(done: list[dict[str, Any]]) -> float:
     return float(np.mean(held))
 
 
-def main(fits: str = "1000") -> int:
+def main(fits: str = "1000", first: str = "0") -> int:
     """Print the table, and write runs/bench/fit.json."""
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -82,7 +82,7 @@ def main(fits: str = "1000") -> int:
     one(1)  # kernels
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         done = []
-        for each in pool.imap_unordered(one, range(int(fits)), chunksize=4):
+        for each in pool.imap_unordered(one, range(int(first), int(fits)), chunksize=4):
             done.append(each)
             if len(done) % 50 == 0:
                 spent = time.perf_counter() - begun
