@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from magmpm.errors import InputError, report
+from studies.storage_url import shown_url
 
 if TYPE_CHECKING:
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
 
 ARTIFACTS = "artifacts"
 S3 = "s3://"
+SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 
 
@@ -25,6 +27,9 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
     """The store that `place` names: a folder, s3://BUCKET, or None for the folder's own. Raises InputError."""
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
 
+    if place is not None and SCHEME.match(place) and not place.startswith(S3):
+        rule, remedy = "must be a folder, or s3://BUCKET", "--artifacts s3://my-study, or a folder that all machines see"
+        raise InputError(report("--artifacts", received=shown_url(place), rule=rule, remedy=remedy))
     if place is None or not place.startswith(S3):
         folder = out / ARTIFACTS if place is None else Path(place)
         try:

@@ -35,12 +35,37 @@ def storage_url(out: Path | None, url: str | None) -> str:
         from sqlalchemy.engine import make_url
 
         rule, file = "must be the URL of a database", f"sqlite:///{url}"
+        if re.search(r"[=@;\s]", url):  # another way to say it, such as libpq's, which may hold a password
+            remedy = f"write, say, sqlite:///{DATABASE} or postgresql://USER@HOST/DATABASE"
+            raise InputError(report("--storage", received="a text without ://, not shown for what it may hold", rule=rule, remedy=remedy))
         remedy = f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}"
         raise InputError(report("--storage", received=url or "nothing", rule=rule, remedy=remedy))
+    _refuse_plain_signs(url)
     for plain in ("postgresql://", "postgres://"):
         if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
             return "postgresql+psycopg://" + url.removeprefix(plain)
     return url
+
+
+def _refuse_plain_signs(url: str) -> None:
+    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and tell it."""
+    password = _IN_FRONT.match(url.partition("?")[0])
+    if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):
+        rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
+        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=remedy))
+
+
+def known_url(saved: str, option: str | None, environment: Mapping[str, str]) -> str | None:
+    """The storage of a saved study: by --storage, or as its report says, or by MAGMPM_STORAGE where that hides a password; None: unknown.
+
+    Raises InputError for a password on the command line, and for what is no URL.
+    """
+    given = given_url(option, {})
+    if given is None and HIDDEN in saved:
+        given = environment.get(VARIABLE) or None
+        if given is None:
+            return None
+    return saved if given is None else storage_url(None, given)
 
 
 def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:

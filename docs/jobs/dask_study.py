@@ -42,7 +42,7 @@ def main() -> int:
     client.close()
     if cluster is not None:
         cluster.close()
-    return min(statuses)
+    return 0 if 0 in statuses else max(abs(status) for status in statuses)
 
 
 if __name__ == "__main__":

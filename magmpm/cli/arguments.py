@@ -155,7 +155,7 @@ def _report(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     parser.add_argument("--quick", action="store_true", help="leave out what solves the best design again: tolerances and accuracy")
     parser.add_argument("--no-pdf", action="store_true", help="HTML only")
-    parser.add_argument("--storage", metavar="URL", help="database of the trials, where its URL has a password [the study's]")
+    parser.add_argument("--storage", metavar="URL", help="database of the trials [the study's; MAGMPM_STORAGE where that hides a password]")
     _common(parser, "the study's folder")
     return parser
 

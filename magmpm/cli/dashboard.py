@@ -29,19 +29,15 @@ class _Quiet(WSGIRequestHandler):
         return None
 
 
-def _url(saved: str, given: str | None) -> str:
-    """The storage of a study: as given, or as its report says; reports hide passwords. Raises InputError."""
-    from studies.storage_url import HIDDEN, VARIABLE, storage_url
+def _url(saved: str, option: str | None) -> str:
+    """The storage of a study. Raises InputError where its password is not known."""
+    from studies.storage_url import VARIABLE, known_url
 
-    if given is not None:
-        return storage_url(None, given)
-    known = os.environ.get(VARIABLE)
-    if HIDDEN in saved and known:
-        return storage_url(None, known)
-    if HIDDEN in saved:
+    url = known_url(saved, option, os.environ)
+    if url is None:
         rule, remedy = "the password is kept nowhere", f"put the whole URL into the environment variable {VARIABLE}"
         raise InputError(report(f"storage {saved}", rule=rule, remedy=remedy))
-    return saved
+    return url
 
 
 def command(options: argparse.Namespace) -> int:
@@ -68,10 +64,10 @@ def command(options: argparse.Namespace) -> int:
     from studies.dashboard_page import page
     from studies.dashboard_view import DashboardView, Notes
     from studies.storage import must_exist, open_storage
-    from studies.storage_url import given_url, shown_url
+    from studies.storage_url import shown_url
 
     saved = saved_report(folder)
-    url = _url(saved["storage"], given_url(options.storage, {}))
+    url = _url(saved["storage"], options.storage)
     must_exist(url, folder)
     storage, artifacts = open_storage(url), artifact_store(saved.get("artifacts"), folder)
     try:

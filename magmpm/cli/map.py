@@ -58,5 +58,5 @@ def _text(found: TipMap, files: list[Path]) -> str:
     from studies.tip_map import MARKS
 
     rows = [f"  {count:6d}  {mark:11} {MARKS[mark]}" for mark, count in found.counts().items() if count]
-    head = f"{found.scene.name}: the tip in {len(found.tip)} fields, in {found.seconds:.1f} s"
+    head = f"{found.scene.name}: the tip in {len(found.tip)} field{'s' * (len(found.tip) != 1)}, in {found.seconds:.1f} s"
     return "\n".join([head, *reversed(rows), *(f"saved {path}" for path in files)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -39,9 +40,12 @@ def command(options: argparse.Namespace) -> int:
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         rule = "a report lies beside the study it tells of, or in a folder without results"
         raise InputError(worded(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"))
+    from studies.storage_url import known_url
+
     report = saved_report(folder)
+    storage = known_url(report["storage"], options.storage, os.environ)
     with folder_lock(out):
-        made = write(folder, report, out, storage=options.storage, quick=options.quick, pdf=not options.no_pdf)
+        made = write(folder, report, out, storage=storage, quick=options.quick, pdf=not options.no_pdf)
     for note in made["notes"]:
         print(f"magmpm: note: {note}", file=sys.stderr)
     lines = [f"saved {made['html']}", *([f"saved {made['pdf']}"] if made["pdf"] else [])]

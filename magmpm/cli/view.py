@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from magmpm.cli.answers import results_folder
 from magmpm.errors import InputError, report
 from magmpm.inputs.yaml_document import of_file, read_yaml
+from magmpm.results.folder_lock import refuse_unwritable
 from magmpm.scene import Scene, load_scene
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def command(options: argparse.Namespace) -> int:
     if options.port is not None and not 0 <= options.port < 65536:
         raise InputError(report("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one"))
     folder = options.out or results_folder(scene.name)
+    refuse_unwritable(folder)
     if scene.in_time:
         from magmpm.cli.view_motion import MotionView
 

@@ -46,18 +46,23 @@ class Line:
 
     place: str
     text: str
+    separator: str = ","
 
     @property
     def cells(self) -> list[str]:
-        return [cell.strip() for cell in self.text.split(",")]
+        return [cell.strip() for cell in self.text.split(self.separator)]
 
     def numbers(self, count: int) -> list[float]:
         """The numbers of the cells, finite or not; none unless there are `count` of them."""
         try:
-            row = [float(cell) for cell in self.cells]
+            row = [self.number(cell) for cell in self.cells]
         except ValueError:
             return []
         return row if len(row) == count else []
+
+    def number(self, cell: str) -> float:
+        """A cell's number; where commas do not separate cells, they are decimal points. Raises ValueError."""
+        return float(cell if self.separator == "," else cell.replace(",", "."))
 
     def error(self, rule: str, remedy: str, received: str | None = None) -> TableError:
         """What to raise where the line, or what was received in it, breaks a rule."""
@@ -67,6 +72,7 @@ class Line:
 def table_lines(path: Path, start: str) -> Iterator[Line]:
     """Lines of a table from its header on, without blank lines and those that begin with #; `start` says how a table begins, for messages.
 
+    Cells are separated by what the header separates its names by: commas, or, as spreadsheets write them, semicolons or tabs.
     Raises TableError where the file can't be read.
     """
     rule, remedy = "the table must be a readable text file", "check the path and its permissions"
@@ -81,9 +87,11 @@ def table_lines(path: Path, start: str) -> Iterator[Line]:
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     else:
+        separator = ""
         for number, text in enumerate(lines, start=1):
             if text.strip() and not text.lstrip().startswith("#"):
-                yield Line(f"{path}:{number}", text)
+                separator = separator or next((one for one in (",", ";", "\t") if one in text), ",")
+                yield Line(f"{path}:{number}", text, separator)
         return
     raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)
 

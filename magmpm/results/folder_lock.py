@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import IO
 
 from magmpm.errors import InputError, report
@@ -62,6 +63,19 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
             del _held[key]
             with suppress(OSError):
                 (folder / LOCK).unlink()
+
+
+def refuse_unwritable(folder: Path) -> None:
+    """Raises InputError where a folder of results can't be made or written to; leaves none behind."""
+    there = folder.is_dir()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    if not there:
+        folder.rmdir()
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:

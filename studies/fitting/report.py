@@ -72,7 +72,7 @@ def text(found: Fit) -> str:
     angles = "" if found.sigma_rad is None else f" and {math.degrees(found.sigma_rad):.3g} deg"
     lines += [
         f"  residuals        rms {1e3 * found.rms_m:.3g} mm; noise {of_each} mm{angles} a number ({found.noise}), "
-        f"{found.degrees} degrees of freedom",
+        f"{found.degrees} degree{'s' * (found.degrees != 1)} of freedom",
         f"  intervals        {_method(found)}",
         f"  solves           {found.solves} in {found.seconds:.1f} s",
     ]

@@ -31,6 +31,7 @@ __all__ = ["Fit", "Fitted", "Refused", "fit"]
 
 FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
 UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
+FAR = 10.0  # a constant this many times the scene's, or its inverse, is told: a unit may be wrong
 ODD = 3.5  # standard errors: residuals beyond are named
 UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
 STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin at a fourth and four times the scene's
@@ -138,7 +139,7 @@ def fit(
     search.ratios = ratios
     best, sigmas, others = search.best(thorough and not scene.in_time)
     degrees = len(prediction.labels) - len(constants) + sum(c.known is not None for c in constants)
-    sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, prediction.labels)
+    sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, prediction.labels, FLOOR * scene.length)
     model = search.whitened(sigmas)
     best = search.weighed(best, sigmas)
     raw = best.residuals[: len(prediction.labels)] * sigmas.of(prediction.labels)
@@ -149,7 +150,7 @@ def fit(
     shift = search.on_finer_grid(best, sigmas, covariance) if thorough and not scene.in_time else None
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
-    warnings += _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
+    warnings += _of_values(found) + _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
     warnings += _of_their_sizes(raw / sigmas.of(prediction.labels), prediction.labels, measured)
     if not best.converged:
         warnings.append(f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file")
@@ -197,7 +198,8 @@ def _check_counts(measured: Measured, constants: Sequence[Constant], noise: floa
         raise Refused(measured.named, received=f"{measured.numbers}", rule=rule, remedy="measure more, or --vary fewer")
     if measured.numbers == unknown and noise is None:
         rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
-        raise InputError(report(measured.named, received=f"{measured.numbers} numbers", rule=rule, remedy='say it: --noise "0.2 mm"'))
+        received = f"{measured.numbers} number{'s' * (measured.numbers != 1)}"
+        raise InputError(report(measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"'))
 
 
 class _Search:
@@ -300,15 +302,18 @@ class _Search:
         return np.asarray(-covariance @ (best.slopes[:n].T @ moved))
 
 
-def _scatter(best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: Sequence[Label]) -> tuple[_Noise, float, str, list[str]]:
-    """Standard deviations to go by, the quantile for intervals, where they are from, and what is to be said."""
+def _scatter(
+    best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: Sequence[Label], least: float
+) -> tuple[_Noise, float, str, list[str]]:
+    """Standard deviations to go by, of lengths `least` (m) at the least, the quantile for intervals, where they are from, and what is to be
+    said."""
     from scipy.special import chdtrc, ndtri, stdtrit  # what scipy.stats calls, without its half second
 
     tail = 0.5 + level / 2
     if not sigmas.given:
         factor = float(np.sqrt(best.cost / max(degrees, 1)))
         mixed = any(label.angle for label in labels)
-        length = sigmas.length if mixed else max(sigmas.length * factor, 0.0)
+        length = sigmas.length if mixed else max(sigmas.length * factor, least)
         return replace(sigmas, length=length), float(stdtrit(degrees, tail)), "residuals", []
     if degrees > 0 and chdtrc(degrees, best.cost) < UNLIKELY:
         factor = float(np.sqrt(best.cost / degrees))
@@ -319,6 +324,16 @@ def _scatter(best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: 
         wider = replace(sigmas, length=sigmas.length * factor, angle=sigmas.angle * factor)
         return wider, float(stdtrit(degrees, tail)), "given, enlarged", [says]
     return sigmas, float(ndtri(tail)), "given", []
+
+
+def _of_values(found: Sequence[Fitted]) -> list[str]:
+    """Constants that are so far from the scene's that a unit may be wrong. Angles are not."""
+    says = []
+    for one in found:
+        ratio = one.value / given if (given := one.constant.value(0.0)) else 1.0
+        if not 1 / FAR < ratio < FAR:
+            says.append(f"{one.constant.name} is {ratio:.2g} times the scene's: check the units of the table's columns, and the scene's")
+    return says
 
 
 def _fitted(constant: Constant, k: int, best: Minimum, covariance: Array, interval: Interval, shift: Array | None) -> Fitted:

@@ -264,7 +264,7 @@ def _row(line: Line, columns: list[_Column], named: set[str], kind: str, scene: 
 def _number(line: Line, column: _Column, text: str) -> float:
     """A cell's number in SI. Raises TableError."""
     try:
-        value = float(text) * column.factor if "_" not in text else math.nan
+        value = line.number(text) * column.factor if "_" not in text else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -56,6 +56,17 @@ def test_units_and_columns(tmp_path: Path) -> None:
     assert found.states[0].lines.tolist() == [3, 4]
 
 
+@pytest.mark.parametrize(("separator", "point"), [(";", "."), (";", ","), ("\t", "."), ("\t", ",")])
+def test_spreadsheets_separate_by_semicolons_and_tabs(tmp_path: Path, separator: str, point: str) -> None:
+    """With decimal commas too, as in most of Europe: the same numbers."""
+    text = "field_z_mT,tip_x_mm,tip_z_mm\n2.5,38.25,-4.125\n4,,9\n"
+    usual = read_measured(table(tmp_path, text), SCENE)
+    other = read_measured(table(tmp_path, text.replace(",", separator).replace(".", point)), SCENE)
+    for one, same in zip(usual.states, other.states, strict=True):
+        assert one.field == same.field
+        np.testing.assert_array_equal(one.points, same.points)
+
+
 WRONG = [
     ("tip_x\n1\n", "measured.csv:1", 'add the unit: "tip_x_mm"'),
     ("tip_x_mn\n1\n", 'the column "tip_x_mn"', 'did you mean "tip_x_mm"'),
@@ -115,6 +126,32 @@ def test_constants_of_exact_tips_are_found(tmp_path: Path) -> None:
     found = fit(read_measured(tips(tmp_path), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
     assert found.constants[0].value == pytest.approx(100e3, rel=1e-4)
     assert found.rms_m < 1e-6 * SCENE.length
+
+
+def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:
+    """Residuals of zero, as of a table that the scene itself made: readings are not taken as more exact than 1e-6 of the length."""
+    measured = read_measured(tips(tmp_path, modulus=SCENE.materials[MATERIAL].shear_modulus), SCENE)
+    found = fit(measured, SCENE, vary=["shear_modulus"], thorough=False)
+    one = found.constants[0]
+    assert one.low is not None
+    assert one.high is not None
+    assert one.low < one.value < one.high < 1.001 * one.low
+    assert found.sigma_m == 1e-6 * SCENE.length
+    assert found.warnings == ()
+
+
+def test_what_no_constant_moves_is_refused_without_an_error_of_measurement_too(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match="move no measured number"):
+        fit(read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n0,0\n0,0\n0,0\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
+
+
+def test_a_constant_far_from_the_scenes_is_told(tmp_path: Path) -> None:
+    """The field's unit mistaken by 20: so is the modulus."""
+    path = tips(tmp_path, noise=1e-5)
+    head, *rows = path.read_text().splitlines()
+    wrong = [f"{20 * float(row.split(',')[0])},{row.partition(',')[2]}" for row in rows]
+    found = fit(read_measured(table(tmp_path, "\n".join([head, *wrong]) + "\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
+    assert any("times the scene's: check the units" in said for said in found.warnings)
 
 
 def three_tables(folder: Path, modulus: float, noises: tuple[float, float, float], seed: int = 3) -> list[Path]:

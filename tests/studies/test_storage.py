@@ -26,10 +26,12 @@ from test_resume import trials_of
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import FolderInUse
 from magmpm.scene import Scene
+from studies.artifact_stores import artifact_store
 from studies.definition import load_study
 from studies.engine import run_study
 from studies.report import StudyReport
-from studies.storage import StorageError, shown_url
+from studies.storage import StorageError
+from studies.storage_url import known_url, shown_url
 from studies.workers.sessions import STALE
 
 LOCKER = """\
@@ -131,6 +133,9 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
         ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
         ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
         (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
+        ("postgresql://me:se@cret@host/db", InputError, ("--storage: received postgresql://me:***@host/db", "write %40 for @")),
+        ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
+        ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
         ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
     ],
 )
@@ -140,6 +145,7 @@ def test_unusable_storage_is_said_before_any_trial(
     with pytest.raises(kind) as caught:
         run(tmp_path, storage=url)
     assert all(phrase in str(caught.value) for phrase in says), str(caught.value)
+    assert "cret" not in str(caught.value)
 
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"])
@@ -236,6 +242,25 @@ def test_a_database_without_room_keeps_the_trials(tmp_path: Path, monkeypatch: p
 def test_passwords_are_not_shown() -> None:
     assert shown_url("postgresql://me:secret@host/db") == "postgresql://me:***@host/db"
     assert shown_url("sqlite:////a/study.db") == "sqlite:////a/study.db"
+
+
+def test_the_storage_of_a_saved_study() -> None:
+    """As saved; with its password hidden, the variable's; never a password from the command line."""
+    hidden, whole = "postgresql://me:***@host/db", "postgresql+psycopg://me:secret@host/db"
+    assert known_url("sqlite:////a/study.db", None, {"MAGMPM_STORAGE": whole}) == "sqlite:////a/study.db"
+    assert known_url(hidden, None, {"MAGMPM_STORAGE": whole}) == whole
+    assert known_url(hidden, None, {}) is None
+    assert known_url(hidden, "sqlite:////b.db", {"MAGMPM_STORAGE": whole}) == "sqlite:////b.db"
+    with pytest.raises(InputError, match="everybody on this machine can read a command line"):
+        known_url(hidden, whole, {})
+
+
+def test_a_place_for_pictures_that_is_no_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for place in ("ftp://x", "gs://bucket", "S3://bucket"):
+        with pytest.raises(InputError, match="must be a folder, or s3://BUCKET"):
+            artifact_store(place, tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_database_holds_the_trials_and_the_folder_the_rest(tmp_path: Path) -> None:
