@@ -23,6 +23,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import hooks
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import Effect, Records
+from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import pairs
 from magmpm.errors import MagmpmError
 from magmpm.inputs.settings import validate
@@ -146,6 +147,8 @@ def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
         return 0
     Counted.done = 0
     plain(function)(_record(records), data, *arguments)
+    if hook == "contact":  # and the friction that goes with it
+        plain(hold)(arguments[0], 0.0 * arguments[0], arguments[-1])
     return Counted.done
 
 
@@ -221,7 +224,7 @@ def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
     if hook == "node":
         return x, _numbers(np.zeros(3)), _numbers(np.zeros(3)), 1e-5
     if hook == "contact":
-        return x, _numbers(np.full(3, 1e-3)), Counted(1e-9), 1e-5, _numbers(np.zeros(3))
+        return x, _numbers(np.full(3, 1e-3)), Counted(1e-9), 1e-5, _numbers(np.zeros(PARTS))
     if hook == "energy":
         return magnet, rho, x, F
     raise ValueError(f"no arguments for {hook}")

@@ -20,6 +20,8 @@ USUAL = 0.01  # of the length: the error meant where a scene asks for none
 APART = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 TOUCHES = 20  # moments at which a body is looked at for touching itself
 FINE = 4  # points between two stations, where a body may touch itself
+REACH = 2.5  # lengths: two shapes of a held body that does not stretch are at most 2 apart
+WITHIN = ("magnetic_interaction", "viscosity", "self_contact")  # what a body does to itself does not move its center, held or not
 MUTUAL = 0.6  # of a shift by the segments' field on each other, in large blocks: its uncertainty
 Word = Literal["keep", "drop", "add", "irrelevant"]
 
@@ -94,6 +96,9 @@ def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment
         return unknown(key, named, trouble.reason)
     except MagmpmError as trouble:
         return unknown(key, named, reason(trouble))
+    held = scene.body.shape.clamp != "none" or key in WITHIN
+    if held and not moved.value < REACH * scene.length:
+        return unknown(key, named, "the rod's answer flies apart")
     return verdict(scene, key, moved, error)
 
 

@@ -72,6 +72,8 @@ def _section(shape: StraightBody, across: int) -> tuple[Array, Array, float]:
     width = 2 * np.abs(yz).max(axis=0)
     number = np.zeros(len(yz), int)
     for axis in range(2):
+        if width[axis] == 0.0:  # one plane of particles, as in plane strain
+            continue
         pieces = max(1, round(across * width[axis] / width.max()))
         number = number * pieces + np.clip(((yz[:, axis] / width[axis] + 0.5) * pieces).astype(int), 0, pieces - 1)
     _, which = np.unique(number, return_inverse=True)

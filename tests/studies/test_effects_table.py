@@ -251,3 +251,10 @@ effects:
   damping: {rate: 60 1/s}
   walls: {tube: {radius: 5 mm, path: [[480 mm, 0 mm, 0 mm], [560 mm, 0 mm, 0 mm]]}}
 """
+
+
+def test_contact_that_touches_is_counted_with_its_friction() -> None:
+    """A ground through the body: half of its particles touch, and cost more than where none does."""
+    body = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
+    costs = [counted(having(moving_scene(body, {}), ground={"point": ["0 mm", "0 mm", z]}))["ground"] for z in ("-1 m", "0 mm")]
+    assert costs[1] > 5 * costs[0]

@@ -19,10 +19,11 @@ SWING = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segme
 
 
 @pytest.mark.parametrize(("lost", "told"), [(0.4, False), (0.6, True)])
-def test_a_loss_of_more_than_a_tenth_is_told(lost: float, told: bool) -> None:
-    """Of 5 J; the same after a checkpoint."""
+@pytest.mark.parametrize("load", [{"kinetic": 5.0, "elastic": 5.0}, {"kinetic": 1.0, "elastic": 19.0}])
+def test_a_loss_of_more_than_a_tenth_of_what_swings_is_told(load: dict[str, float], lost: float, told: bool) -> None:
+    """Of 5 J: all the energy of motion, or a quarter of what a load that is put on at once stores at most. The same after a checkpoint."""
     counted = LostEnergy(lost, lost)
-    counted.see({"kinetic": 2.0, "elastic": 3.0, "gravity": -5.0})
+    counted.see({**load, "gravity": -10.0})
     counted = LostEnergy.restored(counted.state())
     counted.see({"kinetic": 1.0, "elastic": 2.0, "gravity": -3.5})
     assert bool(counted.warnings()) is told

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from pathlib import Path
+
 import pytest
 from reference.scenes import rod_scene
 
@@ -9,6 +12,7 @@ from magmpm.rod import advice
 from magmpm.rod.advice import allowed_error, judge, worth_naming
 from magmpm.rod.cosserat import solve_rod
 from magmpm.rod.shifts import RodAnswers
+from magmpm.scene import load_scene
 
 FIELD, DOWN = (0.0, 0.0, 2e-3), (0.0, 0.0, -9.81)
 
@@ -32,3 +36,13 @@ def test_an_effect_that_rods_do_not_have_is_not_judged(monkeypatch: pytest.Monke
     found = judge(scene, "gravity", RodAnswers(scene), allowed_error(scene))
     assert (found.shift, found.uncertainty, found.advice) == (None, None, "keep")
     assert "not estimated" in found.why
+
+
+def test_a_section_of_one_plane_is_a_section() -> None:
+    """In plane strain all particles have one y: nothing is divided by that width, and the shift is not absurd."""
+    scene = load_scene(Path(__file__).parents[3] / "data/scenes/gallery/folding_strip.yaml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        told = judge(scene, "magnetic_interaction", RodAnswers(scene, quick=True), allowed_error(scene))
+    assert told.shift is None
+    assert told.why == "not estimated: the rod's answer flies apart"
