@@ -126,7 +126,7 @@ def climb(
         order_reference=_order(rungs, "error_reference"),
         beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
-        asymptotic=None if len(falling) < 2 else falling == sorted(falling, reverse=True),
+        asymptotic=None if len(falling) < 3 else falling == sorted(falling, reverse=True),
         conclusions=_conclusions(rungs, others),
     )
 

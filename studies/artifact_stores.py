@@ -23,13 +23,20 @@ SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 
 
+def whole_place(place: str) -> str:
+    """The place of pictures from wherever it is looked for: an absolute path, or s3://BUCKET. Raises InputError for other addresses."""
+    if SCHEME.match(place) and not place.startswith(S3):
+        rule, remedy = "must be a folder, or s3://BUCKET", "--artifacts s3://my-study, or a folder that all machines see"
+        raise InputError(report("--artifacts", received=shown_url(place), rule=rule, remedy=remedy))
+    return place if place.startswith(S3) else str(Path(place).resolve())
+
+
 def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Boto3ArtifactStore:
     """The store that `place` names: a folder, s3://BUCKET, or None for the folder's own. Raises InputError."""
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
 
-    if place is not None and SCHEME.match(place) and not place.startswith(S3):
-        rule, remedy = "must be a folder, or s3://BUCKET", "--artifacts s3://my-study, or a folder that all machines see"
-        raise InputError(report("--artifacts", received=shown_url(place), rule=rule, remedy=remedy))
+    if place is not None:
+        place = whole_place(place)
     if place is None or not place.startswith(S3):
         folder = out / ARTIFACTS if place is None else Path(place)
         try:

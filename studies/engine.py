@@ -19,7 +19,7 @@ from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from studies import records, report
-from studies.artifact_stores import S3
+from studies.artifact_stores import whole_place
 from studies.definition import Study
 from studies.insertion import Insertion
 from studies.judge import FAILURES, Judge, Judged, Picture, trial_of
@@ -94,8 +94,7 @@ def run_study(
     folder = Path(out)
     url = storage_url(folder, storage)
     shared = workers is not None and storage is not None
-    if artifacts is not None and not artifacts.startswith(S3):
-        artifacts = str(Path(artifacts).resolve())
+    artifacts = None if artifacts is None else whole_place(artifacts)
     store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)

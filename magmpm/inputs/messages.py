@@ -130,7 +130,8 @@ def _unknown_key(model: type[BaseModel], at: Key, value: Any) -> Problem:
         rule = f"`{key}` ({later}) is not there yet in this version"
         return Problem(at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True)
     near = nearest_key(model, at)
-    homes = [dotted(home) for home in _homes(model, key)]
+    within = sorted(_homes(model, key), key=lambda home: home[: len(at) - 1] != at[:-1])  # first those below the place where it stands
+    homes = [dotted(home) for home in within]
     if near is not None:
         remedy = f'did you mean "{near}"?'
     elif homes:
@@ -178,7 +179,9 @@ def _model_at(model: type[BaseModel], at: Key) -> type[BaseModel] | None:
     here: list[Any] = [model]
     for part in at:
         here = [child for one in here for key, child in _children(one) if key is None or key == part]
-    for inner in (inner for one in here for inner in _inner(one)):
+    found = [inner for one in here for inner in _inner(one)]
+    items = [item for inner in found if get_origin(inner) in (list, tuple) for arm in get_args(inner)[:1] for item in _inner(arm)]
+    for inner in (*found, *items):  # one thing, where a list of them may stand as well
         if isinstance(inner, type) and issubclass(inner, BaseModel):
             return inner
     return None
@@ -201,7 +204,9 @@ def _homes(model: type[BaseModel], key: str) -> list[Key]:
         for name, child in _children(annotation):
             if name == key:
                 found.append(at or ("the top level",))
-            visit(child, (*at, "<name>" if name is None else name))
+            named = any(get_origin(inner) in (dict, Mapping) for inner in _inner(annotation))  # else one of a list
+            step = (name,) if name is not None else ("<name>",) if named else ()
+            visit(child, (*at, *step))
 
     visit(model, ())
     return found

@@ -282,6 +282,8 @@ MAGNET = "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [70 mm,
 MAP = "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n" + "".join(f"{x},{y},{z},1,2,3\n" for x in range(4) for y in range(4) for z in range(4))
 
 FIELDS = [
+    field("the size of a magnet beside its shape", "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [70 mm, 0 mm, 0 mm], remanence: 1.3 T, diameter: 20 mm}",
+          "field.magnet.diameter", '"20 mm"', "known here: cuboid, cylinder, position", "it belongs in field.magnet.cylinder"),
     field("dipole without moment", "dipole: {position: [60 mm, 0 mm, 0 mm]}", "field.dipole.moment", "nothing", "is required"),
     field("moment of no unit", DIPOLE.replace("0.5 A*m^2", "0.5"), "field.dipole.moment[2]", "0.5", "needs a unit", "A*m^2"),
     field("moment in tesla", DIPOLE.replace("0.5 A*m^2", "0.5 T"), "field.dipole.moment[2]", '"0.5 T"', "not a unit of magnetic moment"),

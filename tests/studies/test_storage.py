@@ -260,6 +260,9 @@ def test_a_place_for_pictures_that_is_no_folder_is_refused(tmp_path: Path, monke
     for place in ("ftp://x", "gs://bucket", "S3://bucket"):
         with pytest.raises(InputError, match="must be a folder, or s3://BUCKET"):
             artifact_store(place, tmp_path)
+        with pytest.raises(InputError, match="must be a folder, or s3://BUCKET"):
+            run_study(load_study(write_study(tmp_path / "study")), solve=solve, out=tmp_path / "study/out", artifacts=place)
+        shutil.rmtree(tmp_path / "study")
     assert list(tmp_path.iterdir()) == []
 
 
