@@ -59,6 +59,7 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
     assert strange == ["for i in range(3):", "for i in range(3):"]  # around store(x, ...) and store(f, ...)
 
 
+@pytest.mark.slow
 def test_the_twin_moves_a_body_as_the_kernel_does() -> None:
     """From a state without zeros, bit for bit: the sums are the same."""
     rates, plain = module("motion_rates"), module("plain_total")
