@@ -12,7 +12,6 @@ from typing import Any
 from magmpm.cli.answers import print_summary, results_folder
 from magmpm.errors import InputError, report
 
-DOUBTFUL = 100.0  # times the scene's field: the table's may be in a wrong unit
 REPORT, TABLE, SCENE, PICTURE = "fit.json", "residuals.csv", "fitted_scene.yaml", "fit.png"
 
 
@@ -26,10 +25,11 @@ def command(options: argparse.Namespace) -> int:
 
     asked = _numbers(options)
     scene = load_scene(options.scene)
-    from studies.fitting import Refused, fit, read_tables, summary, text
+    from studies.fitting import Refused, doubtful_fields, fit, read_tables, summary, text
 
     measured = read_tables(options.measured, scene)
-    _doubt_fields(measured, scene)
+    for doubt in doubtful_fields(measured, scene):
+        print(f"magmpm: warning: {doubt}", file=sys.stderr, flush=True)
     folder = options.out or results_folder(f"{scene.name} fit")
     with folder_lock(folder):
         refuse_study(folder)
@@ -47,15 +47,6 @@ def command(options: argparse.Namespace) -> int:
     numbers = {**summary(found), "folder": str(folder), "files": [str(path) for path in files]}
     print_summary(options, numbers, "\n".join([text(found), *(f"  saved            {path}" for path in files)]))
     return 0
-
-
-def _doubt_fields(measured: Any, scene: Any) -> None:
-    """Says, before anything is solved, that the table's fields are far from the scene's own: a unit may be wrong."""
-    own = max(map(abs, scene.field.uniform))
-    largest = max((abs(part) for state in measured.states for part in state.field or ()), default=0.0)
-    if own > 0.0 and largest > 0.0 and not 1 / DOUBTFUL < largest / own < DOUBTFUL:
-        says = f"the table's fields reach {1e3 * largest:.3g} mT, the scene's own is {1e3 * own:.3g} mT: check the units of its columns"
-        print(f"magmpm: warning: {says}", file=sys.stderr, flush=True)
 
 
 def _saved(folder: Path, found: Any, source: Path) -> list[Path]:

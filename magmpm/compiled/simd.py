@@ -352,10 +352,6 @@ def larger(typing_context, a, b):
     return lanes(lanes, lanes), generate
 
 
-# 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.
-_MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
-
-
 @intrinsic
 def chosen(typing_context, flag, a, b):
     """Lanes a where the flag is true, else b: without a branch, across which Numba would count references to arrays."""
@@ -364,6 +360,10 @@ def chosen(typing_context, flag, a, b):
         return builder.select(values[0], values[1], values[2])
 
     return lanes(types.boolean, lanes, lanes), generate
+
+
+# 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.
+_MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
 
 
 @intrinsic

@@ -27,10 +27,11 @@ from studies.fitting.profile import Interval, interval_of
 from studies.fitting.solve import Minimum, least_squares
 from studies.fitting.table import Measured
 
-__all__ = ["Fit", "Fitted", "Refused", "fit"]
+__all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
 
 FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
 UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
+FAR_FIELD = 100.0  # fields this many times the scene's own, or its inverse, are told
 FAR = 10.0  # a constant this many times the scene's, or its inverse, is told: a unit may be wrong
 ODD = 3.5  # standard errors: residuals beyond are named
 UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
@@ -324,6 +325,15 @@ def _scatter(
         wider = replace(sigmas, length=sigmas.length * factor, angle=sigmas.angle * factor)
         return wider, float(stdtrit(degrees, tail)), "given, enlarged", [says]
     return sigmas, float(ndtri(tail)), "given", []
+
+
+def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
+    """What can be told before anything is solved: the table's fields are so far from the scene's own that a unit may be wrong."""
+    own = max(map(abs, scene.field.uniform))
+    largest = max((abs(part) for state in measured.states for part in state.field or ()), default=0.0)
+    if not (own > 0.0 and largest > 0.0) or 1 / FAR_FIELD < largest / own < FAR_FIELD:
+        return []
+    return [f"the table's fields reach {1e3 * largest:.4g} mT, the scene's own is {1e3 * own:.3g} mT: check the units of its columns"]
 
 
 def _of_values(found: Sequence[Fitted]) -> list[str]:

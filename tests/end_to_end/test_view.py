@@ -14,6 +14,7 @@ import pytest
 
 from magmpm.cli import main
 from magmpm.errors import InputError
+from magmpm.results.folder_lock import refuse_unwritable
 from viz.page import PageServer, packed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -102,6 +103,14 @@ def test_wrong_options_are_refused(arguments: list[str], words: str, capsys: pyt
     """With exit status 2, before anything is served."""
     assert main(["view", FIVE, *arguments]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_folder_that_cant_be_written_is_refused_before_the_page_is_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is tried leaves nothing behind."""
+    assert main(["view", FIVE, "--out", "/proc/nope"]) == 2
+    assert "the folder must be writable" in capsys.readouterr().err
+    refuse_unwritable(tmp_path / "new")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_window_needs_a_display(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,17 @@ from magmpm import load_scene, run
 from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from studies.fitting import Refused, fit, read_measured, read_tables, residuals_table, shown, summary, text
+from studies.fitting import (
+    Refused,
+    doubtful_fields,
+    fit,
+    read_measured,
+    read_tables,
+    residuals_table,
+    shown,
+    summary,
+    text,
+)
 from studies.fitting.constants import applied, constants_of
 from studies.fitting.identify import refuse_twins
 from studies.fitting.prediction import Prediction
@@ -152,6 +162,14 @@ def test_a_constant_far_from_the_scenes_is_told(tmp_path: Path) -> None:
     wrong = [f"{20 * float(row.split(',')[0])},{row.partition(',')[2]}" for row in rows]
     found = fit(read_measured(table(tmp_path, "\n".join([head, *wrong]) + "\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
     assert any("times the scene's: check the units" in said for said in found.warnings)
+
+
+def test_fields_far_from_the_scenes_are_told_before_the_fit(tmp_path: Path) -> None:
+    """Of 3 mT and 3000 mT beside the scene's own: a unit of a thousand is told, fields of the same size are not."""
+    own = SCENE.with_field([0.0, 0.0, 3e-3])
+    said = "the table's fields reach 3000 mT, the scene's own is 3 mT: check the units of its columns"
+    for strength, told in ((4.0, []), (3000.0, [said])):
+        assert doubtful_fields(read_measured(table(tmp_path, f"field_z_mT,tip_z_mm\n{strength},5\n0,0\n"), own), own) == told
 
 
 def three_tables(folder: Path, modulus: float, noises: tuple[float, float, float], seed: int = 3) -> list[Path]:
