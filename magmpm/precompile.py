@@ -45,7 +45,7 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest
 from magmpm.scene.variables import variables
 from magmpm.statics.axis_order import arranged
-from magmpm.statics.block_cholesky import factor, new_panels, solve, solve_columns
+from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve, solve_columns
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
@@ -56,7 +56,7 @@ from magmpm.statics.stability import mass
 
 LOCK = "compiling.lock"
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
-SOLVE, DERIVATIVES, RODS = "solve", "sensitivities", "rods"  # what kernels are for
+SOLVE, DERIVATIVES, RODS, PROOFS = "solve", "sensitivities", "rods", "proofs of errors"  # what kernels are for
 Tell = Callable[[str], None]
 _ready: set[str] = set()
 
@@ -123,8 +123,8 @@ def describe(scene: Scene) -> str:
 
 def _kinds(scene: Scene, use: str = SOLVE) -> str:
     """Text that distinguishes one set of kernels from another."""
-    if use == RODS:
-        return RODS
+    if use in (RODS, PROOFS):
+        return use
     about = [scene.solver.anti_locking, scene.body.kind, _solver(scene)]
     about += [use] if use != SOLVE else []
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
@@ -282,7 +282,7 @@ def serve() -> None:
     for line in sys.stdin:
         part, small = json.loads(line)
         scene = Scene.from_si(json.loads(small))
-        work = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **_ADDED[DERIVATIVES], **_ADDED[RODS]}[part]
+        work = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}[part]
         with suppress(SolveError):
             work(scene)
         print("done" if kept_all() else "not kept", flush=True)
@@ -316,6 +316,13 @@ def _factorization(small: Scene) -> None:
     factor(panels, 2)
     solve(panels, 2, np.ones((4, 3)))
     solve_columns(panels, 2, np.ones((4, 1, 3)))
+
+
+def _single(small: Scene) -> None:
+    panels = rounded(new_panels(4, 3))
+    panels[:4] = np.eye(3, 18)
+    factor(panels, 2)
+    solve(panels, 2, np.ones((4, 3)))
 
 
 def _stability(small: Scene) -> None:
@@ -384,5 +391,6 @@ _STATIC: dict[str, Callable[[Scene], None]] = {
 _TOTAL: dict[str, Callable[[Scene], None]] = {"total steps": _total_steps, "total rest": _total_rest, "measured": _measured, "rod": _rod}
 _UPDATED: dict[str, Callable[[Scene], None]] = {"updated steps": _updated_steps, "updated rest": _updated_rest, "measured": _measured,
     "rod": _rod}
-_ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {DERIVATIVES: {"changes": _changes}, RODS: {"family": _rods}}
-_WHOLE: dict[str, Callable[[Scene], None]] = {SOLVE: solve_small, DERIVATIVES: differentiate_small, RODS: _rods}
+_ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {DERIVATIVES: {"changes": _changes}, RODS: {"family": _rods},
+    PROOFS: {"single": _single}}
+_WHOLE: dict[str, Callable[[Scene], None]] = {SOLVE: solve_small, DERIVATIVES: differentiate_small, RODS: _rods, PROOFS: _single}

@@ -18,7 +18,7 @@ from magmpm.effects import acting as effects
 from magmpm.errors import InputError, SolveError, report
 from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
-from magmpm.precompile import DERIVATIVES, SOLVE, prepare_kernels
+from magmpm.precompile import DERIVATIVES, PROOFS, SOLVE, prepare_kernels
 from magmpm.results import measures
 from magmpm.results.file_names import CHECKPOINT, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
@@ -120,7 +120,7 @@ def simulated(
     if scene.resolution.asked and scene.in_time:
         from magmpm.dynamics.judged_loads import resolved  # equilibria need neither it nor HDF5
 
-        return resolved(scene, on_grid, prepare_kernels, None)
+        return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), None)
     if start is not None and scene.in_time:
         raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
     with remedies.named(scene):
@@ -194,7 +194,7 @@ def _resolved(scene: Scene, start: object, on_progress: Progress | None, uses: S
     if start is not None:
         raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
     begun = time.perf_counter()
-    compiled = prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=uses)
+    compiled = prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(*uses, PROOFS))
     choice = choose(scene, on_step=on_progress)
     seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
     told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.told}

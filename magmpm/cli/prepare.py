@@ -8,7 +8,7 @@ from typing import Any
 
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
-from magmpm.precompile import describe, fill_cache
+from magmpm.precompile import PROOFS, SOLVE, describe, fill_cache
 from magmpm.scene import Scene, load_scene
 
 _SILICONE = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}
@@ -48,7 +48,8 @@ def command(options: argparse.Namespace) -> int:
     with Progress("kernels") as progress:
         for k, scene in enumerate(scenes):
             progress.at(k, len(scenes), describe(scene))
-            done.append({"kernels": describe(scene), "compiled": fill_cache(scene, progress.note)})
+            uses = (SOLVE, PROOFS) if scene.resolution.asked else (SOLVE,)
+            done.append({"kernels": describe(scene), "compiled": fill_cache(scene, progress.note, uses)})
     lines = [f"{'compiled' if each['compiled'] else 'ready':<9} {each['kernels']}" for each in done]
     print_summary(options, {"kernels": done}, "\n".join(lines))
     return 0

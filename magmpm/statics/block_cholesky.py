@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.kept_memory import empty
 from magmpm.compiled.lapack import addresses, call
+
+Single = NDArray[np.float32]
 
 
 def split_plane(planes: int) -> int:
@@ -29,8 +32,38 @@ def split_plane(planes: int) -> int:
 
 
 def new_panels(planes: int, m: int) -> Array:
-    """Zero panels (planes + 2, m, 3 m): one for each plane, and two for what the backward half adds to the middle."""
-    return np.zeros((planes + 2, m, 3 * m))
+    """Panels (planes + 2, m, 3 m) with any content: one for each plane, and two for what the backward half adds to the middle."""
+    return empty((planes + 2, m, 3 * m))
+
+
+@kernel
+def clear(panels):
+    """Set panels to zero. Two threads, because the first touch of fresh memory takes longer than anything that is written to it."""
+    for j in prange(panels.shape[0]):
+        panels[j] = 0.0
+
+
+@kernel
+def _round(panels, rounded):
+    """Entries of panels (planes + 2, m, 3 m) as the first half of each row of the same memory in single precision."""
+    count = panels.shape[2]
+    for j in prange(panels.shape[0]):
+        row = np.empty(count, np.float32)
+        for a in range(panels.shape[1]):
+            for b in range(count):
+                row[b] = panels[j, a, b]
+            for b in range(count):
+                rounded[j, a, b] = row[b]
+
+
+def rounded(panels: Array) -> Single:
+    """The panels in single precision, (planes + 2, m, 6 m) with 3 m entries in each row, in their own memory: they are overwritten.
+
+    Their factors take half the time, and are right to some 1e-7 of the stiffest mode: good for steps whose residuals are not rounded.
+    """
+    single = panels.view(np.float32)
+    _round(panels, single)
+    return single
 
 
 def fix(panels: Array, split: int, fixed: NDArray[np.bool_]) -> None:
@@ -51,10 +84,18 @@ def fix(panels: Array, split: int, fixed: NDArray[np.bool_]) -> None:
 
 
 @compiled
+def _signs(panels):
+    """1 and -1, in the precision of the panels."""
+    work = np.ones(2, panels.dtype)
+    work[1] = -1.0
+    return work
+
+
+@compiled
 def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; -1: none). Returns LAPACK's info."""
     potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
-    byte = 8
+    byte = panels.itemsize
     n, ld, two_n, info = (
         sizes[0:].ctypes.data,
         sizes[1:].ctypes.data,
@@ -92,9 +133,9 @@ def _factor(panels, split, fortran):
     failed = np.array([-1, -1])
     panels[planes:] = 0.0
     for half in prange(2):
-        sizes = np.array([m, 3 * m, 2 * m, 0], np.int32)
+        sizes = np.array([m, panels.shape[2], 2 * m, 0], np.int32)
         letters = np.array([82, 76, 84, 78], np.uint8)  # R L T N
-        work = np.array([1.0, -1.0])
+        work = _signs(panels)
         if half == 0:
             for j in range(split):
                 if _eliminate(panels, j, j + 1, j + 2, m, fortran, work, sizes, letters) != 0:
@@ -117,9 +158,9 @@ def _factor(panels, split, fortran):
             panels[split + 1, a, b] += panels[planes, a, b]
             panels[split, a, b] += panels[planes + 1, a, b]
             panels[split, a, m + b] += panels[planes, b, m + a]
-    sizes = np.array([m, 3 * m, 2 * m, 0], np.int32)
+    sizes = np.array([m, panels.shape[2], 2 * m, 0], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)
-    work = np.array([1.0, -1.0])
+    work = _signs(panels)
     if _eliminate(panels, split, split + 1, -1, m, fortran, work, sizes, letters) != 0:
         return split
     if _eliminate(panels, split + 1, -1, -1, m, fortran, work, sizes, letters) != 0:
@@ -139,7 +180,7 @@ def _reduce(panels, x, j, one, two, m, transpose, fortran, work, sizes, letters)
         for k in range(2):
             other = one if k == 0 else two
             if other >= 0:
-                block = top + 8 * m * (k + 1)
+                block = top + panels.itemsize * m * (k + 1)
                 call(gemv, (trans, n, n, minus, block, ld, x[other].ctypes.data, inc, plus, xj, inc))
         call(trsv, (lower, trans, plain, n, top, ld, xj, inc))
     else:
@@ -147,7 +188,7 @@ def _reduce(panels, x, j, one, two, m, transpose, fortran, work, sizes, letters)
         for k in range(2):
             other = one if k == 0 else two
             if other >= 0:
-                block = top + 8 * m * (k + 1)
+                block = top + panels.itemsize * m * (k + 1)
                 call(gemv, (plain, n, n, minus, block, ld, xj, inc, plus, x[other].ctypes.data, inc))
 
 
@@ -158,9 +199,9 @@ def _solve(panels, split, x, fortran):
     m = panels.shape[1]
     x[planes:] = 0.0
     for half in prange(2):
-        sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
+        sizes = np.array([m, panels.shape[2], 2 * m, 0, 1], np.int32)
         letters = np.array([82, 76, 84, 78], np.uint8)
-        work = np.array([1.0, -1.0])
+        work = _signs(panels)
         if half == 0:
             for j in range(split):
                 _reduce(panels, x, j, j + 1, j + 2, m, False, fortran, work, sizes, letters)
@@ -174,17 +215,17 @@ def _solve(panels, split, x, fortran):
     for a in range(m):
         x[split + 1, a] += x[planes, a]
         x[split, a] += x[planes + 1, a]
-    sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
+    sizes = np.array([m, panels.shape[2], 2 * m, 0, 1], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)
-    work = np.array([1.0, -1.0])
+    work = _signs(panels)
     _reduce(panels, x, split, split + 1, -1, m, False, fortran, work, sizes, letters)
     _reduce(panels, x, split + 1, -1, -1, m, False, fortran, work, sizes, letters)
     _reduce(panels, x, split + 1, -1, -1, m, True, fortran, work, sizes, letters)
     _reduce(panels, x, split, split + 1, -1, m, True, fortran, work, sizes, letters)
     for half in prange(2):
-        sizes = np.array([m, 3 * m, 2 * m, 0, 1], np.int32)
+        sizes = np.array([m, panels.shape[2], 2 * m, 0, 1], np.int32)
         letters = np.array([82, 76, 84, 78], np.uint8)
-        work = np.array([1.0, -1.0])
+        work = _signs(panels)
         if half == 0:
             for j in range(split - 1, -1, -1):
                 _reduce(panels, x, j, j + 1, j + 2, m, True, fortran, work, sizes, letters)
@@ -282,20 +323,26 @@ def multiply(panels, split, x, out):
                 out[j, a] += total
 
 
-def factor(panels: Array, split: int) -> int:
-    """Cholesky factors in place of panels (planes + 2, m, 3 m).
+def _routines(panels: Array | Single) -> tuple[int, ...]:
+    return addresses("d" if panels.dtype == np.float64 else "s")
+
+
+def factor(panels: Array | Single, split: int) -> int:
+    """Cholesky factors in place of panels (planes + 2, m, 3 m), or of `rounded` ones.
 
     Returns -1, or the plane at which the matrix proved not positive definite (the panels are then overwritten).
     """
-    return int(_factor(panels, split, addresses()))
+    return int(_factor(panels, split, _routines(panels)))
 
 
-def solve(panels: Array, split: int, right: Array) -> Array:
+def solve(panels: Array | Single, split: int, right: Array) -> Array:
     """Solution (planes, m) for a right-hand side (planes, m), from factored panels."""
-    x = np.zeros((len(right) + 2, right.shape[1]))
-    x[: len(right)] = right
-    _solve(panels, split, x, addresses())
-    return x[: len(right)]
+    single = panels.dtype == np.float32
+    size = (float(np.abs(right).max()) or 1.0) if single else 1.0  # single precision ends at 1e-38
+    x = np.zeros((len(right) + 2, right.shape[1]), panels.dtype)
+    x[: len(right)] = right / size
+    _solve(panels, split, x, _routines(panels))
+    return np.asarray(x[: len(right)], float) * size
 
 
 def solve_columns(panels: Array, split: int, right: Array) -> Array:

@@ -20,7 +20,7 @@ from magmpm.kernels.equilibrium import (
     particles_to_grid,
     particles_to_grid_with_tangent,
 )
-from magmpm.statics.block_cholesky import fix, new_panels
+from magmpm.statics.block_cholesky import clear, fix, new_panels
 from magmpm.statics.layout import StaticModel
 
 
@@ -120,7 +120,7 @@ class Energy:
     def tangent(self, point: Point) -> tuple[Array, Array]:
         """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, which the next call overwrites."""
         split, out = self.model.layout.split, np.zeros(self.shape)
-        self.panels[:] = 0.0
+        clear(self.panels)
         particles_to_grid_with_tangent(
             self.cells, self.particles, self.model.effects, point.position, point.F, split, self._fortran, out, self.panels
         )

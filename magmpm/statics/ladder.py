@@ -13,18 +13,14 @@ from magmpm.effects import acting
 from magmpm.errors import SolveError
 from magmpm.scene import Scene
 from magmpm.statics import axis
+from magmpm.statics.approach import approached
 from magmpm.statics.between_grids import carried
-from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_from
 from magmpm.statics.error_estimate import distance
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import factored
 
 STATIONS = 41  # along the body, where axes are compared
-SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
-MOST_CHORDS = 6  # steps with one set of factors
-LESS = 0.6  # a chord step must shrink the last one to less than this
 PER_SOLVE = 3.0  # factorizations of a solve from a coarser one's shape, with its stability
 PER_PROOF = 1.3  # of a proof: one, and now and then a solve
 PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
@@ -157,33 +153,15 @@ class Ladder:
             return load.first(self.on_step)
 
     def _approached(self, model: StaticModel, start: Array, compared: Array) -> Array | None:
-        """The equilibrium near a start, by one Newton step and steps with its factors; None where these do not settle."""
-        energy = Energy(model)
-        split = model.layout.split
-        point = energy.at(start)
-        if not point.min_det_F > 0:
-            return None
         with one_blas_thread():
-            residual, shift = factored(energy, point)
-            if shift > 0.0:
-                return None
-            last, at = np.inf, self.points(model, start)
-            for chord in range(MOST_CHORDS + 1):
-                direction = -solve(energy.panels, split, residual)
-                point = energy.at(point.grid + direction)
-                if not point.min_det_F > 0:
-                    return None
-                now = self.points(model, point.grid)
-                moved, at = distance(now, at), now
-                if self.on_step is not None:
-                    self.on_step(chord, 0.0)
-                if chord and moved < SETTLED * distance(now, compared):
-                    return point.grid
-                if chord > 1 and moved > LESS * last:
-                    return None
-                last = moved
-                residual = energy.residual(point)
-        return None
+            return approached(
+                Energy(model),
+                start,
+                lambda grid: self.points(model, grid),
+                compared,
+                self.asked.length / self.asked.thickness,
+                self.on_step or (lambda step, number: None),
+            )
 
 
 def particles(scene: Scene) -> float:

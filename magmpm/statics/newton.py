@@ -172,7 +172,7 @@ def _chord_steps(
         residual, before = energy.residual(trial), residual
         if chord.corrected:
             pairs = [*pairs[1 - PAIRS :], (direction, residual - before)]
-        direction = _corrected(residual, pairs, lambda right: -solve(energy.panels, split, right))
+        direction = corrected(residual, pairs, lambda right: -solve(energy.panels, split, right))
         reached = -float(np.sum(residual * direction)) / 2
         if reached < enough:
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
@@ -182,7 +182,7 @@ def _chord_steps(
         point, decrement = trial, reached
 
 
-def _corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callable[[Array], Array]) -> Array:
+def corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callable[[Array], Array]) -> Array:
     """The direction of a step, from the last steps and what they changed in the residual; newton: that of the factors alone."""
     q, parts = residual, []
     for step, change in reversed(pairs):

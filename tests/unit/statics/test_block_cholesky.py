@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from reference.plain_forms import to_dense
 
-from magmpm.statics.block_cholesky import factor, multiply, new_panels, solve, solve_columns, split_plane
+from magmpm.statics.block_cholesky import (
+    factor,
+    multiply,
+    new_panels,
+    rounded,
+    solve,
+    solve_columns,
+    split_plane,
+)
 
 SIZES = pytest.mark.parametrize(
     ("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)]
@@ -74,6 +82,29 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
         # condition number about 10, and as many rounding errors as unknowns in a band
         np.testing.assert_allclose(x, expected, rtol=0, atol=1e-14 * m * np.abs(expected).max())
         assert np.array_equal(b, kept), "the right-hand side is left alone"
+
+
+@SIZES
+def test_solves_in_single_precision(rng: np.random.Generator, planes: int, m: int) -> None:
+    """Rounded in their own memory: as many digits as single precision has, for right-hand sides below its smallest number too."""
+    A = random_banded(rng, planes, m)
+    panels, split = to_panels(A, planes, m), split_plane(planes)
+    single = rounded(panels)
+    assert np.shares_memory(single, panels)
+    assert factor(single, split) == -1
+    b = rng.standard_normal((planes, m))
+    expected = np.linalg.solve(A, b.ravel()).reshape(planes, m)
+    for size in (1.0, 1e-60):
+        x = solve(single, split, size * b)
+        assert x.dtype == np.float64
+        # condition number about 10, and as many rounding errors (6e-8) as unknowns in a band
+        np.testing.assert_allclose(x / size, expected, rtol=0, atol=6e-7 * m * np.abs(expected).max())
+
+
+def test_single_precision_tells_what_is_not_positive_definite(rng: np.random.Generator) -> None:
+    A = random_banded(rng, 6, 4)
+    A[13, 13] = -1.0
+    assert factor(rounded(to_panels(A, 6, 4)), split_plane(6)) >= 0
 
 
 @SIZES

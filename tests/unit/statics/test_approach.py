@@ -1,0 +1,70 @@
+"""Near an equilibrium, by factors used again: near enough, in either precision, and never a wrong place called near."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference.scenes import rod_scene
+
+from magmpm.model import build
+from magmpm.statics import approach, axis
+from magmpm.statics.approach import ASTRAY, SETTLED, SLENDER, approached
+from magmpm.statics.between_grids import carried
+from magmpm.statics.energy import Energy
+from magmpm.statics.equilibrium import one_blas_thread, solve_static
+from magmpm.statics.layout import StaticModel, static_model
+
+SCENE = rod_scene(length=24e-3, field=[0.0, 0.0, 5e-3])
+
+
+def on_grid(cells: int) -> StaticModel:
+    return static_model(build(SCENE.with_cells(cells)))
+
+
+@pytest.fixture(scope="module")
+def grids() -> tuple[StaticModel, np.ndarray, np.ndarray, np.ndarray]:
+    """Three cells, where the equilibrium on 2 cells puts them, their own equilibrium, and the axis (k, 3) m on 2 cells."""
+    coarse, fine = on_grid(2), on_grid(3)
+    start = carried(coarse, solve_static(coarse).point.grid, fine)
+    return fine, start, solve_static(fine).point.grid, points(fine, start)
+
+
+def points(model: StaticModel, grid: np.ndarray) -> np.ndarray:
+    return axis.centreline(model, grid)[:, 1:]
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.linalg.norm(one - other, axis=1).max())
+
+
+@pytest.mark.parametrize("slenderness", [0.0, 2 * SLENDER])
+def test_it_ends_where_the_equilibrium_is(grids, slenderness: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In single and in double precision, to a third more than SETTLED of what it was to tell (what is left shrinks by a quarter a step)."""
+    fine, start, truth, compared = grids
+    used: list[type] = []
+    real = approach.factor
+    monkeypatch.setattr(approach, "factor", lambda panels, split: used.append(panels.dtype.type) or real(panels, split))
+    told: list[int] = []
+    with one_blas_thread():
+        near = approached(Energy(fine), start, lambda grid: points(fine, grid), compared, slenderness, lambda step, _: told.append(step))
+    assert near is not None
+    difference = apart(points(fine, truth), compared)
+    assert difference > 1e-7, "there is something to tell"
+    assert apart(points(fine, near), points(fine, truth)) < 4 / 3 * SETTLED * difference
+    assert used == [np.float32 if slenderness == 0.0 else np.float64]
+    assert told == list(range(len(told)))
+
+
+def test_no_answer_where_steps_lead_away(grids, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A direction that is turned around makes steps grow: it says None instead of a place."""
+    fine, start, _, compared = grids
+    monkeypatch.setattr(approach, "corrected", lambda residual, pairs, newton: -2.0 * ASTRAY * pairs[-1][0])
+    assert approached(Energy(fine), start, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
+
+
+def test_no_answer_from_a_folded_start(grids) -> None:
+    """det F <= 0 somewhere: nothing is factored."""
+    fine, start, _, compared = grids
+    folded = start.copy()
+    folded[:, 0::3] -= 2.0 * np.linspace(0.0, 24e-3, len(start))[:, None]
+    assert approached(Energy(fine), folded, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
