@@ -105,7 +105,7 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         times = scene.path_times()
         steps = {"steps": 4 * (len(times) - 1), "duration": times[-1]}
         finer = Remedy(f"solver.quasi_static: {{steps: {steps['steps']}}}", {"solver.quasi_static": steps})
-        return finer, *_until(scene, error)
+        return finer, *(_until(scene, error) or _weaker(scene, error))
     ramp = {} if scene.field.over_time is not None else {"field.over_time": {"ramp": {"duration": 1.0}}}
     followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
     words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (" with field.over_time: {ramp: {duration: 1 s}}" if ramp else "")

@@ -68,7 +68,7 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
         found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}
         tell(found)
         out_of_time(limit)
-        return found | {"answered": _remedied(scene, error.remedies)}
+        return found | {"answered": _remedied(scene, error.remedies, limit)}
     out_of_time(limit)  # the checks are several more runs
     done = checked(scene, result, folder, number)
     shutil.rmtree(folder)
@@ -76,12 +76,22 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
     return {"ended": WRONG if done.wrong else CONVERGED, "reason": "; ".join(done.wrong), **found}
 
 
-def _remedied(scene: Scene, remedies: tuple[Remedy, ...]) -> str:
-    """The first remedy that brings an answer: a converged result, finite and of positive det F."""
+class _Late(Exception):
+    """A remedy took more than its share of the time."""
+
+
+def _remedied(scene: Scene, remedies: tuple[Remedy, ...], limit: float) -> str:
+    """The first remedy that brings an answer: a converged result, finite and of positive det F. Each has the same share of the limit, s."""
     for remedy in remedies:
+        until = process_time() + limit / len(remedies)
+
+        def in_time(step: int, number: float, until: float = until) -> None:
+            if process_time() > until:
+                raise _Late
+
         try:
-            result = run(remedy.applied(scene))
-        except SolveError:
+            result = run(remedy.applied(scene), on_progress=in_time)
+        except (SolveError, _Late):
             continue
         if result.converged and result.min_det_F > 0.0 and not result.not_finite():
             return remedy.words

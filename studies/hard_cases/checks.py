@@ -175,9 +175,16 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
     except SolveError:
         return
     found.done.append("rod")
-    apart = float(np.linalg.norm(rod.position[-1] - (result.tip - np.array(scene.body.shape.line.base)))) / scene.length
-    if apart > (bound := ROD + _off_by_cells(scene, result)):
-        found.wrong.append(f"rod: tips {apart:.3g} L apart, bound {bound:.3g}")
+    tip = rod.position[-1] + np.array(scene.body.shape.line.base)
+    apart = float(np.linalg.norm(tip - result.tip)) / scene.length
+    if apart <= (bound := ROD + _off_by_cells(scene, result)):
+        return
+    far = f"rod: tips {apart:.3g} L apart, bound {bound:.3g}"
+    finer = _try(scene.with_cells(scene.resolution.cells_across + 2))
+    if finer is not None and _apart(scene, result, finer) <= FINER and (left := np.linalg.norm(tip - finer.tip) / scene.length) <= ROD:
+        found.branches.append(f"{far}; two more cells are {left:.3g} L from it")
+    else:
+        found.wrong.append(far)
 
 
 def _off_by_cells(scene: Scene, result: Result) -> float:

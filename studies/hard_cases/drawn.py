@@ -153,7 +153,7 @@ def _body(
         plane, width = bool(rng.random() < 0.3), across * 10 ** rng.uniform(-0.2, 0.9 if slender < 20 else 0.5)
         clamp = "both" if clamp == "base" and rng.random() < 0.15 else clamp
         body |= {"width": mm(width), "thickness": mm(across), "clamp": clamp, "plane_strain": plane}
-        turns = length / across * cells / 8
+        turns = max(3, round(length / across * cells)) / 8  # whole cells, eight of them for a turn at least
         if turns > 0.3 and rng.random() < 0.3:
             harmonic = {"periods": float(f"{rng.uniform(0.2, min(2.0, turns)):.6g}"), "phase": f"{rng.uniform(0, 360):.6g} deg"}
             harmonic |= {"plane": str(rng.choice(["xz", "xy"])), "turn": str(rng.choice(["ccw", "cw"]))}
