@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.statics.error_estimate import ALGEBRAIC, ORDER, factor
@@ -61,6 +61,7 @@ class Ladder:
     algebraic_error: float | None
     asymptotic: bool | None
     conclusions: list[str]
+    failed: dict[str, str]  # settings that found no answer, and why
 
     def summary(self) -> dict[str, Any]:
         """Plain data, SI."""
@@ -89,6 +90,7 @@ class Ladder:
                 lines.append(f"order of convergence to the {name}: {order:.1f}")
         if self.asymptotic is False:
             lines.append("not in the asymptotic range: errors do not fall steadily with the cells, so the order means little here")
+        lines += [f"{name} failed: {reason}" for name, reason in self.failed.items()]
         return "\n".join([*lines, *self.conclusions])
 
 
@@ -97,7 +99,8 @@ def climb(
 ) -> Ladder:
     """Solve the scene at each number of cells across. motion: compare with settled motions as well (accuracy_beside.settled).
 
-    Raises InputError for fewer than two different cell sizes, or sizes that the scene refuses, and SolveError if a solve fails.
+    Settings whose solve fails are left out, and named. Raises InputError for fewer than two different cell sizes, or sizes that the scene
+    refuses, and SolveError if no solve succeeds.
     """
     cells = sorted(set(cells))
     if len(cells) < 2:
@@ -105,17 +108,24 @@ def climb(
             f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
         )
     scenes = [scene.with_cells(n) for n in cells]
-    runs = []
+    solved: dict[int, tuple[Result, float]] = {}
+    failed: dict[str, SolveError] = {}
     for k, rung in enumerate(scenes):
         if on_progress is not None:
             on_progress(k, len(scenes), f"{cells[k]} cells across")
-        runs.append(timed(rung, solve))
+        try:
+            solved[cells[k]] = timed(rung, solve)
+        except SolveError as error:
+            failed[f"{cells[k]} cells across"] = error
+    if not solved:
+        raise next(iter(failed.values()))
+    cells, runs = list(solved), list(solved.values())
     finest, length = answer(runs[-1][0]), scene.length
-    rungs, others = _rungs(scene, cells, runs), beside(scene, solve, finest)
+    rungs, others = _rungs(scene, cells, runs), beside(scene, solve, finest, failed)
     if motion:
         if on_progress is not None:
             on_progress(len(scenes), len(scenes), "motions that settle")
-        others += settled(scene, solve, finest)
+        others += settled(scene, solve, finest, failed)
     falling = [rung.error_finest for rung in rungs[:-1] if rung.error_finest]
     moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
     return Ladder(
@@ -128,6 +138,7 @@ def climb(
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
         asymptotic=None if len(falling) < 3 else falling == sorted(falling, reverse=True),
         conclusions=_conclusions(rungs, others),
+        failed={name: error.reason for name, error in failed.items()},
     )
 
 
@@ -174,6 +185,8 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
 
 def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
     """What 1 % and 0.1 % cost, and whether the rod would do."""
+    if len(rungs) == 1 and _error(rungs[0]) is None:
+        return [f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."]
     said = []
     for wanted in ASKED:
         will_do = [rung for rung in rungs if _error(rung) is not None and (_error(rung) or 0.0) <= wanted]

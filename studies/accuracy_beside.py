@@ -82,10 +82,10 @@ def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
     return result, median(times)
 
 
-def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
+def beside(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
     """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only.
 
-    finest: rows [s, x, y, z] m of the ladder's last rung.
+    finest: rows [s, x, y, z] m of the ladder's last rung; failed: takes the errors of what found no answer, by name.
     """
     if not scene.static or scene.in_time or scene.body.shape.line is None:
         return []
@@ -93,9 +93,9 @@ def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
     begun = perf_counter()
     try:
         rod = solve_rod(scene)
-    except SolveError:
-        rod = None
-    if rod is not None:
+    except SolveError as error:
+        failed["rod"] = error
+    else:
         seconds = perf_counter() - begun
 
         def off(rows: Array) -> float:
@@ -106,8 +106,11 @@ def beside(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
     data = scene.with_cells(USUAL_CELLS).to_si()
     more = Scene.from_si({**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}})
     name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
-    found.append(_compared(name, *timed(more, solve), finest, reference, scene.length))
-    return [*found, *_shifted(scene.with_cells(USUAL_CELLS), finest, reference)]
+    try:
+        found.append(_compared(name, *timed(more, solve), finest, reference, scene.length))
+    except SolveError as error:
+        failed[name] = error
+    return [*found, *_shifted(scene.with_cells(USUAL_CELLS), finest, reference, failed)]
 
 
 def _compared(name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float) -> Model:
@@ -115,11 +118,12 @@ def _compared(name: str, result: Result, seconds: float, finest: Array, referenc
     return Model(name, seconds, apart(result, finest) / length, to_reference)
 
 
-def _shifted(scene: Scene, finest: Array, reference: Array | None) -> list[Model]:
+def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]) -> list[Model]:
     """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
     body, at = scene.body.catheter, scene.resolution
     if body is None:
         return []
+    name = f"{len(SHIFTS)} other places of the grid, at {at.cells_across} cells, the worst"
     worst: dict[str, float] = {}
     times = []
     for shift in SHIFTS:
@@ -127,7 +131,8 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None) -> list[Model
         model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, shift=shift)))
         try:
             found = solve_static(model, judged=False)
-        except SolveError:
+        except SolveError as error:
+            failed[name] = error
             return []
         times.append(perf_counter() - begun)
         rows = centreline(model, found.point.grid)
@@ -135,19 +140,22 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None) -> list[Model
             if other is not None:
                 moved = np.array([np.interp(other[:, 0], rows[:, 0], rows[:, k]) for k in (1, 2, 3)]).T
                 worst[name] = max(worst.get(name, 0.0), float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length)
-    name = f"{len(SHIFTS)} other places of the grid, at {at.cells_across} cells, the worst"
     return [Model(name, median(times), worst["finest"], worst.get("reference"))]
 
 
-def settled(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
+def settled(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
     """The same answer as a motion that settles, at COARSE cells: both formulations, and half the time step. Of a scene that moves, its own
-    motion in the same ways. Empty where the materials have no density."""
+    motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name."""
     coarse = scene.with_cells(COARSE)
     resting = scene.static and not scene.in_time
     motion = coarse if not resting else None if scene.body.shape.line is None else _settling(coarse)
     if motion is None or motion.solver.dynamic is None:
         return []
-    same, _ = timed(coarse, solve)
+    try:
+        same, _ = timed(coarse, solve)
+    except SolveError as error:
+        failed[f"what motions are compared with, at {COARSE} cells"] = error
+        return []
     reference, found = scene.reference_centreline(), []
     step = None
     for formulation, part in (("total", 1.0), ("total", 0.5), ("updated", 1.0)):
@@ -156,7 +164,11 @@ def settled(scene: Scene, solve: Solve, finest: Array) -> list[Model]:
         changes = {"formulation": formulation, **({"time_step": part * step} if part < 1.0 and step is not None else {})}
         data = motion.to_si()
         dynamic = {**data["solver"]["dynamic"], **changes}
-        result, seconds = timed(Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve)
+        try:
+            result, seconds = timed(Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve)
+        except SolveError as error:
+            failed[f"motion, {formulation} formulation{', half the step' if part < 1.0 else ''}, at {COARSE} cells"] = error
+            continue
         step = result.time_step if part == 1.0 else step
         name = f"motion, {formulation} formulation, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
         told = _compared(name, result, seconds, finest, reference, scene.length)

@@ -65,6 +65,13 @@ class Ladder:
     loads: Loads
     on_step: OnStep | None = None
     solved: dict[int, Solved] = field(default_factory=dict)
+    _scenes: dict[int, Scene] = field(default_factory=dict)
+
+    def on(self, cells: int) -> Scene:
+        """The scene with so many cells across."""
+        if cells not in self._scenes:
+            self._scenes[cells] = self.asked.with_cells(cells)
+        return self._scenes[cells]
 
     def solve(self, cells: int) -> Solved:
         """The equilibria with so many cells across, to the scene's tolerance. Raises as solve_static does."""
@@ -131,11 +138,10 @@ class Ladder:
         return one.seconds / (counted * len(one.loads)), weight
 
     def _counted(self, cells: int) -> tuple[float, float]:
-        scene = self.asked.with_cells(cells)
-        return operations(scene)[0], particles(scene)
+        return operations(self.on(cells))[0], particles(self.on(cells))
 
     def _loads(self, cells: int) -> Sequence[Load]:
-        return self.solved[cells].loads if cells in self.solved else self.loads(self.asked.with_cells(cells))
+        return self.solved[cells].loads if cells in self.solved else self.loads(self.on(cells))
 
     def _nearest(self, cells: int) -> Solved | None:
         """The finest grid that is not finer; a proof of the same grid begins where it ended."""

@@ -92,7 +92,7 @@ class _Search:
 
     def fits(self, cells: int) -> bool:
         """Whether a grid and its proof fit into memory."""
-        return operations(self.scene.with_cells(PROOF[cells]))[1] <= SHARE * memory.machine()
+        return operations(self.ladder.on(PROOF[cells]))[1] <= SHARE * memory.machine()
 
 
 def choose(
@@ -212,7 +212,7 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> S
         least = foretold(search.errors, most)
         why = f"{most} cells across, the most whose error can be proven, are off by {100 * least / length:.2g} %, as {tried} cells tell"
     else:
-        needed, seconds = operations(search.scene.with_cells(PROOF[cells]))[1], search.takes(cells)
+        needed, seconds = operations(search.ladder.on(PROOF[cells]))[1], search.takes(cells)
         why = f"{cells} cells across and their proof by {PROOF[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     return SceneError(
         "resolution.error",
@@ -265,6 +265,6 @@ def _chosen(search: _Search) -> Choice:
     assert found[-1].energy is not None
     with one_blas_thread():
         found[-1] = replace(found[-1], stability=stability(found[-1].energy, found[-1].point))
-    return Choice(search.scene.with_cells(cells), [load.model for load in last.loads], found, error, told)
+    return Choice(ladder.on(cells), [load.model for load in last.loads], found, error, told)
 
 

@@ -141,7 +141,7 @@ def _start(energy: Energy) -> Array:
     out = np.zeros((layout.planes, COLUMNS, layout.nodes_per_plane, 3))
     out[:, 0, :, second] = (1.0 + x**2)[:, None]
     out[:, 1, :, third] = (1.0 + x**2)[:, None]
-    middle = [(one - one.mean()) / max(np.ptp(one), 1e-300) for one in (y, z)]
+    middle = [(one - one.mean()) / np.ptp(one) if np.ptp(one) > 0.0 else np.zeros(len(one)) for one in (y, z)]  # in plane strain one y
     out[:, 2, :, second], out[:, 2, :, third] = -(1.0 + x)[:, None] * middle[1], (1.0 + x)[:, None] * middle[0]
     out[:, 2, :, first] = 0.1 * (1.0 + x)[:, None]
     return energy.free_columns(out.reshape(layout.planes, COLUMNS, layout.m))

@@ -68,7 +68,7 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
         found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}
         tell(found)
         out_of_time(limit)
-        return found | {"answered": _remedied(scene, error.remedies, limit)}
+        return found | {"answered": remedied(scene, error.remedies, limit)}
     out_of_time(limit)  # the checks are several more runs
     done = checked(scene, result, folder, number)
     shutil.rmtree(folder)
@@ -80,7 +80,7 @@ class _Late(Exception):
     """A remedy took more than its share of the time."""
 
 
-def _remedied(scene: Scene, remedies: tuple[Remedy, ...], limit: float) -> str:
+def remedied(scene: Scene, remedies: tuple[Remedy, ...], limit: float) -> str:
     """The first remedy that brings an answer: a converged result, finite and of positive det F. Each has the same share of the limit, s."""
     for remedy in remedies:
         until = process_time() + limit / len(remedies)

@@ -13,8 +13,10 @@ from reference.scenes import rod_scene
 
 from magmpm.cli import main
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.remedies import Remedy
 from magmpm.simulate import run
-from studies.hard_cases.checks import checked
+from studies.hard_cases.attempt import remedied
+from studies.hard_cases.checks import FINER, checked
 from studies.hard_cases.drawn import drawn
 from studies.hard_cases.pool import solved
 from studies.hard_cases.random_suite import BROKEN
@@ -35,6 +37,14 @@ def test_drawn_scenes_are_valid_and_various(tmp_path: Path) -> None:
     assert {"magnetic_torque", "magnetic_force", "gravity"} <= {name for scene in scenes for name in scene.effects.named()}
     assert len({scene.hash() for scene in scenes}) == len(scenes)
     assert as_file(tmp_path, 7, 3).hash() == scenes[3].hash() != as_file(tmp_path, 8, 3).hash()
+
+
+@pytest.mark.parametrize("number", [129, 223, 502])
+def test_profiles_turn_within_whole_cells(tmp_path: Path, number: int) -> None:
+    """Short strips whose cells along the length, rounded, were too few for a turn of their magnetization: they were refused."""
+    scene = as_file(tmp_path, 81, number)
+    assert scene.body.strip is not None
+    assert scene.body.strip.magnetization_profile is not None
 
 
 @pytest.mark.slow
@@ -94,6 +104,26 @@ def test_a_wrong_answer_is_found(tmp_path: Path) -> None:
     assert any("mirror image" in text for text in found.wrong)
     assert checked(scene, replace(result, stability=-0.1), tmp_path, 2).wrong
     assert checked(scene, replace(result, tip=np.full(3, np.nan)), tmp_path, 2).wrong
+
+
+def test_an_answer_far_from_the_rod_is_wrong_unless_finer_cells_explain_it(tmp_path: Path) -> None:
+    """Stiff segments next to soft ones as short as the strip is thick, which a rod does not know: two more cells are nearer to it."""
+    scene = as_file(tmp_path, 81, 269)
+    result = run(scene)
+    found = checked(scene, result, tmp_path, 2)
+    assert (found.wrong, [text.split(":")[0] for text in found.branches]) == ([], ["rod"])
+    off = checked(scene, replace(result, tip=result.tip + np.array([0.0, 0.0, FINER * scene.length])), tmp_path, 2)
+    assert any(text.startswith("rod") for text in off.wrong)
+
+
+def test_each_remedy_has_its_share_of_the_time() -> None:
+    """One that takes too long leaves the next its time; where none is left, no remedy has brought an answer."""
+    data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
+    scene = Scene.from_si(data)
+    slow = Remedy("a motion of a minute", {"solver.dynamic": {"duration": 60.0}})
+    quick = Remedy("nothing changed", {"solver.static.max_steps": 99})
+    assert remedied(scene, (slow, quick), 6.0) == quick.words
+    assert remedied(scene, (slow,), 0.1) == ""
 
 
 @pytest.mark.slow

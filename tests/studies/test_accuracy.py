@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rod_solve import RodResult, solve, write_study
 
+from magmpm.cli import main
+from magmpm.errors import SolveError
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.scene import Scene, load_scene
 from studies.accuracy import climb
+from studies.accuracy_beside import Solve
 
 
 def off(scene: Scene) -> RodResult:
@@ -71,3 +75,45 @@ def test_bodies_of_parts_are_compared_by_the_centers_of_these() -> None:
     assert ladder.rungs[0].error_finest == pytest.approx(0.15e-3 / scene.length, rel=1e-9)
     assert ladder.beside == []
     assert ladder.algebraic_error is None
+
+
+def failing(*cells: int) -> Solve:
+    """A solver that finds no answer with so many cells across."""
+
+    def solve_or_fail(scene: Scene) -> RodResult:
+        if scene.resolution.cells_across in cells:
+            raise SolveError(f"nothing at {scene.resolution.cells_across}")
+        return off(scene)
+
+    return solve_or_fail
+
+
+def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path) -> None:
+    write_study(tmp_path)
+    scene = load_scene(tmp_path / "scene.yaml")
+    whole, ladder = climb(scene, off, (2, 5)), climb(scene, failing(3), (2, 3, 5))
+    assert [rung.cells_across for rung in ladder.rungs] == [2, 5]
+    assert [rung.error_finest for rung in ladder.rungs] == [rung.error_finest for rung in whole.rungs]
+    assert ladder.failed == {"3 cells across": "nothing at 3"}
+    assert "3 cells across failed: nothing at 3" in ladder.table()
+
+    more = climb(scene, failing(4), (2, 5))  # what is compared beside the ladder has 4
+    assert [name.partition(",")[0] for name in more.failed] == ["3 particles a cell along each direction"]
+    assert more.beside[0].name == "rod"
+
+    alone = climb(scene, failing(3, 5), (2, 3, 5))
+    assert alone.conclusions == ["Nothing can be told of the error: 2 cells across alone were solved."]
+    with pytest.raises(SolveError, match="nothing at 2"):
+        climb(scene, failing(2, 3, 5), (2, 3, 5))
+
+
+def test_one_size_alone_ends_with_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """What was solved is kept."""
+    write_study(tmp_path)
+    monkeypatch.setattr("magmpm.simulate.run", failing(3))
+    assert main(["accuracy", str(tmp_path / "scene.yaml"), "--cells", "2,3", "--out", str(tmp_path / "ladder"), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    kept = json.loads((tmp_path / "ladder/accuracy.json").read_text())
+    assert told["failed"] == kept["failed"] == {"3 cells across": "nothing at 3"}
+    assert len(kept["rungs"]) == 1
+    assert not (tmp_path / "ladder/accuracy.png").exists(), "there is no error to be drawn"

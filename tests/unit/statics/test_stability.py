@@ -45,6 +45,14 @@ def test_two_grids_agree() -> None:
     assert against(0.5, 3) == pytest.approx(against(0.5), abs=0.01)
 
 
+@pytest.mark.parametrize("cells", [4, 8])
+def test_in_plane_strain_no_number_overflows(cells: int) -> None:
+    """There is one place across the width, and nothing twists: its distance from the middle, over the width of nothing, once was 1e280."""
+    scene = magmpm.load_scene(SCENE.with_name("zhao_plane_strain.yaml")).with_cells(cells)
+    with np.errstate(all="raise", under="ignore"):
+        assert magmpm.run(scene).stability == pytest.approx(2.90, abs=0.01)
+
+
 def test_it_does_not_depend_on_the_direction_of_a_section() -> None:
     """The same load along y and along z."""
     scene = magmpm.load_scene(SCENE).with_cells(2)
