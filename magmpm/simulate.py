@@ -123,6 +123,8 @@ def simulated(
         return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), None)
     if start is not None and scene.in_time:
         raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
+    if scene.static:
+        scene.check_energy()
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
             return _path(scene, folder, resume, on_progress, on_begin)
@@ -161,8 +163,7 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
 
 
 def missed_effects(scene: Scene) -> list[str]:
-    """Warnings, one for each effect that a scene does not name and that would move its answer by more than the error it asks for (1 % of
-    the length unless it asks), by its rod; none where it says `advice: off` or its body is no rod."""
+    """Warnings of effects that a scene does not name but calls for at the error it asks for: statics.effects_choice.missed."""
     return missed(scene)
 
 

@@ -28,15 +28,18 @@ from studies.trial import Trial
 
 HERE = Path(__file__).parent
 
-def of(names: Iterable[str]) -> pytest.MarkDecorator:
-    """A test for each sampler, skipped where the package that it needs is missing."""
+def of(names: Iterable[str], quick: Iterable[str] | None = None) -> pytest.MarkDecorator:
+    """A test for each sampler, skipped where the package that it needs is missing; quick: those whose test is not of the long run (all)."""
     needs = {"optuna:GPSampler": "torch", "cmaes": "cmaes", "optuna:CmaEsSampler": "cmaes"}
 
     def mark(name: str) -> pytest.MarkDecorator:
         missing = name in needs and importlib.util.find_spec(needs[name]) is None
         return pytest.mark.skipif(missing, reason=f"the sampler {name} needs {needs.get(name)}, an extra of magmpm")
 
-    return pytest.mark.parametrize("sampler", [pytest.param(name, marks=mark(name)) for name in names])
+    def marks(name: str) -> list[pytest.MarkDecorator]:
+        return [mark(name), *[pytest.mark.slow] * (quick is not None and name not in quick)]
+
+    return pytest.mark.parametrize("sampler", [pytest.param(name, marks=marks(name)) for name in names])
 
 
 def trials_of(out: Path) -> list[optuna.trial.FrozenTrial]:
@@ -83,7 +86,7 @@ def test_same_seed_same_trials_and_another_seed_others(sampler: str, tmp_path: P
     assert len({t.value for t in trials_of(tmp_path / "a")}) == 8, "no design is tried twice"
 
 
-@of(name for name in SAMPLERS if name != "nsga2")  # below, as Optuna's NSGAIISampler
+@of((name for name in SAMPLERS if name != "nsga2"), quick=("random", "tpe"))  # nsga2: below, as Optuna's NSGAIISampler
 @pytest.mark.parametrize("where", ["solve", pytest.param("tell", marks=pytest.mark.slow)])
 def test_killed_in_mid_trial_and_resumed_is_the_same_study(sampler: str, where: str, tmp_path: Path) -> None:
     # 23 trials: CMA-ES (population 10) has finished its second generation, TPE its random trials

@@ -126,7 +126,7 @@ print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
     ("solver", "more"),
     [
         ("static: {}", []),
-        ("static: {}", ["derivatives"]),
+        pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow),
         ("dynamic: {duration: 0.1 ms}", []),
         ("dynamic: {duration: 0.1 ms, formulation: updated}", []),
     ],
