@@ -32,6 +32,7 @@ TABLE = 0.02  # more where magnets or coils are on a table, whose error is 0.002
 BRINK = 0.02  # of stability: below, runs warn that a small change may move the body far, and nothing is compared
 FINER = 0.06  # of the length: two or three cells across against one more; errors at two cells are 1 to 2 % (docs/accuracy)
 ROD = 0.06  # of the length, for L/D >= 10: two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %
+LOCKED = 0.03  # more without anti-locking: 4.1 % for 1.4 % where it is switched off; docs/stability, controls
 STIFFNESS = 0.02  # the error of a body's stiffness at two cells across; docs/accuracy
 SLENDER = 10.0
 SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the mirror image
@@ -201,11 +202,12 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
     found.done.append("rod")
     tip = rod.position[-1] + np.array(scene.body.shape.line.base)
     apart = float(np.linalg.norm(tip - result.tip)) / scene.length
-    if apart <= (bound := ROD + _off_by_cells(scene, result)):
+    known = ROD + (LOCKED if scene.solver.anti_locking == "none" else 0.0)
+    if apart <= (bound := known + _off_by_cells(scene, result)):
         return
     far = f"rod: tips {apart:.3g} L apart, bound {bound:.3g}"
     finer = _try(scene.with_cells(scene.resolution.cells_across + 2))
-    if finer is not None and _apart(scene, result, finer) <= FINER and (left := np.linalg.norm(tip - finer.tip) / scene.length) <= ROD:
+    if finer is not None and _apart(scene, result, finer) <= FINER and (left := np.linalg.norm(tip - finer.tip) / scene.length) <= known:
         found.branches.append(f"{far}; two more cells are {left:.3g} L from it")
     else:
         found.wrong.append(far)
