@@ -14,7 +14,7 @@ import numpy as np
 from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
-from magmpm.statics.error_estimate import ALGEBRAIC, ORDER, factor
+from magmpm.statics.error_estimate import ALGEBRAIC, LEAST_ORDER, ORDER, factor
 from magmpm.statics.ladder import operations
 from studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
 
@@ -136,10 +136,17 @@ def climb(
         order_reference=_order(rungs, "error_reference"),
         beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
-        asymptotic=None if len(falling) < 3 else falling == sorted(falling, reverse=True),
+        asymptotic=_asymptotic(falling, _order(rungs[:-1], "error_finest")),
         conclusions=_conclusions(rungs, others),
         failed={name: error.reason for name, error in failed.items()},
     )
+
+
+def _asymptotic(errors: list[float], order: float | None) -> bool | None:
+    """Whether errors, coarse to fine, fall steadily, and at an order that errors may have; None for two that do, which show nothing."""
+    if order is not None and order < LEAST_ORDER:
+        return False
+    return None if len(errors) < 3 else errors == sorted(errors, reverse=True)
 
 
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:

@@ -136,10 +136,10 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
             return []
         times.append(perf_counter() - begun)
         rows = centreline(model, found.point.grid)
-        for name, other in (("finest", finest), ("reference", reference)):
+        for against, other in (("finest", finest), ("reference", reference)):
             if other is not None:
                 moved = np.array([np.interp(other[:, 0], rows[:, 0], rows[:, k]) for k in (1, 2, 3)]).T
-                worst[name] = max(worst.get(name, 0.0), float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length)
+                worst[against] = max(worst.get(against, 0.0), float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length)
     return [Model(name, median(times), worst["finest"], worst.get("reference"))]
 
 

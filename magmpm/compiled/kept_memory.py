@@ -36,8 +36,11 @@ def empty(shape: tuple[int, ...]) -> Array:
 
 
 def _mapped(size: int) -> mmap.mmap:
-    """Fresh memory, in pages of 2 MiB where the system has them."""
-    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    """Fresh memory, in pages of 2 MiB where the system has them. Raises MemoryError where there is none."""
+    try:
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError(f"{size} bytes: {error.strerror}") from None
     if hasattr(mmap, "MADV_HUGEPAGE"):  # Linux
         with suppress(OSError):  # a kernel without them
             memory.madvise(mmap.MADV_HUGEPAGE)

@@ -47,6 +47,17 @@ def within(scene: Scene) -> Iterator[None]:
         raise _too_large(scene, f"particles and grid take at least {estimate}, which could not be had ({error})") from None
 
 
+@contextmanager
+def for_matrix(scene: Scene, size: float) -> Iterator[None]:
+    """A context in which to make the matrix of a scene's equilibrium, of so many bytes. Raises SceneError as `within` does."""
+    if size > machine():
+        raise _too_large(scene, f"the matrix of its equilibrium takes {_in_words(size)}, and this machine has {_in_words(machine())}")
+    try:
+        yield
+    except MemoryError:
+        raise _too_large(scene, f"the matrix of its equilibrium takes {_in_words(size)}, which could not be had") from None
+
+
 def machine() -> float:
     """Memory of this machine, bytes; infinite where it does not say."""
     try:

@@ -36,6 +36,11 @@ def new_panels(planes: int, m: int) -> Array:
     return empty((planes + 2, m, 3 * m))
 
 
+def panel_bytes(planes: int, m: int) -> float:
+    """Memory that `new_panels` takes."""
+    return 24.0 * (planes + 2) * m**2
+
+
 @kernel
 def clear(panels):
     """Set panels to zero. Two threads, because the first touch of fresh memory takes longer than anything that is written to it."""

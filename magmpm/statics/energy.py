@@ -20,7 +20,8 @@ from magmpm.kernels.equilibrium import (
     particles_to_grid,
     particles_to_grid_with_tangent,
 )
-from magmpm.statics.block_cholesky import clear, fix, new_panels
+from magmpm.scene import memory
+from magmpm.statics.block_cholesky import clear, fix, new_panels, panel_bytes
 from magmpm.statics.layout import StaticModel
 
 
@@ -44,7 +45,8 @@ class Energy:
         self.model = model
         layout = model.layout
         self.shape = (layout.planes, layout.m)
-        self.panels = new_panels(*self.shape)
+        with memory.for_matrix(model.scene, panel_bytes(*self.shape)):
+            self.panels = new_panels(*self.shape)
         self.cells = Cells(layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most)
         self.particles = Particles(
             model.weights, model.slopes, model.particles.volume, model.shear, model.bulk, model.modes, model.remanence, model.density

@@ -16,6 +16,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 
 ORDER = 1.5  # of convergence at the rim of a clamp: docs/design.md
+LEAST_ORDER = 1.0  # at which errors fall in the asymptotic range: ORDER, less what the cut of the grid does
 FASTEST = 4.0  # of bending far from the clamp, in cells that are fine enough
 USUAL = 2.0  # between the two: what is taken before a scene has shown its own
 # Cells across of the grid that tells the error of another.
@@ -25,6 +26,10 @@ PROOF = {2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 12: 
 SAFETY = {2: 1.25, 3: 1.35}
 # Between 2 cells and their proof, 3 tell whether errors fall steadily. Neighbors' differences say little (above), so they count for less.
 WITNESS = {2: 3}
+# What these scenes had not: walls below a fifth of a cell, and bodies of L/D below 3. Three tubes with a wall of a tenth of a cell, and a
+# body of L/D 2, had errors of up to 1.74 and 1.51 of their bounds, which are therefore twice and 1.6 times as large.
+THIN, THIN_WALL = 2.0, 0.2
+BLUNT, BLUNT_BODY = 1.6, 3.0
 WARY = 0.7
 ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, over the largest displacement
 
@@ -48,6 +53,12 @@ def bound(coarse: int, fine: int, apart: float, between: dict[int, float]) -> fl
     """
     own = [distance * (n / fine) ** ORDER / (1.0 - (n / fine) ** ORDER) for n, distance in between.items()]
     return max(factor(coarse, fine) * apart, apart + WARY * max(own, default=0.0))
+
+
+def caution(slenderness: float, wall: float) -> float:
+    """What bounds are multiplied by for bodies unlike those by which they were measured. slenderness: length over thickness; wall: cells
+    across a tube's wall (inf without a bore)."""
+    return (THIN if wall < THIN_WALL else 1.0) * (BLUNT if slenderness < BLUNT_BODY else 1.0)
 
 
 def foretold(errors: dict[int, float], cells: int) -> float:

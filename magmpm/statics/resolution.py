@@ -20,7 +20,18 @@ from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, FASTEST, PROOF, WITNESS, bound, foretold, observed_order
+from magmpm.statics.error_estimate import (
+    ALGEBRAIC,
+    FASTEST,
+    LEAST_ORDER,
+    ORDER,
+    PROOF,
+    WITNESS,
+    bound,
+    caution,
+    foretold,
+    observed_order,
+)
 from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnStep, operations
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
@@ -32,7 +43,6 @@ LATE = 1.15  # of the time asked for: a grid that takes longer is given up
 RESERVE = 0.9  # of the time left that a grid may be foretold to take
 HOPE = 0.5  # errors may fall by this order faster than they did
 FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
-LEAST_ORDER = 1.0  # at which errors fall in the asymptotic range; it is 1.5 at the least, less what the cut of the grid does
 
 
 @dataclass
@@ -74,7 +84,15 @@ class _Search:
         if cells in WITNESS:
             self.ladder.prove(WITNESS[cells], cells)
         between = {n: self.ladder.apart(n, finer) for n in self.ladder.solved if cells < n < finer}
-        self.errors[cells] = bound(cells, finer, self.ladder.apart(cells, finer), between) + self.algebraic()
+        known = bound(cells, finer, self.ladder.apart(cells, finer), between)
+        self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + self.algebraic()
+
+    def wall(self, cells: int) -> float:
+        """Cells across a tube's wall, where there are so many across its diameter; inf without a bore."""
+        tube = self.scene.body.catheter
+        if tube is None or tube.inner_diameter == 0.0:
+            return float("inf")
+        return cells * (tube.diameter - tube.inner_diameter) / (2.0 * tube.diameter)
 
     def algebraic(self) -> float:
         """What the solves themselves leave, m: they end at a share of the energy."""
@@ -179,6 +197,8 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
         raise _out_of_reach(search, wanted)
     if order is None:  # one grid says little of how errors fall here: no leap on its word
         finer = [n for n in finer if n <= FIRST_LEAP]
+    elif order < ORDER:  # errors that don't yet fall as they will tell as little
+        finer = [n for n in finer if n <= PROOF[tried]] or finer[:1]
     cells = next((n for n in finer if foretold(search.errors, n) <= wanted), finer[-1])
     solved = PROOF[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
     if solved < cells and solved in PROOF and search.errors[tried] * (tried / solved) ** hoped <= wanted:
@@ -207,18 +227,24 @@ def _next_in_time(search: _Search, finer: list[int]) -> int | None:
 def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> SceneError:
     """cells: the grid that would do, but for memory or time."""
     length, tried = search.scene.length, max(search.errors)
+    within = [n for n in PROOF if n > tried and search.fits(n) and search.takes(n) <= PATIENCE]
+    most = max(within, default=tried)
+    least = foretold(search.errors, most)
     if cells is None:
-        most = max(PROOF)
-        least = foretold(search.errors, most)
-        why = f"{most} cells across, the most whose error can be proven, are off by {100 * least / length:.2g} %, as {tried} cells tell"
+        end = max(PROOF)
+        off = 100 * foretold(search.errors, end) / length
+        why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
     else:
         needed, seconds = operations(search.ladder.on(PROOF[cells]))[1], search.takes(cells)
         why = f"{cells} cells across and their proof by {PROOF[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
+    remedy = f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give"
+    if most > tried:
+        remedy += f", or for {100 * least / length:.2g} %, which {most} cells should give"
     return SceneError(
         "resolution.error",
         received=f"{100 * wanted / length:.3g} % of the length",
         rule=f"must be within reach of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s: {why}",
-        remedy=f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give",
+        remedy=remedy,
     )
 
 

@@ -27,6 +27,7 @@ from studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
 # Equilibria of the same body on the same grid: the solve stops where a step could win 1e-11 of the energy, so the error of the softest
 # motion is sqrt(1e-11 / stability) of what the load has moved it; ten times that, for loads whose energy is a hundred times the body's.
 SOLVED = 1e-4
+SAME_ENERGY = 1e-6  # of an equilibrium and the same one sought more closely
 CLOSER = 1e3  # times: what is an equilibrium stays where it is
 TABLE = 0.02  # more where magnets or coils are on a table, whose error is 0.002 of the field, about another box
 BRINK = 0.02  # of stability: below, runs warn that a small change may move the body far, and nothing is compared
@@ -104,23 +105,25 @@ def _try(scene: Scene) -> Result | None:
 
 
 def _compare(scene: Scene, name: str, one: Result, again: Scene, other: Result, found: Checked, R: np.ndarray = SAME) -> None:
-    """Two solves of one discrete problem, `other` that of the scene `again`. They may end on two branches: both stable, far apart, and of
-    clearly different energies; or near each other, where both stay apart as their solves go on."""
+    """Two solves of one discrete problem, `other` that of the scene `again`. They may end at two equilibria, near each other or far apart:
+    then each stays where it is as it is sought more closely."""
     found.done.append(name)
     apart, bound = _apart(scene, one, other, R), _tolerance(scene, one)
-    if apart <= bound or _soft(one) or _soft(other):
-        return
-    scale = max(abs(one.energy), abs(other.energy))
-    mirrored = abs(one.energy - other.energy) <= 1e-6 * scale  # two images of one symmetric shape
-    if apart > 0.01 and (mirrored or abs(one.energy - other.energy) > 1e-4 * scale):
-        found.branches.append(f"{name}: {apart:.3g} L apart, stabilities {one.stability:.3g}, {other.stability:.3g}")
+    if apart <= bound or (_soft(one) and _soft(other)):
         return
     told = f"{name}: {apart:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g}, {other.energy:.9g} J"
-    closer, its = _try(_closer(scene)), _try(_closer(again))
-    if closer is not None and its is not None and max(_apart(scene, one, closer), _apart(again, other, its)) <= bound:
+    if _stays(scene, one, bound) and _stays(again, other, bound):
         found.branches.append(f"{told}; come to in another way, or more closely, each is where it was: two equilibria")
     else:
         found.wrong.append(told)
+
+
+def _stays(scene: Scene, result: Result, bound: float) -> bool:
+    """Whether the scene, solved more closely, gives the result again, in shape and energy."""
+    closer = _try(_closer(scene))
+    if closer is None or _apart(scene, result, closer) > bound:
+        return False
+    return abs(closer.energy - result.energy) <= max(SAME_ENERGY, bound) * abs(closer.energy)
 
 
 def _closer(scene: Scene) -> Scene:
@@ -156,6 +159,10 @@ def _twins(scene: Scene, result: Result, found: Checked) -> None:
 
 
 def _at_rest(scene: Scene, result: Result, number: int, found: Checked) -> None:
+    if _soft(result):  # nothing else is compared with it
+        found.done.append("more closely")
+        if not _stays(scene, result, bound := _tolerance(scene, result)):
+            found.wrong.append(f"solved {CLOSER:g} times as closely, it is farther away than {bound:.3g} L")
     _twins(scene, result, found)
     _rod(scene, result, found)
     if number % 3 == 0:
@@ -178,7 +185,7 @@ def _finer(scene: Scene, result: Result, found: Checked) -> None:
         return
     for steps in (8, 30):
         again = _try(_solved_as(scene, field_steps=steps, max_steps=200))
-        if again is not None and _apart(scene, again, other) <= FINER:
+        if again is not None and _apart(scene, again, other) <= FINER and _stays(scene, result, _tolerance(scene, result)):
             found.branches.append(f"finer grid: {apart:.3g} L apart; a ramp of {steps} steps finds its branch on this grid")
             return
     found.wrong.append(f"finer grid: {apart:.3g} L apart, bound {FINER}")
@@ -207,7 +214,8 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
         return
     far = f"rod: tips {apart:.3g} L apart, bound {bound:.3g}"
     finer = _try(scene.with_cells(scene.resolution.cells_across + 2))
-    if finer is not None and _apart(scene, result, finer) <= FINER and (left := np.linalg.norm(tip - finer.tip) / scene.length) <= known:
+    left = np.inf if finer is None else float(np.linalg.norm(tip - finer.tip)) / scene.length
+    if finer is not None and left <= known and _apart(scene, result, finer) <= FINER / 2:
         found.branches.append(f"{far}; two more cells are {left:.3g} L from it")
     else:
         found.wrong.append(far)

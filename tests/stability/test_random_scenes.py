@@ -103,6 +103,11 @@ def test_a_wrong_answer_is_found(tmp_path: Path) -> None:
     found = checked(scene, off, tmp_path, 2)
     assert any("mirror image" in text for text in found.wrong)
     assert checked(scene, replace(result, stability=-0.1), tmp_path, 2).wrong
+    for number in range(3):  # far away as well, where two equilibria are usual: this is none, though its energy is another
+        far = replace(result, tip=result.tip + np.array([0.0, 0.4 * scene.length, 0.0]), energy=1.05 * result.energy)
+        assert any("mirror image" in text for text in checked(scene, far, tmp_path, number).wrong)
+    soft = replace(far, stability=0.015)  # nothing else is compared with it
+    assert any("as closely" in text for text in checked(scene, soft, tmp_path, 2).wrong)
     assert checked(scene, replace(result, tip=np.full(3, np.nan)), tmp_path, 2).wrong
 
 

@@ -43,6 +43,7 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     assert 0.0 < rod.error_finest < 6e-4  # the finest is a rod itself, 0.01 mm off at the tip; the rows between stations are another 2e-4
     assert rod.error_reference is None
     assert more.error_finest < 1e-12
+    assert places.name == "3 other places of the grid, at 4 cells, the worst"
     assert 1e-4 < places.error_finest < 0.02  # solved in truth: a rod is off by 0.7 % here
     assert ladder.conclusions[-1].startswith("The rod would do for 1 % and for 0.1 %")
     assert "0.1 % of the length costs" in ladder.conclusions[1]
