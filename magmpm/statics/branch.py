@@ -2,7 +2,8 @@
 
 A step is accepted where undamped Newton iterations from the state before contract (step k is at most CONTRACTION^k times the first) to a
 state whose tangent is positive definite: then it is the neighbor of the one before, and stable. Otherwise the step is halved, down to
-FINEST of what the caller asked for. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the
+FINEST of what the caller asked for; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the smallest
+eigenvalue, to FINEST of that once more. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the
 tangent reaches zero:
 
 * a limit point: the branch turns back, and the body snaps to another. Near it the eigenvalue falls as the root of the distance;
@@ -119,19 +120,21 @@ class Branch:
         growth = GROWTH
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
+            # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within one asked for.
+            ends = beyond < np.inf and (self._near.unstable or self._ends_before(beyond))
+            least = finest if ends else FINEST * finest
             gap = min(until, beyond) - self.now.time
-            way = gap / 2 if beyond < np.inf and (self._near.unstable or self._ends_before(beyond)) else gap
-            way = min(way, self.now.step)
-            if beyond < np.inf and gap <= 1.5 * finest:
+            way = min(gap / 2 if ends else gap, self.now.step)
+            if beyond < np.inf and gap <= 1.5 * least:
                 jumps.append(self._jump(beyond, min(until, beyond + LANDING * finest)))
                 beyond = np.inf
                 continue
             end = min(until, beyond)
-            target = end if self.now.time + way > end - 0.5 * finest else self.now.time + way
+            target = end if self.now.time + way > end - 0.5 * least else self.now.time + way
             found = self._attempt(target)
             if found is None:
                 beyond, growth = target, 1.0  # the next step is no longer than the one that was too long
-                self.now = replace(self.now, step=max(way / 2, 0.5 * finest))
+                self.now = replace(self.now, step=max(way / 2, 0.5 * least))
                 continue
             self.before, self.now = self.now, replace(found, step=growth * way)
             growth = GROWTH

@@ -219,10 +219,8 @@ def pulled(move: float, cells: int) -> Scene:
     return scene("pulled_catheter", **changes, resolution__cells_across=cells)
 
 
-@pytest.mark.parametrize(
-    ("move", "cells"),
-    [(0.0, 3), pytest.param(0.0, 4, marks=pytest.mark.slow), pytest.param(0.07, 4, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("move", "cells"), [(0.0, 3), (0.0, 4), (0.07, 4)])
 def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(
     measure: ModuleType, move: float, cells: int
 ) -> None:

@@ -127,6 +127,15 @@ def test_a_bent_strip_snaps_through() -> None:
     assert there == pytest.approx(_rod_snaps(path), rel=0.03)
 
 
+def test_a_step_far_too_long_is_no_jump() -> None:
+    """1 T across in one step, some 300 times what turns the body along the field: a step of a thousandth of it is still too long where the
+    body begins to bend, and was taken for the end of a branch. It ends where smaller steps end, without one."""
+    ramp = {"uniform": [0.0, 8e-3, 1.0], "over_time": {"ramp": {"duration": 1.0}}}
+    long, short = (run(scene({"steps": steps}, length=40e-3, field=ramp, cells=2)) for steps in (1, 40))
+    assert [jump for jump in long.jumps if jump["time"] < 0.1] == []
+    assert np.linalg.norm(long.tip - short.tip) < 1e-4 * 40e-3
+
+
 def _rod_snaps(path: Scene) -> float:
     """The transverse field (T) at which the rod snaps from +z to -z."""
     rod = rod_model(path, elements=60, time=0.0)

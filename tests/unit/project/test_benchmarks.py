@@ -86,6 +86,7 @@ def test_contact_is_measured_on_a_body_that_touches() -> None:
     assert rates.touching_share(far, "ground") == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory of a process is read from /proc")
 def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.MonkeyPatch) -> None:
     """The estimate before the model is built is below the growth; the one after it is near (a tenth: share of libraries, and rounding)."""

@@ -250,8 +250,9 @@ def test_f_bar_is_never_stiffer(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(
     "effects",
-    [pytest.param({"magnetic_torque": {}}, marks=pytest.mark.slow), {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}],
+    [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}],
 )
+@pytest.mark.slow  # test_stability compares the same products with the tangent of one combination of effects
 def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
     """Without a matrix: the tangent times columns, with loads that also soften, and the mass of unit density."""
     data = rod_scene(cells=2, field=(1e-3, 4e-3, 7e-3)).to_si() | {"effects": effects}
