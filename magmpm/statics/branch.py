@@ -120,7 +120,7 @@ class Branch:
         growth = GROWTH
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
-            # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within one asked for.
+            # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within it.
             ends = beyond < np.inf and (self._near.unstable or self._ends_before(beyond))
             least = finest if ends else FINEST * finest
             gap = min(until, beyond) - self.now.time
