@@ -127,6 +127,7 @@ def test_a_bent_strip_snaps_through() -> None:
     assert there == pytest.approx(_rod_snaps(path), rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_step_far_too_long_is_no_jump() -> None:
     """1 T across in one step, some 300 times what turns the body along the field: a step of a thousandth of it is still too long where the
     body begins to bend, and was taken for the end of a branch. It ends where smaller steps end, without one."""
