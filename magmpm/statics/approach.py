@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-
 from magmpm.compiled.arrays import Array
 from magmpm.statics.block_cholesky import factor, rounded, solve
 from magmpm.statics.energy import Energy
+from magmpm.statics.error_estimate import distance
 from magmpm.statics.newton import PAIRS, corrected
 
 SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
@@ -43,17 +42,17 @@ def approached(
     if factor(factors, energy.model.layout.split) >= 0:
         return None
     newton = partial(solve, factors, energy.model.layout.split)
-    first, at, direction = np.inf, points(start), -newton(residual)
+    first, at, direction = 0.0, points(start), -newton(residual)
     pairs: list[tuple[Array, Array]] = []
     for step in range(MOST_CHORDS + 1):
         point = energy.at(point.grid + direction)
         if not point.min_det_F > 0:
             return None
         before, at = at, points(point.grid)
-        moved = _largest(at - before)
+        moved = distance(at, before)
         first = first if step else moved
         on_step(step, 0.0)
-        if step and moved < SETTLED * _largest(at - compared):
+        if step and moved < SETTLED * distance(at, compared):
             return point.grid
         if moved > ASTRAY * first:
             return None
@@ -61,8 +60,3 @@ def approached(
         pairs = [*pairs[1 - PAIRS :], (direction, residual - last)]
         direction = corrected(residual, pairs, lambda right: -newton(right))
     return None
-
-
-def _largest(between: Array) -> float:
-    """The length (m) of the longest of some vectors (k, 3) m."""
-    return float(np.linalg.norm(between, axis=1).max())
