@@ -24,6 +24,12 @@ def marked_in_order(path: Path) -> bool:
     return fields is not None and fields[4] == _IN_ORDER
 
 
+def state_of(path: Path) -> tuple[int, int, int]:
+    """What changes as a file is written: time of the last change in ns, length in bytes, mark (-1 without a superblock)."""
+    fields, now = _read(path), path.stat()
+    return now.st_mtime_ns, now.st_size, -1 if fields is None else fields[4]
+
+
 def unmark(path: Path) -> bool:
     """Remove the mark of such a file; returns whether there was one.
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, overload
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -250,6 +251,13 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
         raise InputError(report(f"{path}: can't be read ({error})", rule=rule, remedy=remedy)) from None
 
 
+def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:
+    """Times, fields and what is stored once, after all frames were checked. Raises InputError."""
+    times, fields = vtkhdf.read_moments(file)
+    vtkhdf.check(path, file, range(len(times)))
+    return times, fields, vtkhdf.read_static(file)
+
+
 @dataclass(frozen=True)
 class Motion:
     """A motion that was written; `motion[k]` reads a frame, `motion[i:j]` a list of them, `motion.position(k)` its positions alone.
@@ -285,10 +293,7 @@ class Motion:
             )
         try:
             vtkhdf.mend(path)
-            with vtkhdf.opened(path) as file:
-                times, fields = vtkhdf.read_moments(file)
-                vtkhdf.check(path, file, range(len(times)))
-                static = vtkhdf.read_static(file)
+            times, fields, static = vtkhdf.steady(path, lambda file: _whole(path, file))
             name, scene = _read_about(folder / ABOUT)
             energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
             steps, jumps = read_steps(folder / STEPS), read_jumps(folder / JUMPS)
@@ -331,8 +336,7 @@ class Motion:
             return [self[k] for k in range(len(self))[number]]
         k = self._counted(number)
         path = self.folder / MOTION
-        with vtkhdf.opened(path) as file:
-            quantities = vtkhdf.read_arrays(path, file, k)
+        quantities = vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k))
         field = self.fields[k]
         return Frame(
             number=k,
@@ -345,8 +349,7 @@ class Motion:
     def position(self, number: int) -> Numbers:
         """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
         k, path = self._counted(number), self.folder / MOTION
-        with vtkhdf.opened(path) as file:
-            return vtkhdf.read_arrays(path, file, k, ["Points"])["Points"]
+        return vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"]))["Points"]
 
     def _counted(self, number: int) -> int:
         """The number of a frame counted from the start. Raises IndexError."""

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import time as clock
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -23,16 +23,21 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
+from magmpm.results.folder_lock import folder_lock
 from magmpm.results.frame_arrays import QUANTITIES, Numbers
-from magmpm.results.hdf5_mark import marked_in_order, unmark
+from magmpm.results.hdf5_mark import marked_in_order, state_of, unmark
+
+T = TypeVar("T")
 
 STATIC = ("part", "volume", "remanence", "reference")
 # Readable by HDF5 1.10 and later, and so by ParaView 5.6 and later, whatever is installed here.
 _FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 _AHEAD = 64  # frames by which arrays and rows are extended at a time: a chunk of the rows
-_PATIENCE = 2.0  # s: a file that is marked as being written for longer was left by a killed run
-_ATTEMPTS = 3  # to open a file that is marked, again and again, as being written
+_PATIENCE = 2.0  # s: a file that is marked as being written, and not changed, for longer was left by a killed run
+_MOMENT = 0.02  # s between two looks at a file
+_LONGEST = 30.0  # s that a file may go on changing before it can be opened
+_ATTEMPTS = 5  # to read a file while a run changes it
 _TIMES, _FIELD, _COUNT = "VTKHDF/Steps/Values", "VTKHDF/FieldData/field", "NSteps"
 _SUMS = "magmpm/checksum"
 
@@ -288,39 +293,60 @@ def _unreadable(path: Path, received: str) -> InputError:
 
 
 def opened(path: Path) -> h5py.File:
-    """The file to read, waiting for a frame that is being written. Raises OSError if it can't be opened."""
-    patience = clock.monotonic() + _PATIENCE
+    """The file to read, waiting for a frame that is being written. Raises OSError if it can't be opened.
+
+    A run that goes on changes the mark and the length between two looks, so a failure counts only where the file has stayed as it was.
+    """
+    begun = since = clock.monotonic()
+    seen = None
     while True:
-        waiting = marked_in_order(path) and clock.monotonic() < patience
+        now, state = clock.monotonic(), state_of(path)
+        if state != seen:
+            seen, since = state, now
         try:
             return h5py.File(path, "r", locking=False)
         except OSError:
-            if not waiting:
+            patience = _PATIENCE if marked_in_order(path) else _MOMENT
+            if now - since > patience or now - begun > _LONGEST:
                 raise
-            clock.sleep(0.02)
+            clock.sleep(_MOMENT)
+
+
+def steady(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """What is read from the file; again where that fails while a run changes the file. Raises what `read` raises, OSError."""
+    for _ in range(_ATTEMPTS):
+        before = state_of(path)
+        try:
+            with opened(path) as file:
+                return read(file)
+        except (OSError, RuntimeError, KeyError, ValueError, InputError):
+            if state_of(path) == before:
+                raise
+            clock.sleep(_MOMENT)
+    with opened(path) as file:
+        return read(file)
 
 
 def mend(path: Path) -> None:
     """Make a file usable that a killed run left marked as being written; only the mark is removed. Raises InputError.
 
-    A run that writes a frame marks its file as well, so the mark counts only if it stays for a while.
+    A run that writes a frame marks its file as well: the mark must stay for a while, with nothing written, and nobody may hold the folder.
     """
-    reason: Exception = OSError("can't be opened")
-    for _ in range(_ATTEMPTS):
-        try:
-            opened(path).close()
-            return
-        except OSError as error:
-            reason = error
-        if not unmark(path):
-            break
-        try:
-            with opened(path) as file:
-                times, _ = read_moments(file)
-            _count_only(path, len(times))
-            return
-        except (OSError, KeyError) as error:  # marked again: a run on a busy machine writes frame after frame
-            reason = error
+    try:
+        opened(path).close()
+        return
+    except OSError as error:
+        reason: Exception = error
+    if marked_in_order(path):
+        with folder_lock(path.parent):  # Raises FolderInUse: a run that was suspended in the middle of a frame
+            if unmark(path):
+                try:
+                    with opened(path) as file:
+                        times, _ = read_moments(file)
+                    _count_only(path, len(times))
+                    return
+                except (OSError, KeyError) as error:
+                    reason = error
     cause = f"{path.stat().st_size} bytes that can't be opened as HDF5 ({_first_words(reason)})"
     raise _unreadable(path, cause) from reason
 

@@ -414,3 +414,60 @@ def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
     with h5py.File(tmp_path / motion.MOTION, "r"):
         pass  # opens without special flags, as ParaView does
     assert MotionWriter(tmp_path, model, resume_at=read.times[1]).frames == 2
+
+
+LOCKED = """
+import sys
+sys.path[:0] = [{root!r}, {tests!r}]
+from magmpm.results.folder_lock import folder_lock
+with folder_lock({folder!r}):
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_mark_that_changes_between_two_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame may be written after a look at the mark and before the file is opened: one failure does not count."""
+    motions.written(tmp_path)
+    path, open_file, failures = tmp_path / motion.MOTION, h5py.File, [OSError("truncated file"), OSError("open for write")]
+
+    def unlucky(*args: Any, **settings: Any) -> h5py.File:
+        if failures:
+            path.touch()  # a run writes
+            raise failures.pop()
+        return open_file(*args, **settings)
+
+    monkeypatch.setattr(vtkhdf.h5py, "File", unlucky)
+    assert len(Motion.load(tmp_path)) == len(TIMES)
+    assert not failures
+
+
+def test_a_folder_that_is_held_is_not_mended(tmp_path: Path) -> None:
+    """A run suspended in the middle of a frame: its file stays as it is, and the message names the run."""
+    motions.written(tmp_path)
+    path = tmp_path / motion.MOTION
+    path.write_bytes(as_left_by_a_kill(path.read_bytes()))
+    before = path.read_bytes()
+    code = LOCKED.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline() == "locked\n"
+        with pytest.raises(InputError, match=f"in use by process {run.pid}"):
+            Motion.load(tmp_path)
+        assert path.read_bytes() == before
+        run.communicate()
+    assert len(Motion.load(tmp_path)) == len(TIMES)
+
+
+def test_reading_never_harms_a_motion_that_is_written(tmp_path: Path) -> None:
+    """A motion loaded over and over while a process writes it: every load succeeds, and at the end each frame is whole."""
+    code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path)).replace("100000", "200")
+    with subprocess.Popen([sys.executable, "-c", code]) as process:
+        give_up = time.monotonic() + 60
+        while not (tmp_path / motion.ENERGIES).exists() and time.monotonic() < give_up:
+            time.sleep(0.005)
+        counts = [0]
+        while process.poll() is None:
+            counts.append(len(Motion.load(tmp_path)))
+    assert counts == sorted(counts)
+    assert len(Motion.load(tmp_path)) == 200
