@@ -42,6 +42,11 @@ def _refuse(*_: Any, **__: Any) -> Any:
     raise SolveError("switched off")
 
 
+def _stops_at_the_edge(motion: UpdatedMotion) -> None:
+    """A grid that stays where it was ends here: going on, particles would write outside of its memory."""
+    raise SolveError("the body has come to the edge of its box")
+
+
 def _full_step(energy: Any, point: Any, direction: Any, *_: Any) -> Any:
     return energy.at(point.grid + direction)
 
@@ -188,7 +193,7 @@ CONTROLS = {  # by the beginning of a case's name
     "frames lost": Control("tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)),
     "permuted particles": LOOSE,
     "ramp past a bifurcation": Control("leaving equilibria that are not minima", _stays_where_it_is),
-    "body that crosses its box": Control("a box that follows the body", lambda: put(UpdatedMotion, "sort", lambda self: None)),
+    "body that crosses its box": Control("a box that follows the body", off(UpdatedMotion, "sort", _stops_at_the_edge)),
 }
 
 
