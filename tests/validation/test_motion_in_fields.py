@@ -15,7 +15,6 @@ from magmpm.fields.dipole import MU0
 from magmpm.scene import Scene
 from magmpm.simulate import run
 
-FORMULATIONS = ["total", "updated"]
 BODY = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
 BOTH: dict[str, Any] = {"magnetic_torque": {}, "magnetic_force": {}}
 SPHERE = {"position": (20e-3, 4e-3, 10e-3), "moment": (1.0, 0.4, -2.0), "diameter": 6e-3}
@@ -26,7 +25,7 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
     return Scene.from_si({**data, "field": field, "effects": {**data["effects"], **named}})
 
 
-@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("formulation", ["total", pytest.param("updated", marks=pytest.mark.slow)])
 def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
     """Momentum grows by the integral of f = (1/mu0) (grad B)^T F Br, angular momentum by that of x cross f plus (1/mu0) F Br cross B,
     summed step by step: to 1e-6 of their magnitude. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over
@@ -77,7 +76,8 @@ def test_segments_that_pull_each_other_move_no_centre(formulation: str) -> None:
     assert np.linalg.norm(now.spin) < 1e-3 * turned
 
 
-@pytest.mark.parametrize("named", ["pulled", pytest.param("together", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("named", ["pulled", "together"])
 def test_motion_comes_to_rest_where_statics_is(named: str) -> None:
     """With damping near twice the first bending frequency: within 0.2 % of the length."""
     length = 24e-3

@@ -61,6 +61,7 @@ def test_what_a_transfer_loses_is_that_of_the_plain_one() -> None:
     assert np.array_equal(before, motion.particles()[1])
 
 
+@pytest.mark.slow  # it compiles for most of its 40 s
 def test_it_is_counted_where_the_scene_takes_energy_too_and_never_in_the_total_formulation() -> None:
     """With all effects of motion in the kernel."""
     scenes = {name: moving_scene(block(SIZE), {"gravity": {}}, formulation=name) for name in ("updated", "total")}

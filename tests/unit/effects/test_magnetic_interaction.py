@@ -126,6 +126,7 @@ def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator, share
     assert slopes(lambda t: shared(t) - start - t * linear, [0.4, 0.2, 0.1, 0.05])[-1] == pytest.approx(2.0, abs=0.05)
 
 
+@pytest.mark.slow  # it compiles for most of its 40 s
 def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
     """For the total energy: the residual is negligible compared with the forces between segments, and the energy is lower than at the
     shape without the effect, which is different.
