@@ -67,8 +67,6 @@ def cut_for(box: Box, body: Box, obstacles: list[Solid]) -> Box | None:
     """The box, cut by planes so that it contains the body but no obstacle; None where no plane separates the two."""
     for solid in obstacles:
         low, high = solid.box()
-        if not box.meets(low, high):
-            continue
         found: list[Box] = []
         for k in range(3):
             for sign in (1, -1):
@@ -77,13 +75,16 @@ def cut_for(box: Box, body: Box, obstacles: list[Solid]) -> Box | None:
                     continue
                 lower, upper = box.lower.copy(), box.upper.copy()
                 if sign > 0:
-                    upper[k] = low[k] - KEPT_OFF * gap
+                    upper[k] = min(upper[k], low[k] - KEPT_OFF * gap)
                 else:
-                    lower[k] = high[k] + KEPT_OFF * gap
+                    lower[k] = max(lower[k], high[k] + KEPT_OFF * gap)
                 found.append(Box(lower, upper, box.cut))
         if not found:
             return None
-        box = max(found, key=lambda one: one.volume)
+        largest = max(found, key=lambda one: one.volume)
+        if largest.volume == box.volume:
+            continue  # it keeps off already
+        box = largest
         if solid.name not in box.cut:
             box = replace(box, cut=(*box.cut, solid.name))
     return box

@@ -303,6 +303,12 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     assert box.upper[0] == pytest.approx(42e-3 - 0.25 * 2e-3)
     assert np.all(box.lower <= BODY.lower)
     assert not box.meets(*magnet[0].box())
+    reach = region.reach(BODY, True)
+    beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
+    near = region.cut_for(reach, BODY, beside)
+    assert near is not None
+    assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
+    assert near.volume > 0.5 * reach.volume
     far = region.cut_for(region.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
     assert far is not None
     assert not far.cut, "out of reach: nothing to cut"
