@@ -120,3 +120,7 @@ class Torn(SolveError):
 
 class BudgetError(SolveError):
     """A run that would exceed its limit of disk space or memory; everything up to then is saved and readable."""
+
+
+class TimeOver(BudgetError):
+    """A run that took longer than it may (magmpm.scene.time_limit)."""

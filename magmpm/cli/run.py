@@ -12,7 +12,7 @@ from magmpm.cli.answers import PARTICLES, print_summary, results_folder
 from magmpm.cli.design import refuse_study
 from magmpm.cli.progress import Progress
 from magmpm.cli.render import draw_run
-from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.errors import InputError, MagmpmError, SolveError, TimeOver
 from magmpm.inputs.yaml_document import of_file
 from magmpm.results.file_names import CHECKPOINT, EARLIER
 from magmpm.results.folder_lock import folder_lock
@@ -21,6 +21,7 @@ from magmpm.results.readable import lengths, quantity, significant
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.time_limit import limited
 
 
 def command(options: argparse.Namespace) -> int:
@@ -61,6 +62,8 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
         _warn(error.state)
         _tell_failure(error, saved, options)
         words = f"; the results in {folder} are as they were" if saved != folder else ""
+        if isinstance(error, TimeOver) and (folder / CHECKPOINT).exists():
+            words += "; `--resume` goes on from there"
         raise SolveError(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
     except BaseException:
         if not (folder / CHECKPOINT).exists():  # nothing to resume from
@@ -83,7 +86,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
     """The run itself, with a line of progress."""
     from magmpm.simulate import simulated
 
-    with Progress(f"{scene.name}") as progress, of_file(options.scene):
+    with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
 
         def tell(step: int, number: float) -> None:
             if not scene.in_time:

@@ -30,7 +30,7 @@ from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
-from magmpm.scene import Scene
+from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import GROWTH
 from magmpm.scene.motion_options import DynamicOptions
 
@@ -279,6 +279,7 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
                 raise _stopped(state, trouble)
             if on_progress is not None:
                 on_progress(state.time, state.steps)
+            time_limit.check()
             if taken < steps or control.step < dt * (1 - 1e-12) or (control.step > 1.5 * dt and done < count):
                 break
     motion.sort()

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from magmpm.errors import Collapsed, Key, LeftField, SolveError, Torn, dotted, undotted
+from magmpm.errors import Collapsed, Key, LeftField, SolveError, TimeOver, Torn, dotted, undotted
 from magmpm.fields.dipole import MU0
 from magmpm.scene.scene import Scene
 
@@ -54,9 +54,9 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _shorter_or_weaker(scene, error)
-    if isinstance(error, Collapsed):
-        return (*_less_magnetic(scene), *_shorter_or_weaker(scene, error))
     less = _less_magnetic(scene) if scene.effects.magnetic_interaction is not None else ()
+    if isinstance(error, Collapsed | TimeOver):  # smaller steps would take longer
+        return (*less, *_shorter_or_weaker(scene, error))
     if scene.solver.dynamic is not None:
         return (*less, *_of_motion(scene, error))
     return (*less, *_of_equilibria(scene, error))
@@ -135,7 +135,8 @@ def _weaker(scene: Scene, error: SolveError, *, by_field: bool = True) -> tuple[
     by_field: whether a weaker field is enough, where nothing else loads the body.
     """
     share = getattr(error.state, "load_share", 1.0)
-    parts = WEAKER if share >= 1.0 else (float(f"{SHARE * share:.3g}"),) if share > 0.0 else (WEAKER[-1], FAINT)
+    borne = tuple(float(f"{part * share:.3g}") for part in (SHARE, WEAKER[0]))
+    parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], FAINT)
     weight = scene.effects.gravity
     if by_field and weight is None and scene.field.over_time is None:
         return tuple(

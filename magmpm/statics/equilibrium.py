@@ -19,7 +19,7 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
 from magmpm.effects import acting
-from magmpm.errors import InputError, LeftField, SolveError
+from magmpm.errors import InputError, LeftField, SolveError, TimeOver
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
@@ -30,6 +30,7 @@ from magmpm.statics.rod_start import from_rod, local_correction, straight, with_
 from magmpm.statics.stability import Unloaded, stability
 
 RAMP_STEPS = 8
+QUICK, EASY = 6, 3  # a step of a ramp is quick within so many Newton steps; so many quick ones double a step that was halved
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
 
 BODY = ("particles.position", "particles.volume", "shear", "bulk", "weights", "modes", "layout.fixed", "layout.cell_first")
@@ -310,23 +311,31 @@ def _ramped(
     model: StaticModel, count: int, warnings: list[str],
     solved: Callable[[float, Array], tuple[Energy | InteractingEnergy, Minimum]],
 ) -> Equilibrium:  # fmt: skip
-    """The equilibrium at the end of a load that grows in `count` equal steps. A step that fails is halved, down to 1/32 of the first.
+    """The equilibrium at the end of a load that grows in `count` equal steps. A step that fails is halved, down to 1/32 of the first
+    (the first one is quartered); after some that were solved quickly it is doubled again.
 
     solved(share of the load, coefficients to begin from): the energy, and its minimum.
     """
     grid, reached, size, steps = straight(model), 0.0, 1.0 / count, 0
+    least = size / 32
+    quick, wait, grown = 0, EASY, False
     last: Point | None = None
     while reached < 1.0:
         factor = min(1.0, reached + size)
         try:
             energy, found = solved(factor, grid)
         except SolveError as error:
-            size /= 2
-            if size < 1.0 / (32 * count):
+            if size <= least or isinstance(error, TimeOver):
                 state = None if last is None else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings, reached)
                 raise type(error)(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
+            size = max(size / (4 if last is None else 2), least)  # nothing is known of a body's first step
+            quick, wait, grown = 0, 2 * wait if grown else wait, False
             continue
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
+        quick = quick + 1 if found.steps <= QUICK else 0
+        grown = quick >= wait and size < 1.0 / count
+        if grown:
+            size, quick = 2 * size, 0
     assert last is not None  # the loop ran at least once
     return Equilibrium(last, steps, True, np.zeros_like(last.grid), warnings, energy=energy)
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
+from magmpm.scene import time_limit
 from magmpm.statics.arc_step import along_arc
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
@@ -142,6 +143,7 @@ def _step(energy: Energy, point: Point, shift: float) -> tuple[Array, Array, flo
 def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, float]:
     """Residual, and the shift (at least `shift`) that made the tangent positive definite. The energy's panels then hold the factors."""
     layout = energy.model.layout
+    time_limit.check()
     while True:
         residual, panels = energy.tangent(point)
         if shift > 0.0:

@@ -16,17 +16,19 @@ from magmpm.precompile import prepare_kernels
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
+from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
 from studies.hard_cases.checks import checked
 
 CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"
+OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself
 Outcome = dict[str, Any]
 Tell = Callable[[Outcome], None]
 
 
 def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     """Solve the scene of a file. limit: s of processor time for the run, and as much for its checks or remedies, after
-    which the process is ended (SIGPROF); folder: for what is saved.
+    which the process is ended (SIGPROF), if it has not ended by itself before (magmpm.scene.time_limit); folder: for what is saved.
 
     tell(outcome): called before remedies are tried, with what is known until then.
     The outcome has `ended`, one of
@@ -62,7 +64,8 @@ def out_of_time(limit: float) -> None:
 
 def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -> Outcome:
     try:
-        result = run(scene, folder=folder)
+        with limited(OWN_SHARE * limit, process_time):
+            result = run(scene, folder=folder)
     except SolveError as error:
         found: Outcome = {"ended": STOPPED, "kind": type(error).__name__, "reason": error.reason, "saved": _kept(error.state, folder)}
         found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}

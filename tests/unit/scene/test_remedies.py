@@ -58,7 +58,7 @@ def test_a_body_that_is_pulled_away_gets_a_weaker_field() -> None:
         for remedy in remedies(scene, LeftField("inside", state)):
             weaker = remedy.applied(scene)
             strengths.append(float(weaker.outside_field().at(np.zeros(3))[0][2]) / 8e-3)
-    assert strengths == pytest.approx([0.5, 0.1, 0.54])
+    assert strengths == pytest.approx([0.5, 0.1, 0.54, 0.3])
 
 
 def test_a_torn_body_moves_in_the_total_formulation() -> None:
@@ -91,9 +91,9 @@ def test_segments_that_collapse_at_little_remanence_get_a_share_of_it() -> None:
     for material in data["materials"].values():
         material["shear_modulus"], material["remanence"] = 1e8, 0.3
     stiff = Scene.from_si(data)
-    (only,) = remedies(stiff, Collapsed("collapsed", Reached(load_share=0.8)))
-    material = next(iter(only.applied(stiff).materials.values()))
-    assert material.remanence == pytest.approx(0.3 * 0.72)
+    found = remedies(stiff, Collapsed("collapsed", Reached(load_share=0.8)))
+    materials = [next(iter(remedy.applied(stiff).materials.values())) for remedy in found]
+    assert [material.remanence for material in materials] == pytest.approx([0.3 * 0.72, 0.3 * 0.4])
 
 
 def test_equilibria_along_time_that_leave_the_field_at_once_get_a_weaker_load() -> None:

@@ -1,0 +1,51 @@
+"""How long solvers may take. When the time is over they end by themselves, with what they have.
+
+    with limited(600.0):
+        run(scene, folder="runs/long")
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import NamedTuple
+
+from magmpm.errors import InputError, TimeOver, report
+
+
+class _Limit(NamedTuple):
+    seconds: float
+    until: float  # s of the clock
+    clock: Callable[[], float]
+
+
+_limits: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())
+
+
+@contextmanager
+def limited(seconds: float | None, clock: Callable[[], float] = time.perf_counter) -> Iterator[None]:
+    """A context in which each solver raises TimeOver, a SolveError, once so many seconds are over; None: it may take what it takes.
+
+    It ends after the Newton step, or the chunk of a motion's steps, that it is at. Its state is the last good Result, as of other failures;
+    what runs along time has written its frames, and goes on with resume=True. clock: what counts the seconds, such as time.process_time.
+    Raises InputError where seconds is not above zero.
+    """
+    if seconds is None:
+        yield
+        return
+    if not seconds > 0.0:
+        raise InputError(report("time limit", received=f"{seconds:g} s", rule="must be above zero", remedy="give seconds, or none"))
+    before = _limits.set((*_limits.get(), _Limit(seconds, clock() + seconds, clock)))
+    try:
+        yield
+    finally:
+        _limits.reset(before)
+
+
+def check() -> None:
+    """Called by solvers at each step. Raises TimeOver."""
+    for limit in _limits.get():
+        if limit.clock() > limit.until:
+            raise TimeOver(f"the time is over: {limit.seconds:g} s were allowed")
