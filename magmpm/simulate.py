@@ -235,8 +235,8 @@ def _motion(
 
     begun = time.perf_counter()
     with memory.within(scene):
-        compiled = prepare_kernels(scene)
-        moved = dynamics.begin(build(scene))
+        model = build(scene)  # refuses what can't begin, before its kernels are compiled
+        compiled, moved = prepare_kernels(scene), dynamics.begin(model)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
 
