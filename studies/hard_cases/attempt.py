@@ -73,7 +73,8 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
         out_of_time(limit)
         return found | {"answered": remedied(scene, error.remedies, limit)}
     out_of_time(limit)  # the checks are several more runs
-    done = checked(scene, result, folder, number)
+    with limited(OWN_SHARE * limit, process_time):
+        done = checked(scene, result, folder, number)
     shutil.rmtree(folder)
     found = {"warnings": result.warnings, "checks": done.done, "branches": done.branches, "solver": result.formulation}
     return {"ended": WRONG if done.wrong else CONVERGED, "reason": "; ".join(done.wrong), **found}

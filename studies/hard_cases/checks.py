@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import SolveError
+from magmpm.errors import SolveError, TimeOver
 from magmpm.results.file_names import ENERGIES
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
@@ -46,6 +46,7 @@ GAINED = 0.05  # of the largest kinetic energy, as the watchdog allows
 
 
 SAME = np.eye(3)
+LATE = "time over"
 
 
 @dataclass
@@ -58,15 +59,21 @@ class Checked:
 
 
 def checked(scene: Scene, result: Result, folder: Path, number: int) -> Checked:
-    """The checks of a scene's answer. folder: of the run's files; number: of the scene, which chooses among the costly checks."""
+    """The checks of a scene's answer, as many as the time allows (magmpm.scene.time_limit); the last one done is then LATE.
+
+    folder: of the run's files; number: of the scene, which chooses among the costly checks.
+    """
     found = Checked()
     _sane(result, found)
-    if scene.solver.dynamic is not None:
-        _moved(scene, result, folder, number, found)
-    elif scene.solver.quasi_static is not None:
-        _followed(scene, result, found)
-    else:
-        _at_rest(scene, result, number, found)
+    try:
+        if scene.solver.dynamic is not None:
+            _moved(scene, result, folder, number, found)
+        elif scene.solver.quasi_static is not None:
+            _followed(scene, result, found)
+        else:
+            _at_rest(scene, result, number, found)
+    except TimeOver:
+        found.done.append(LATE)
     return found
 
 
@@ -100,6 +107,8 @@ def _solved_as(scene: Scene, **static: Any) -> Scene:
 def _try(scene: Scene) -> Result | None:
     try:
         return run(scene)
+    except TimeOver:  # which tells nothing of the answer
+        raise
     except SolveError:
         return None
 

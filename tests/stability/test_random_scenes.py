@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,10 @@ from reference.scenes import rod_scene
 from magmpm.cli import main
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
+from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
 from studies.hard_cases.attempt import remedied
-from studies.hard_cases.checks import FINER, checked
+from studies.hard_cases.checks import FINER, LATE, checked
 from studies.hard_cases.drawn import drawn
 from studies.hard_cases.pool import solved
 from studies.hard_cases.random_suite import BROKEN
@@ -92,6 +94,15 @@ def test_twins_are_told_apart(tmp_path: Path) -> None:
             there = scene.outside_field().at(point)[0]
             assert np.allclose(image.outside_field().at(MIRROR @ point)[0], -(MIRROR @ there), rtol=1e-9, atol=1e-15)
             assert np.allclose(again.outside_field().at(point)[0], there, rtol=1e-9, atol=1e-15)
+
+
+def test_checks_that_run_out_of_time_refute_nothing_and_say_so(tmp_path: Path) -> None:
+    scene = rod_scene(length=16e-3, directions=[(1, 0, 0), (0.7, 0.6, 0.4)], field=(1e-3, 4e-3, 6e-3), cells=2)
+    result = run(scene)
+    for looks in (1, 3, 5, 7):
+        with limited(looks, clock=count().__next__):
+            found = checked(scene, replace(result, stability=0.015), tmp_path, 0)
+        assert (found.wrong, found.done[-1]) == ([], LATE)
 
 
 def test_a_wrong_answer_is_found(tmp_path: Path) -> None:
