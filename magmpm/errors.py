@@ -119,7 +119,7 @@ class Torn(SolveError):
 
 
 class BudgetError(SolveError):
-    """A run that would exceed its limit of disk space or memory; everything up to then is saved and readable."""
+    """A run that would exceed its limit of disk space, memory or time; everything up to then is saved and readable."""
 
 
 class TimeOver(BudgetError):

@@ -45,7 +45,7 @@ def _run(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
     parser.add_argument("--render", action="store_true", help="draw the result as well")
     parser.add_argument("--resume", action="store_true", help="go on with a motion that was interrupted")
-    parser.add_argument("--time-limit", type=float, metavar="S", help="seconds after which the run ends by itself, with what it has "
+    parser.add_argument("--time-limit", type=float, metavar="S", help="seconds after which the run ends by itself, and keeps what it has "
         "[none]")  # fmt: skip
     _overwriting(parser, "results of another scene")
     _style(parser, "surface")

@@ -7,6 +7,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 from magmpm.cli.answers import PARTICLES, print_summary, results_folder
 from magmpm.cli.design import refuse_study
@@ -54,22 +55,20 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     replaced = "" if resume else kept.holding()
     try:
         result = _simulated(scene, options, kept)
+    except TimeOver as error:
+        if moving and (resume or error.state is not None) and (folder / CHECKPOINT).exists():
+            if error.state is not None:
+                _tell_failure(error, folder, options)
+            _tell_waiting(folder)
+            raise TimeOver(f"{error.reason}; `--resume` goes on from its last frame in {folder}", error.state) from None
+        _end(kept, error, options)
     except SolveError as error:
-        if error.state is None:
-            kept.put_back()
-            raise SolveError(f"{error.reason}; no state to save: none was good before it failed") from None
-        saved = kept.save_failed(error.state)
-        _warn(error.state)
-        _tell_failure(error, saved, options)
-        words = f"; the results in {folder} are as they were" if saved != folder else ""
-        if isinstance(error, TimeOver) and (folder / CHECKPOINT).exists():
-            words += "; `--resume` goes on from there"
-        raise SolveError(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
+        _end(kept, error, options)
     except BaseException:
         if not (folder / CHECKPOINT).exists():  # nothing to resume from
             kept.put_back()
-        elif (folder / EARLIER).is_dir():
-            print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
+        else:
+            _tell_waiting(folder)
         raise
     result = replace(result, warnings=[*result.warnings, *missed_effects(scene)])
     kept.save(result)
@@ -80,6 +79,25 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
         summary["picture"] = next(path for path in summary["files"] if path.endswith("picture.png"))
     print_summary(options, summary, _report(result, folder, replaced))
     return 0
+
+
+def _end(kept: RunFolder, error: SolveError, options: argparse.Namespace) -> NoReturn:
+    """Keep what a failed run has, and raise the error with where that is."""
+    folder = kept.path
+    if error.state is None:
+        kept.put_back()
+        raise type(error)(f"{error.reason}; no state to save: none was good before it failed") from None
+    saved = kept.save_failed(error.state)
+    _warn(error.state)
+    _tell_failure(error, saved, options)
+    words = f"; the results in {folder} are as they were" if saved != folder else ""
+    raise type(error)(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
+
+
+def _tell_waiting(folder: Path) -> None:
+    """Of earlier results that are kept while a motion waits to be resumed."""
+    if (folder / EARLIER).is_dir():
+        print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
 
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:

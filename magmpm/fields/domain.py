@@ -63,10 +63,15 @@ def seen_from_sources(field: FieldSource, box: Box) -> Box:
     return Box(lower, upper)
 
 
-def cut_for(box: Box, body: Box, obstacles: list[Solid]) -> Box | None:
-    """The box, cut by planes so that it contains the body but no obstacle; None where no plane separates the two."""
+def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: bool = False) -> Box | None:
+    """The box, cut by planes so that it contains the body but no obstacle; None where no plane separates the two.
+
+    keeps_off: it is cut for obstacles just outside of it as well, of which it then keeps as far off. Nothing cut: the box itself.
+    """
     for solid in obstacles:
         low, high = solid.box()
+        if not (keeps_off or box.meets(low, high)):
+            continue
         found: list[Box] = []
         for k in range(3):
             for sign in (1, -1):

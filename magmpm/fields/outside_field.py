@@ -7,6 +7,7 @@ In the sources' frame nothing changes in time: a schedule changes strength and p
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -167,7 +168,7 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
         clouds = None if box is not None and not _sweeps(source, box, body, anchored) else _clouds(source, options, body)
         if clouds is None:
             assert box is not None
-            packed, errors = table.tabulate(function, box, options.tolerance, _names(named))
+            box, packed, errors = _tabulated(function, box, seen, named, options)
             tables.append(packed)
             reason = f" (which ends before {', '.join(box.cut)})" if box.cut else ""
             remedy = f"give a larger box, field.tabulation.lower and upper, that no magnet is in{reason}"
@@ -186,6 +187,22 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
     return Field(source, data, tuple(found), tuple(limits), errors, warnings)
 
 
+def _tabulated(
+    function: Callable[[Array], Array], box: Box, seen: Box, named: list[Solid], options: Tabulation
+) -> tuple[Box, Array, table.Errors]:
+    """The box of the table, the table and its errors. Beside the edge of a magnet none is exact: then the box keeps off it.
+
+    Raises SceneError where that is not enough, or the box is given.
+    """
+    try:
+        return box, *table.tabulate(function, box, options.tolerance, _names(named))
+    except SceneError:
+        smaller = None if options.lower is not None else cut_for(box, seen, _arcs(named), keeps_off=True)
+        if smaller is None or smaller is box:
+            raise
+        return smaller, *table.tabulate(function, smaller, options.tolerance, _names(named))
+
+
 def _table_box(
     source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]
 ) -> Box | None:
@@ -193,7 +210,7 @@ def _table_box(
     if options.lower is not None and options.upper is not None:
         box = seen_from_sources(source, Box(np.array(options.lower), np.array(options.upper)))
         for solid in named:
-            if box.meets(*solid.box()) and cut_for(box, seen, _arcs([solid])) != box:
+            if box.meets(*solid.box()) and cut_for(box, seen, _arcs([solid])) is not box:
                 rule = f"no magnet or wire may be in the table's box ({box.text()} as the sources see it)"
                 raise SceneError("field.tabulation", found=f"{solid.name} is in the box", rule=rule, remedy="give a smaller box")
         return box

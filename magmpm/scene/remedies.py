@@ -55,8 +55,11 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _shorter_or_weaker(scene, error)
     less = _less_magnetic(scene) if scene.effects.magnetic_interaction is not None else ()
-    if isinstance(error, Collapsed | TimeOver):  # smaller steps would take longer
+    if isinstance(error, Collapsed):
         return (*less, *_shorter_or_weaker(scene, error))
+    if isinstance(error, TimeOver):  # smaller steps would take longer
+        borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0
+        return (*less, *(_until(scene, error) if scene.in_time else _weaker(scene, error) if borne else ()))
     if scene.solver.dynamic is not None:
         return (*less, *_of_motion(scene, error))
     return (*less, *_of_equilibria(scene, error))

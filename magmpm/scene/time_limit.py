@@ -26,10 +26,11 @@ _limits: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())
 
 @contextmanager
 def limited(seconds: float | None, clock: Callable[[], float] = time.perf_counter) -> Iterator[None]:
-    """A context in which each solver raises TimeOver, a SolveError, once so many seconds are over; None: it may take what it takes.
+    """A context in which solvers raise TimeOver, a SolveError, once so many seconds are over; None: they may take what they take.
 
-    It ends after the Newton step, or the chunk of a motion's steps, that it is at. Its state is the last good Result, as of other failures;
-    what runs along time has written its frames, and goes on with resume=True. clock: what counts the seconds, such as time.process_time.
+    They look at the clock before each factorization, and after each chunk of a motion's steps; not while kernels are compiled, a field is
+    put on a table or a rod is solved. The state is the last good Result, as of other failures; what runs along time has written its
+    frames up to then, and goes on from the last of them with resume=True. clock: what counts the seconds, such as time.process_time.
     Raises InputError where seconds is not above zero.
     """
     if seconds is None:
@@ -48,4 +49,4 @@ def check() -> None:
     """Called by solvers at each step. Raises TimeOver."""
     for limit in _limits.get():
         if limit.clock() > limit.until:
-            raise TimeOver(f"the time is over: {limit.seconds:g} s were allowed")
+            raise TimeOver(f"the time is over: {limit.seconds:g} s were allowed; allow more")

@@ -202,7 +202,7 @@ def _settle(
         found = _branch(energy.alone.model, start, on_step)
         last = settled(energy, found.point.grid)
         return replace(found, point=last.point, steps=found.steps + last.steps, energy=energy)
-    except LeftField:
+    except (LeftField, TimeOver):
         raise
     except SolveError as error:
         warnings = [f"{error.reason}; the load and the interaction were ramped together"]
@@ -241,6 +241,8 @@ def _branch(
     for begin in _starts(energy, rod, start):
         try:
             found = newton(begin)
+        except TimeOver:
+            raise
         except SolveError:
             steps += _most_steps(model)
             continue
@@ -311,8 +313,10 @@ def _ramped(
     model: StaticModel, count: int, warnings: list[str],
     solved: Callable[[float, Array], tuple[Energy | InteractingEnergy, Minimum]],
 ) -> Equilibrium:  # fmt: skip
-    """The equilibrium at the end of a load that grows in `count` equal steps. A step that fails is halved, down to 1/32 of the first
-    (the first one is quartered); after some that were solved quickly it is doubled again.
+    """The equilibrium at the end of a load that grows in `count` equal steps.
+
+    A step that fails is halved, down to 1/32 of those; until one has succeeded it is quartered. After some that were solved quickly it is
+    doubled again.
 
     solved(share of the load, coefficients to begin from): the energy, and its minimum.
     """

@@ -10,7 +10,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
-from magmpm.errors import SolveError
+from magmpm.errors import SolveError, TimeOver
 from magmpm.scene import Scene
 from magmpm.statics import axis
 from magmpm.statics.approach import approached
@@ -155,6 +155,8 @@ class Ladder:
         start = coarse.grids[k] if same else carried(coarse.loads[k].model, coarse.grids[k], load.model)
         try:
             return solve_from(load.model, start, on_step=self.on_step)
+        except TimeOver:
+            raise
         except SolveError:
             return load.first(self.on_step)
 

@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import SolveError
+from magmpm.errors import SolveError, TimeOver
+from magmpm.scene import time_limit
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
@@ -81,6 +82,7 @@ class NearbyMinima:
         """Residual, and whether all eigenvalues of the tangent are positive or count as zero (NEUTRAL): if so, the energy's panels hold the
         factors of the tangent plus that much, or `more` (Pa/m^2), of the mass matrix. So steps along a neutral direction, where rounding
         decides, stay short; others are Newton's to within NEUTRAL."""
+        time_limit.check()
         layout, self._shift = energy.model.layout, max(more, self._neutral(energy))
         residual, panels = energy.tangent(point)
         diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
@@ -129,6 +131,8 @@ class NearbyMinima:
         energy = InteractingEnergy(model)
         try:
             found = minimize_with_interaction(energy, begin, tolerance=self._tolerance, max_steps=3)
+        except TimeOver:
+            raise
         except SolveError:
             return None
         self.spent += found.steps

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import SceneError, SolveError
+from magmpm.errors import SceneError, SolveError, TimeOver
 from magmpm.model import build
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
@@ -143,6 +143,8 @@ def choose(
         try:
             search.prove(cells)
             failure = None
+        except TimeOver:
+            raise
         except SolveError as error:  # some bodies need finer cells to be solved at all
             failure = error
         except _Late:

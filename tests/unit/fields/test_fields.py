@@ -305,7 +305,8 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     assert not box.meets(*magnet[0].box())
     reach = region.reach(BODY, True)
     beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
-    near = region.cut_for(reach, BODY, beside)
+    assert region.cut_for(reach, BODY, beside) is reach
+    near = region.cut_for(reach, BODY, beside, keeps_off=True)
     assert near is not None
     assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
     assert near.volume > 0.5 * reach.volume
