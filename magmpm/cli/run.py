@@ -55,14 +55,12 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     replaced = "" if resume else kept.holding()
     try:
         result = _simulated(scene, options, kept)
-    except TimeOver as error:
-        if moving and (resume or error.state is not None) and (folder / CHECKPOINT).exists():
+    except SolveError as error:
+        if isinstance(error, TimeOver) and moving and (resume or error.state is not None) and (folder / CHECKPOINT).exists():
             if error.state is not None:
                 _tell_failure(error, folder, options)
             _tell_waiting(folder)
             raise TimeOver(f"{error.reason}; `--resume` goes on from its last frame in {folder}", error.state) from None
-        _end(kept, error, options)
-    except SolveError as error:
         _end(kept, error, options)
     except BaseException:
         if not (folder / CHECKPOINT).exists():  # nothing to resume from

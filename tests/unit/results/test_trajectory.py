@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -17,7 +14,7 @@ import pytest
 from reference import motions
 
 from magmpm.errors import BudgetError, InputError, SolveError
-from magmpm.results import hdf5_mark, vtkhdf
+from magmpm.results import hdf5_mark
 from magmpm.results import trajectory as motion
 from magmpm.results.frame_arrays import QUANTITIES, von_mises
 from magmpm.results.trajectory import Motion, MotionWriter
@@ -239,7 +236,7 @@ def test_a_file_cut_off_behind_is_refused_and_not_resumed(share: float, tmp_path
     path = tmp_path / motion.MOTION
     whole = path.read_bytes()
     for marked in (False, True):
-        path.write_bytes(as_left_by_a_kill(whole) if marked else whole)
+        path.write_bytes(motions.as_left_by_a_kill(whole) if marked else whole)
         with path.open("r+b") as file:
             file.truncate(int(share * len(whole)))
         begun = time.monotonic()
@@ -250,18 +247,12 @@ def test_a_file_cut_off_behind_is_refused_and_not_resumed(share: float, tmp_path
         assert time.monotonic() - begun < 30  # it must end: it waits 4 s for a possible writer
 
 
-def as_left_by_a_kill(whole: bytes) -> bytes:
-    """An HDF5 file with the mark of a writer, as during the writing of a frame."""
-    block = whole[:11] + bytes([5]) + whole[12:44]
-    return block + hdf5_mark.lookup3(block).to_bytes(4, "little") + whole[48:]
-
-
 def test_a_killed_runs_mark_is_taken_away(tmp_path: Path) -> None:
     """The file opens normally, with all its frames."""
     motions.written(tmp_path)
     path = tmp_path / motion.MOTION
     before = contents(tmp_path)
-    path.write_bytes(as_left_by_a_kill(path.read_bytes()))
+    path.write_bytes(motions.as_left_by_a_kill(path.read_bytes()))
     with pytest.raises(OSError, match="open for write"):
         h5py.File(path, "r")
     Motion.load(tmp_path)
@@ -327,147 +318,3 @@ def test_a_write_the_system_refuses_ends_as_a_full_disk_does(tmp_path: Path) -> 
     assert "File too large after" in ended.stdout
     assert len(Motion.load(tmp_path)) == int(ended.stdout.split()[-1]) > 2
     assert (tmp_path / motion.MOTION).stat().st_size <= 3_000_000
-
-
-WATCH_THE_MARK = """
-import sys
-seen = set()
-with open(sys.argv[1], "rb", buffering=0) as file:
-    print("watching", flush=True)
-    while True:
-        file.seek(11)
-        seen.add(file.read(1)[0])
-        try:
-            open(sys.argv[2]).close()
-            break
-        except FileNotFoundError:
-            pass
-print(*sorted(seen))
-"""
-
-
-def test_a_file_is_at_no_moment_marked_as_written_in_no_order(tmp_path: Path) -> None:
-    """Byte 11 of HDF5's superblock says how a file is open: 0 not, 5 for frames that can be read at any moment, 1 otherwise.
-
-    A run that is killed while the byte is 1 leaves a file that cannot be opened. The test checks it a hundred times per frame.
-    """
-    model = motions.body(0.5e-3)
-    writer = MotionWriter(tmp_path, model)
-    command = [sys.executable, "-c", WATCH_THE_MARK, str(tmp_path / motion.MOTION), str(tmp_path / "over")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watch:
-        assert watch.stdout is not None
-        assert watch.stdout.readline() == "watching\n"
-        try:
-            motions.write(writer, motions.bending(model, np.arange(1, 300) * 1e-3))
-            left = MotionWriter(tmp_path, model, resume_at=0.1).frames
-        finally:
-            (tmp_path / "over").touch()
-        assert watch.stdout.read().split() == ["0", "5"]
-    assert left == 100
-
-
-def test_a_motion_marked_as_being_written_in_no_order_is_said_to_be(tmp_path: Path) -> None:
-    motions.written(tmp_path)
-    left = tmp_path / "left.vtkhdf"
-    with h5py.File(tmp_path / motion.MOTION, "r+", locking=False):
-        shutil.copy(tmp_path / motion.MOTION, left)  # as after a kill at this moment
-    with pytest.raises(InputError, match="can't be opened as HDF5"):
-        vtkhdf.mend(left)
-    assert sorted(path.name for path in tmp_path.glob("*left*")) == ["left.vtkhdf"]
-
-
-WRITE_FOR_EVER = """
-import sys, numpy as np
-sys.path[:0] = [{root!r}, {tests!r}]
-from reference import motions
-from magmpm.results.trajectory import MotionWriter
-model = motions.body(0.5e-3)
-writer = MotionWriter({folder!r}, model)
-moment = next(motions.bending(model, [0.1]))
-for k in range(100000):
-    writer.frame(0.001 * k, moment.x, moment.v, moment.F, moment.P, moment.energies, moment.contacts)
-"""
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.0137, 0.0291, 0.0403])
-def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
-    """Killed at any moment while it only writes: all counted frames are whole, and it can be resumed."""
-    code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
-    process = subprocess.Popen([sys.executable, "-c", code])
-    give_up = time.monotonic() + 60
-    while not (tmp_path / motion.ENERGIES).exists() or (tmp_path / motion.ENERGIES).stat().st_size < 300:
-        assert process.poll() is None
-        assert time.monotonic() < give_up
-        time.sleep(0.005)
-    time.sleep(delay)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    read = Motion.load(tmp_path)
-    model = motions.body(0.5e-3)
-    moment = next(motions.bending(model, np.array([0.1])))
-    assert len(read) > 2
-    for k in (0, len(read) - 1):
-        np.testing.assert_array_equal(read[k].position, moment.x.astype(np.float32))
-        assert all(np.isfinite(array).all() for array in read[k].quantities.values())
-    # The row of a frame is written after the frame: at most the last row is missing.
-    assert len(read) - len(read.energies["t"]) in (0, 1)
-    with h5py.File(tmp_path / motion.MOTION, "r"):
-        pass  # opens without special flags, as ParaView does
-    assert MotionWriter(tmp_path, model, resume_at=read.times[1]).frames == 2
-
-
-LOCKED = """
-import sys
-sys.path[:0] = [{root!r}, {tests!r}]
-from magmpm.results.folder_lock import folder_lock
-with folder_lock({folder!r}):
-    print("locked", flush=True)
-    sys.stdin.read()
-"""
-
-
-def test_a_mark_that_changes_between_two_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A frame may be written after a look at the mark and before the file is opened: one failure does not count."""
-    motions.written(tmp_path)
-    path, open_file, failures = tmp_path / motion.MOTION, h5py.File, [OSError("truncated file"), OSError("open for write")]
-
-    def unlucky(*args: Any, **settings: Any) -> h5py.File:
-        if failures:
-            path.touch()  # a run writes
-            raise failures.pop()
-        return open_file(*args, **settings)
-
-    monkeypatch.setattr(vtkhdf.h5py, "File", unlucky)
-    assert len(Motion.load(tmp_path)) == len(TIMES)
-    assert not failures
-
-
-def test_a_folder_that_is_held_is_not_mended(tmp_path: Path) -> None:
-    """A run suspended in the middle of a frame: its file stays as it is, and the message names the run."""
-    motions.written(tmp_path)
-    path = tmp_path / motion.MOTION
-    path.write_bytes(as_left_by_a_kill(path.read_bytes()))
-    before = path.read_bytes()
-    code = LOCKED.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
-    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
-        assert run.stdout is not None
-        assert run.stdout.readline() == "locked\n"
-        with pytest.raises(InputError, match=f"in use by process {run.pid}"):
-            Motion.load(tmp_path)
-        assert path.read_bytes() == before
-        run.communicate()
-    assert len(Motion.load(tmp_path)) == len(TIMES)
-
-
-def test_reading_never_harms_a_motion_that_is_written(tmp_path: Path) -> None:
-    """A motion loaded over and over while a process writes it: every load succeeds, and at the end each frame is whole."""
-    code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path)).replace("100000", "200")
-    with subprocess.Popen([sys.executable, "-c", code]) as process:
-        give_up = time.monotonic() + 60
-        while not (tmp_path / motion.ENERGIES).exists() and time.monotonic() < give_up:
-            time.sleep(0.005)
-        counts = [0]
-        while process.poll() is None:
-            counts.append(len(Motion.load(tmp_path)))
-    assert counts == sorted(counts)
-    assert len(Motion.load(tmp_path)) == 200
