@@ -16,7 +16,7 @@ from magmpm.statics import axis
 from magmpm.statics.approach import approached
 from magmpm.statics.between_grids import carried
 from magmpm.statics.energy import Energy
-from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_from
+from magmpm.statics.equilibrium import Equilibrium, solve_from
 from magmpm.statics.error_estimate import distance
 from magmpm.statics.layout import StaticModel
 
@@ -161,15 +161,14 @@ class Ladder:
             return load.first(self.on_step)
 
     def _approached(self, model: StaticModel, start: Array, compared: Array) -> Array | None:
-        with one_blas_thread():
-            return approached(
-                Energy(model),
-                start,
-                lambda grid: self.points(model, grid),
-                compared,
-                self.asked.length / self.asked.thickness,
-                self.on_step or (lambda step, number: None),
-            )
+        return approached(
+            Energy(model),
+            start,
+            lambda grid: self.points(model, grid),
+            compared,
+            self.asked.length / self.asked.thickness,
+            self.on_step or (lambda step, number: None),
+        )
 
 
 def particles(scene: Scene) -> float:

@@ -127,16 +127,23 @@ def choose(
     Raises SceneError where no grid can: with what it would take. Raises as solve_static does.
     """
     check_possible(scene)
-    begun = time.perf_counter() if begun is None else begun
-    limit = scene.resolution.seconds
+    with one_blas_thread():  # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to half its pace
+        return _chosen(_searched(scene, loads or at_rest, on_step, time.perf_counter() if begun is None else begun, beside))
 
+
+def _searched(scene: Scene, loads: Loads, on_step: OnStep | None, begun: float, beside: Callable[[int], float]) -> _Search:
+    """Grids solved and proven, the last of them good enough. Raises as `choose` does."""
+    limit = scene.resolution.seconds
+    proven: dict[int, float] = {}
+
+    # It holds nothing of the search: a circle would keep its matrices until Python collects it, and the next one would touch fresh memory.
     def tell(step: int, number: float) -> None:
-        if limit is not None and search.errors and time.perf_counter() - begun > LATE * limit:
+        if limit is not None and proven and time.perf_counter() - begun > LATE * limit:
             raise _Late
         if on_step is not None:
             on_step(step, number)
 
-    search = _Search(Ladder(scene, loads or at_rest, tell), begun, beside)
+    search = _Search(Ladder(scene, loads, tell), begun, beside, proven)
     cells: int | None = coarsest_cells(scene)
     failure: SolveError | None = None
     while cells is not None:
@@ -153,7 +160,7 @@ def choose(
     if not search.errors:
         assert failure is not None
         raise failure
-    return _chosen(search)
+    return search
 
 
 def at_rest(scene: Scene) -> list[Load]:
@@ -291,8 +298,7 @@ def _chosen(search: _Search) -> Choice:
     }
     found = list(last.found)
     assert found[-1].energy is not None
-    with one_blas_thread():
-        found[-1] = replace(found[-1], stability=stability(found[-1].energy, found[-1].point))
+    found[-1] = replace(found[-1], stability=stability(found[-1].energy, found[-1].point))
     return Choice(ladder.on(cells), [load.model for load in last.loads], found, error, told)
 
 

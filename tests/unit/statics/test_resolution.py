@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
 import pytest
 from reference.scenes import rod_scene
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from magmpm import Result, Scene, run
 from magmpm.errors import SceneError
@@ -15,7 +18,7 @@ from magmpm.results.measures import largest_distance
 from magmpm.statics import resolution
 from magmpm.statics.between_grids import carried
 from magmpm.statics.error_estimate import caution
-from magmpm.statics.ladder import Ladder
+from magmpm.statics.ladder import Ladder, Load
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.resolution import at_rest, nothing
 
@@ -185,6 +188,39 @@ def test_errors_that_hardly_fall_are_no_ground_for_a_leap(monkeypatch: pytest.Mo
     assert resolution._next(search, 4, None) == 6
     search.errors.update({4: 0.002 * LENGTH})  # order 2: 5 cells are told 0.13 %, 6 cells 0.09 %
     assert resolution._next(search, 4, None) == 6
+
+
+def test_a_search_leaves_no_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its end frees them, without a collection of circles: the next search uses their memory again."""
+    searches: list[weakref.ref[Ladder]] = []
+
+    class Watched(Ladder):
+        def __init__(self, *given: object) -> None:
+            super().__init__(*given)  # type: ignore[arg-type]
+            searches.append(weakref.ref(self))
+
+    monkeypatch.setattr(resolution, "Ladder", Watched)
+    gc.disable()
+    try:
+        resolution.choose(asked(error=0.005))
+        assert len(searches) == 1
+        assert searches[0]() is None
+    finally:
+        gc.enable()
+
+
+def test_a_search_keeps_blas_on_one_thread() -> None:
+    """Between its solves too: the threads that a small fit starts spin on for a while, and kernels then run at half their pace."""
+    seen: list[int] = []
+
+    def loads(scene: Scene) -> list[Load]:
+        seen.append(max(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"))
+        return at_rest(scene)
+
+    with threadpool_limits(2, user_api="blas"):
+        resolution.choose(asked(error=0.005), loads)
+    assert len(seen) >= 3  # the answer, its witness, its proof
+    assert set(seen) == {1}
 
 
 def test_an_error_out_of_reach_is_answered_with_one_in_reach() -> None:
