@@ -229,9 +229,7 @@ def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
 def _motion(
     scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None
 ) -> Result:
-    from magmpm.dynamics import (
-        time_loop as dynamics,  # a study of static designs needs neither it nor HDF5: 20 MB
-    )
+    from magmpm.dynamics import time_loop as dynamics  # needs HDF5: 20 MB that static designs do without
 
     begun = time.perf_counter()
     with memory.within(scene):
@@ -274,7 +272,8 @@ def _path(
 
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
-    shape, last = state.shape, state.rows[-1]
+    shape = state.shape
+    last: dict[str, Any] = next(reversed(state.rows), {"iterations": state.iterations, "stability": None})
     return Result(
         **_particles(shape.model, shape.position, shape.F, state.time),
         grid_correction=np.zeros((0, 0)),
@@ -292,6 +291,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
         formulation="quasi_static",
         steps=state.rows,
         jumps=state.jumps,
+        load_share=state.load_share,
         stability=last["stability"],
         **_strained(state.strain),
         failure=failure,

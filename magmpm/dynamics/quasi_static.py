@@ -27,8 +27,8 @@ from magmpm.results.path_tables import jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene
-from magmpm.statics.branch import Branch, Jump, Reached
-from magmpm.statics.equilibrium import one_blas_thread
+from magmpm.statics.branch import Branch, Jump, Reached, point_of
+from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
 FORMULATION = "quasi_static"
 Progress = Callable[[float, int], None]
@@ -39,7 +39,8 @@ class PathState:
     """What is known along a path of equilibria.
 
     loads: the path; branch: its last equilibrium; frame: number of the last; iterations: Newton steps so far; rows: what is known of each
-    equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all.
+    equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all; load_share: of the load that
+    `branch` carries: less than 1 (and no rows) where the first equilibrium was not found.
     """
 
     loads: FieldLoads | FeedLoads
@@ -51,6 +52,7 @@ class PathState:
     jumps: list[dict[str, Any]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)
+    load_share: float = 1.0
 
     @property
     def shape(self) -> Shape:
@@ -73,7 +75,10 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int,
     if saved is None:
         first = scene.path_times()[0]
         state = PathState(loads_of(scene, first), first)
-        _note(state, _go_on(state, first, on_step))
+        try:
+            _note(state, _go_on(state, first, on_step))
+        except SolveError as error:
+            raise type(error)(f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)) from None
         return state
     loads, more = loads_of(scene, scene.path_times()[0]), saved.control
     branch = None
@@ -82,6 +87,19 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int,
             branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene, on_step))
     strain = Strain.restored(more["strain"])
     return PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"], strain)
+
+
+def _unbegun(state: PathState, last: object) -> PathState | None:
+    """A path whose first equilibrium was not found: the last good state of its ramp of the load, if there is one."""
+    if not isinstance(last, Equilibrium):
+        return None
+    loads = state.loads
+    point = replace(point_of(loads.at(state.time), last.point.grid), energy=last.point.energy)
+    state.branch = Branch(loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene, None))
+    state.iterations, state.load_share = last.steps, last.load_share
+    shape = state.shape
+    state.strain = strain_of(shape.model, shape.position, shape.F, state.time)
+    return state
 
 
 def _options(scene: Scene, on_step: Callable[[int, float], None] | None) -> dict[str, Any]:
@@ -125,7 +143,12 @@ def follow(
     """
     saved = Checkpoint.load(folder, scene) if folder is not None and resume else None
     times = scene.path_times()
-    state = begin(scene, saved, on_step)
+    try:
+        state = begin(scene, saved, on_step)
+    except SolveError:
+        if folder is not None and saved is None:
+            forget_motion(folder)  # the last good state takes the place of what was there
+        raise
     files = None if folder is None else _Files(state, folder, saved)
     if saved is None and files is not None:
         files.write(state, ())

@@ -59,7 +59,7 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         return (*less, *_shorter_or_weaker(scene, error))
     if isinstance(error, TimeOver):  # smaller steps would take longer
         borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0
-        return (*less, *(_until(scene, error) if scene.in_time else _weaker(scene, error) if borne else ()))
+        return (*less, *((_until(scene, error) if scene.in_time else ()) or (_weaker(scene, error) if borne else ())))
     if scene.solver.dynamic is not None:
         return (*less, *_of_motion(scene, error))
     return (*less, *_of_equilibria(scene, error))
@@ -70,19 +70,21 @@ def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     given = {"solver.dynamic.time_step": None}
     if isinstance(error, Torn):  # shorter steps would tear it as well
         if scene.effects.self_contact is not None:
-            return _until(scene, error)
-        return Remedy("solver.dynamic.formulation: total", {**given, "solver.dynamic.formulation": "total"}), *_until(scene, error)
+            return _shorter_or_weaker(scene, error)
+        total = Remedy("solver.dynamic.formulation: total", {**given, "solver.dynamic.formulation": "total"})
+        return total, *_shorter_or_weaker(scene, error)
     gentler = [
         Remedy(f"solver.dynamic.safety: {part:g}", {**given, "solver.dynamic.safety": part})
         for part in GENTLE
         if part < scene.solver.dynamic.safety
     ]
-    return (*gentler, *_until(scene, error))
+    return (*gentler, *_shorter_or_weaker(scene, error))
 
 
 def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """To end what happens along time before the moment at which it went wrong."""
-    reached = getattr(error.state, "time", 0.0)
+    begun = getattr(error.state, "load_share", 1.0) == 1.0  # a path whose first equilibrium was found
+    reached = getattr(error.state, "time", 0.0) if begun else 0.0
     until = float(f"{SHARE * reached:.3g}")
     if not until > 0.0:
         return ()

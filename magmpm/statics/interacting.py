@@ -171,7 +171,7 @@ def minimize_with_interaction(
         gradient, age = after, FRESH if fraction <= SHORT else age + 1
     raise SolveError(
         f"no equilibrium of segments that act on each other within {MOST_STEPS * max_steps} steps (energy decrement "
-        f"{decrement / scale:.1e} of the energy, wanted {tolerance:.1e}); raise solver.static.max_steps",
+        f"{decrement / scale:.1e} of the energy, wanted {tolerance:.1e})",
         point,
     )
 

@@ -122,9 +122,7 @@ def minimize(
 
 def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> SolveError:
     return SolveError(
-        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e}); "
-        "raise solver.static.max_steps or set solver.static.field_steps",
-        point,
+        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e})", point
     )
 
 

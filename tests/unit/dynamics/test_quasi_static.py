@@ -17,6 +17,8 @@ from magmpm.results.file_names import ENERGIES, JUMPS, MOTION, STEPS
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.kernels import frames_of, relax
 from magmpm.simulate import simulated
+from magmpm.statics import equilibrium
+from magmpm.statics.newton import Minimum, minimize
 
 SHEAR, RATIO, REMANENCE = 120e3, 20.0, 138e-3
 
@@ -257,6 +259,37 @@ def test_a_path_that_fails_keeps_its_frames(tmp_path: Path) -> None:
     assert state.time == pytest.approx(motion.times[-1])
     with (tmp_path / STEPS).open(newline="") as stream:
         assert len(list(csv.DictReader(stream))) == len(motion)
+
+
+def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ramp of the load that ends after three of its steps: its last good state takes the place of the motion that was there."""
+    good = scene({"steps": 1}, cells=2, direction=(0, 1, 0))
+    run(good, folder=tmp_path)
+    assert (tmp_path / MOTION).exists()
+    solved: list[Minimum] = []
+
+    def three(*given: Any, **options: Any) -> Minimum:
+        if len(solved) == 3:
+            raise SolveError("enough")
+        solved.append(minimize(*given, **options))
+        return solved[-1]
+
+    field = {"uniform": [0.0, 0.0, 0.01], "over_time": {"ramp": {"duration": 1.0, "begin": 1.0, "end": 0.5}}}
+    bad = Scene.from_si({**good.to_si(), "field": field})
+    ramped = bad.solver.static.model_copy(update={"field_steps": 4})
+    monkeypatch.setattr(equilibrium, "minimize", three)
+    with pytest.raises(SolveError, match=r"equilibrium at t = 0 s: at .* % of the load: enough; to try: .*times 0\.") as caught:
+        run(bad.model_copy(update={"solver": bad.solver.model_copy(update={"static": ramped})}), folder=tmp_path)
+    state = caught.value.state
+    assert isinstance(state, Result)
+    assert state.load_share == 0.75
+    np.testing.assert_array_equal(state.particle_position, solved[-1].point.position)
+    assert state.energy == solved[-1].point.energy
+    assert (state.converged, state.steps, state.stability) == (False, [], None)
+    assert not (tmp_path / MOTION).exists()
+    saved = Result.load(tmp_path)
+    assert saved.failure == state.failure != ""
+    np.testing.assert_array_equal(saved.particle_position, state.particle_position)
 
 
 @pytest.mark.slow

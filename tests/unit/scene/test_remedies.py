@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm.errors import Collapsed, LeftField, SolveError, Torn
+from magmpm.errors import Collapsed, LeftField, SolveError, TimeOver, Torn
 from magmpm.scene import Scene
 from magmpm.scene.remedies import remedies
 from magmpm.simulate import run
@@ -45,7 +45,9 @@ def test_motions_get_shorter_steps_or_end_before_the_trouble() -> None:
     found = remedies(moving, SolveError("broken", Reached(0.2)))
     assert [remedy.applied(moving).solver.dynamic.safety for remedy in found[:2]] == [0.4, 0.1]
     assert found[-1].applied(moving).duration == pytest.approx(0.18)
-    assert not any("duration" in remedy.words for remedy in remedies(moving, SolveError("broken")))
+    at_once = remedies(moving, SolveError("broken"))  # there is no time up to which it went well
+    assert [remedy.words.split(",")[0] for remedy in at_once[2:]] == ["a weaker field"] * 2
+    assert not any("solver.dynamic.duration" in remedy.words for remedy in at_once)
     [only] = remedies(moving, LeftField("inside", Reached(0.1)))
     assert only.applied(moving).duration == pytest.approx(0.09)
 
@@ -67,6 +69,8 @@ def test_a_torn_body_moves_in_the_total_formulation() -> None:
     first, later = remedies(moving, Torn("torn", Reached(0.2)))
     assert first.applied(moving).solver.dynamic.formulation == "total"
     assert later.applied(moving).duration == pytest.approx(0.18)
+    at_once = remedies(moving, Torn("torn"))
+    assert [remedy.words.split(",")[0] for remedy in at_once[1:]] == ["a weaker field"] * 2
 
 
 def test_segments_that_fall_onto_each_other_get_less_remanence() -> None:
@@ -111,3 +115,6 @@ def test_equilibria_along_time_that_fail_at_once_get_a_weaker_load() -> None:
     assert [remedy.words.split(",")[0] for remedy in weaker] == ["a weaker field"] * 2
     [_, later] = remedies(path, SolveError("no equilibrium", Reached(0.5)))
     assert later.applied(path).duration == pytest.approx(0.45)
+    begun = Reached(0.5, load_share=0.6)  # a first equilibrium, of a later time, of which a part of the load was borne
+    for error in (SolveError("no equilibrium", begun), TimeOver("late", begun)):
+        assert [remedy.words.split(",")[0] for remedy in remedies(path, error)[-2:]] == ["a weaker field"] * 2

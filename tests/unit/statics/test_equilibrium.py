@@ -276,7 +276,7 @@ def test_small_loads_are_linear(kind: str) -> None:
 def test_unconverged_run_says_so() -> None:
     """Too few steps: SolveError with exit status 3, a reason that names the setting, and the last good state or None."""
     with pytest.raises(
-        SolveError, match=r"no equilibrium within 1 Newton step.*solver\.static\.max_steps"
+        SolveError, match=r"no equilibrium within 1 Newton step.*to try: solver\.static: \{field_steps: 40, max_steps: 150\}"
     ) as caught:
         run(spatial_scene(max_steps=1))
     assert caught.value.exit_status == 3
