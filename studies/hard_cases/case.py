@@ -27,8 +27,7 @@ class Case:
     """A scene at the edge of what the solvers can do, and one number that tells whether it went well.
 
     weak: what a weak code does there; quantity: what `measure(scene)` returns, with its unit; it must be at most `bound`;
-    source: of the bound or of the exact answer; slow: takes longer than a few seconds; not_reached: why the bound is not met
-    today, if that is known (such a case still counts as failed).
+    source: of the bound or of the exact answer; slow: takes longer than a few seconds.
     """
 
     name: str
@@ -39,7 +38,6 @@ class Case:
     bound: float
     source: str
     slow: bool = False
-    not_reached: str = ""
     control: Control | None = None
 
     def run(self) -> Outcome:
@@ -65,16 +63,12 @@ class Case:
 
     def _outcome(self, value: float, reason: str, begun: float) -> Outcome:
         passed, seconds = value <= self.bound, perf_counter() - begun
-        return Outcome(
-            self.name, self.weak, self.quantity, value, self.bound, passed, seconds, self.source, reason, self.not_reached
-        )
+        return Outcome(self.name, self.weak, self.quantity, value, self.bound, passed, seconds, self.source, reason)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A case that was run. measure and bound in the unit of `quantity`; reason: why the run failed, if it did;
-    not_reached: as of the case.
-    """
+    """A case that was run. measure and bound in the unit of `quantity`; reason: why the run failed, if it did."""
 
     name: str
     weak: str
@@ -85,7 +79,6 @@ class Outcome:
     seconds: float
     source: str
     reason: str
-    not_reached: str = ""
     control: str = ""  # the remedy that was switched off
 
     def summary(self) -> dict[str, Any]:
@@ -110,6 +103,4 @@ def table(outcomes: list[Outcome]) -> str:
         lines.append(f"{o.name:<36} {o.measure:9.2e} {o.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.quantity}")
         if not o.passed:
             lines.append(f"    a weak code: {o.weak}" + (f"; here: {o.reason}" if o.reason else ""))
-            if o.not_reached:
-                lines.append(f"    known: {o.not_reached}")
     return "\n".join(lines)

@@ -283,7 +283,7 @@ def distance(ratio: float) -> float:
 def drift_corrected(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Drift correction: positions of particles at x (n, 3) m, and F with F-bar, after a fit with the grid of the undeformed body.
 
-    Least-squares fit of the displacements, weighted by mass, with all splines of that grid; no node is held.
+    Least-squares fit of the displacements, weighted by mass, with all splines of that grid that are at rest on the base's face.
     """
     xi, first = model.grid.locate(model.particles.position, model.particles.cell), model.particles.cell
     weights, slopes = spline_weights(xi), np.stack([xi - 1, 1 - 2 * xi, xi], -1) / model.grid.spacing[:, None]
@@ -294,6 +294,11 @@ def drift_corrected(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
         w, s = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
         N[rows, node] = w[0] * w[1] * w[2]
         dN[:, rows, node] = s[0] * w[1] * w[2], w[0] * s[1] * w[2], w[0] * w[1] * s[2]
+    if model.clamped_face:  # node 0 of each row along x is minus node 1
+        at = np.arange(np.prod(model.grid.nodes)).reshape(model.grid.nodes)
+        for table in (N, *dN):
+            table[:, at[1].ravel()] -= table[:, at[0].ravel()]
+            table[:, at[0].ravel()] = 0.0
     root = np.sqrt(model.density * model.particles.volume)[:, None]
     coefficients = np.linalg.lstsq(root * N, root * (x - model.particles.position), rcond=None)[0]
     A = np.eye(3) + np.einsum("jna,ai->nij", dN, coefficients)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -75,13 +76,56 @@ def test_goes_part_of_the_way(model: Model) -> None:
     np.testing.assert_allclose(some - start, (1 - np.exp(-0.5)) * (whole - start), rtol=1e-9, atol=1e-12)
 
 
-def test_an_affine_deformation_is_its_own_fit(model: Model) -> None:
+def test_an_affine_deformation_is_its_own_fit() -> None:
     """x stays, and F becomes its gradient: the splines contain rotations and uniform strains."""
+    model = build(free_rod(formulation="updated", length=L))
     G = np.array([[0.9, -0.4, 0.1], [0.5, 1.1, 0.0], [0.2, 0.1, 1.05]])
     x = model.particles.position @ G.T + 1e-3
     found, F = relaxed(model, x, np.tile(np.eye(3), (len(x), 1, 1)), WHOLE, fits=10)
     np.testing.assert_allclose(found, x, rtol=0, atol=1e-10)
     np.testing.assert_allclose(F, np.tile(G, (len(x), 1, 1)), rtol=0, atol=1e-5)
+
+
+STRIP = {"length": L, "segments": [{"magnetization": [1, 0, 0]}], "width": 4e-3, "thickness": 2e-3, "material": "m"}
+
+
+def held_beam(tmp_path: Path) -> Scene:
+    """A beam along x on a held base."""
+    for name, low, high in (("beam", (0.0, -1.0, 0.0), (8.0, 1.0, 2.0)), ("base", (0.0, -1.0, -2.0), (8.0, 1.0, 0.0))):
+        write_stl(box(low, high), tmp_path / f"{name}.stl")
+    meshes = [{"mesh": str(tmp_path / f"{name}.stl"), "material": "m", "clamp": name == "base"} for name in ("beam", "base")]
+    return moving_scene({"parts": {"unit": "mm", "spacing": 1e-3, "meshes": meshes}}, {}, formulation="updated")
+
+
+@pytest.mark.parametrize(("clamp", "faces"), [("base", [0.0]), ("both", [0.0, L]), ("none", []), ("held", [0.0])])
+def test_the_fit_is_at_rest_on_clamps(tmp_path: Path, rng: np.random.Generator, clamp: str, faces: list[float]) -> None:
+    """Whatever the particles do. Statics says where clamps are: its splines fit the same displacement as well as these do."""
+    scene = held_beam(tmp_path) if clamp == "held" else moving_scene({"strip": {**STRIP, "clamp": clamp}}, {}, formulation="updated")
+    model = build(scene)
+    fitted = DriftCorrection(model)
+    moved = 1e-4 * rng.standard_normal((len(model.density), 3)) + 1e-3
+    moved[model.held] = 0.0
+    for _ in range(40):
+        fitted.fit(moved)
+    on_face = (fitted.node_place[fitted.outer] + fitted.node_place[fitted.inner]) / 2
+    np.testing.assert_array_equal(fitted.field[fitted.outer], -fitted.field[fitted.inner])
+    np.testing.assert_allclose(np.unique(on_face[:, 2 if clamp == "held" else 0].round(9)), faces, atol=1e-12)
+    weights, _ = model.splines()
+    free = ~model.held
+    values, root = statics_values(model, weights)[free], np.sqrt(model.density * model.particles.volume)[free, None]
+    best = values @ np.linalg.lstsq(root * values, root * moved[free], rcond=None)[0]
+    np.testing.assert_allclose(fitted._values(fitted.field)[free], best, rtol=0, atol=drift_correction.GOOD * fitted.size)
+
+
+def statics_values(model: Model, weights: np.ndarray) -> np.ndarray:
+    """Splines of statics at the particles, (n, nodes)."""
+    cell, nodes = model.particles.cell.astype(int), np.array(model.grid.nodes) + 1
+    values = np.zeros((len(cell), int(np.prod(nodes))))
+    shift = (model.clamped_face & (cell[:, 0] == 0)).astype(int)
+    for a, b, c in product(range(3), repeat=3):
+        node = np.ravel_multi_index((cell + np.column_stack([a + shift, 0 * shift + b, 0 * shift + c])).T, nodes)
+        values[np.arange(len(cell)), node] += weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
+    return values
 
 
 def test_centre_momentum_and_spin_of_a_free_body_stay(rng: np.random.Generator) -> None:
