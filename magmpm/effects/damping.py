@@ -2,6 +2,11 @@
 
 A motion of angular frequency w decays by exp(-rate t / 2); rate = 2 w is critical and settles soonest: about 60 /s for a silicone catheter
 of 40 x 4 mm. The decay is exact for any step, so it requires no smaller step, and it never adds energy.
+
+The forces of a step push while the decay goes on, so v(t + dt) = v exp(-x) + a dt (1 - exp(-x)) / x with x = rate dt. This is exact for a
+force that does not change in the step, and symmetric about its middle, so motions are of second order in dt. A force that pushes before the
+decay, a dt exp(-x), would be x / 2 too weak while the body moves: 8 % for a short body that is to settle soonest.
+Source: Hochbruck and Ostermann, Acta Numerica 19 (2010) 209 (exponential integrators).
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
 DTYPE = np.dtype([("damping_rate", np.float64)])
+MOST = 500.0  # of rate dt: more is taken as this, which leaves nothing of a velocity either, and is not too large a number for a push
 
 
 def parameters(rate: float) -> Records:
@@ -56,9 +62,16 @@ class Damping(Effect):
 @compiled
 def node(effect, data, X, u, v, dt):
     """v *= exp(-rate dt)."""
-    left = math.exp(-effect.damping_rate * dt)
+    left = math.exp(-min(effect.damping_rate * dt, MOST))
     for i in range(3):
         v[i] *= left
 
 
-register(DTYPE, node=node)
+@compiled
+def push(effect, data, dt):
+    """(exp(x) - 1) / x with x = rate dt; after the decay (1 - exp(-x)) / x of the push is left."""
+    x = min(effect.damping_rate * dt, MOST)
+    return math.expm1(x) / x if x > 0.0 else 1.0
+
+
+register(DTYPE, node=node, push=push)

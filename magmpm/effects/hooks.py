@@ -30,6 +30,8 @@ In motion only:
                                                                 contact and the velocities it needs are left out elsewhere
 ``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
                                                                 (only indexed)
+``push(effect, data, dt) -> float``                             seconds for which forces push in a step of dt, over dt: more than 1 where
+                                                                `node` takes from their push what is lost while they act
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ from numba.extending import overload
 from magmpm.compiled.jit import FASTMATH
 from magmpm.compiled.simd import larger, splat
 
-HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "rate_stress", "contact", "near", "node")
+HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "rate_stress", "contact", "near", "node",
+         "push")  # fmt: skip
 WIDE = ("stress", "force", "rate_stress", "near")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
@@ -247,6 +250,22 @@ def _any_near(effects, step, x):
         return lambda effects, step, x: True
     return lambda effects, step, x: (
         hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x) > 0.0 or any_near(effects[2:], step, x)
+    )
+
+
+def push_time(effects, step, dt):
+    """Seconds for which forces push in a step of dt (s). Only within compiled code."""
+
+
+@overload(push_time, jit_options={"fastmath": FASTMATH}, strict=False)
+def _push_time(effects, step, dt):
+    if len(effects) == 0:
+        return lambda effects, step, dt: dt
+    hook = _find("push", effects)
+    if hook is None:
+        return lambda effects, step, dt: push_time(effects[2:], step, dt)
+    return lambda effects, step, dt: (
+        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], dt) * push_time(effects[2:], step, dt)
     )
 
 

@@ -34,7 +34,7 @@ from magmpm.compiled.simd import (
     total,
 )  # fmt: skip
 from magmpm.compiled.simd_views import row, vector
-from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
+from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress, push_time
 from magmpm.kernels.apic_transfer import ROW, gather, locate, scatter
 from magmpm.kernels.multi_grid_contact import meet
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
@@ -223,8 +223,11 @@ def _mirror(velocity, mirrors):
 
 
 @kernel
-def particles_to_grid(step, dt, grid, particles, state, effects, slabs):
-    """P2G: all particles add to the nodes their mass, momentum, and the momentum from stress and loads in dt (s). slabs: kernels.watch."""
+def particles_to_grid(step, push, grid, particles, state, effects, slabs):
+    """P2G: all particles add to the nodes their mass, momentum, and the momentum from stress and loads in the time `push` (s).
+
+    slabs: kernels.watch.
+    """
     count = len(particles.slab_first) - 1
     for color in range(2):
         for half in prange((count + 1 - color) // 2):
@@ -232,7 +235,7 @@ def particles_to_grid(step, dt, grid, particles, state, effects, slabs):
             work, rows = group_room(state.F), np.empty(8 * ROW)
             least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
             for block in range(particles.slab_first[slab], particles.slab_first[slab + 1]):
-                J, stiff = _prepare(block, step, dt, particles, state, effects, work, rows)
+                J, stiff = _prepare(block, step, push, particles, state, effects, work, rows)
                 least, bad = smaller(J, least), flag_unless_positive(J, bad)
                 high = larger(stiff, high)
                 change = larger(magnitude(stiff - load(state.stiffness, 8 * block)), change)
@@ -282,7 +285,7 @@ def advance(steps, dt, grid, contact, particles, state, effects, watch, slabs, m
     Returns the number of steps taken, and drift. The watch says why steps ended: BROKEN also where a particle crosses a cell in one step.
     """
     for step in range(steps):
-        particles_to_grid(step, dt, grid, particles, state, effects, slabs)
+        particles_to_grid(step, push_time(effects, step, dt), grid, particles, state, effects, slabs)
         if stops(watch, slabs):
             clear(grid.momentum)
             return step, drift

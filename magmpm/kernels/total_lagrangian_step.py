@@ -30,7 +30,7 @@ from magmpm.compiled.simd import (
     total,
 )
 from magmpm.compiled.simd_views import row, vector
-from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress
+from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress, push_time
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
@@ -234,7 +234,7 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
 
 
 @inlined
-def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change):
+def particles_to_grid(cell, step, push, cells, particles, state, effects, room, work, high, change):
     """Add to state.force the force of a cell's particles on its nodes, from stress and loads.
 
     Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
@@ -263,7 +263,7 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
                 gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
             elif touched:
                 gather_value(state.v, node, along_x, along_y, splines, pattern, rate)
-            add_effects(effects, step, dt, group, at, touched, particles, vector(state.anchor, 24 * group), work)
+            add_effects(effects, step, push, group, at, touched, particles, vector(state.anchor, 24 * group), work)
         V = load(particles.volume, 8 * group)
         for i in range(9):
             store(P, 8 * i, load(P, 8 * i) * V)
@@ -274,11 +274,11 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
 
 
 @inlined
-def update_grid(node, step, dt, nodes, state, effects):
-    """v += dt f / m, then u += dt v, for one node."""
+def update_grid(node, step, dt, push, nodes, state, effects):
+    """v += push f / m, then what effects do to v, then u += dt v, for one node. push: s for which forces push (effects.hooks)."""
     n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
     for i in range(3):
-        v[n + i] += dt * inverse_mass[n + i] * force[n + i]
+        v[n + i] += push * inverse_mass[n + i] * force[n + i]
         force[n + i] = 0.0
     if has_node(effects):
         change_node(effects, step, row(nodes.place, n), row(u, n), row(v, n), dt)
@@ -296,6 +296,7 @@ def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
     for cell in range(len(cells.first_node)):
         most = max(most, cells.first_group[cell + 1] - cells.first_group[cell])
     for step in range(steps):
+        push = push_time(effects, step, dt)
         for color in range(2):
             for half in prange((count + 1 - color) // 2):
                 slab = 2 * half + color
@@ -304,13 +305,13 @@ def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
                 least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                     least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                    high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
+                    high, change = particles_to_grid(cell, step, push, cells, particles, state, effects, room, work, high, change)
                 see(slabs, slab, least, bad, high, change)
         if stops(watch, slabs):
             clear(state.force)
             return step
         for k in prange(len(nodes.active)):
-            update_grid(nodes.active[k], step, dt, nodes, state, effects)
+            update_grid(nodes.active[k], step, dt, push, nodes, state, effects)
     return steps
 
 

@@ -45,6 +45,16 @@ def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
             function(record[min(step, len(record) - 1)], data, *arguments)
 
 
+def push_time(model: Model, dt: float, step: int = 0) -> float:
+    """Seconds for which forces push in a step of dt (s): the product of all hooks `push`."""
+    push = dt
+    for record, data in hooks.pairs(model.effects):
+        function = hooks._registry["push"].get(record.dtype.names)
+        if function is not None:
+            push *= function(record[min(step, len(record) - 1)], data, dt)
+    return push
+
+
 def projected(model: Model, change: np.ndarray) -> np.ndarray:
     """det F - 1 (n,) projected on the modes of each cell (F-bar)."""
     if not model.modes.shape[1]:
@@ -154,7 +164,8 @@ class Total:
         """Displacement and velocity of the nodes after a time dt. Nodes without mass stay at rest."""
         on = self.mass > 0
         after = np.zeros_like(v)
-        after[on] = v[on] + dt * self.force(c, v, dt, step)[on] / self.mass[on, None]
+        push = push_time(self.model, dt, step)
+        after[on] = v[on] + push * self.force(c, v, push, step)[on] / self.mass[on, None]
         for node in np.flatnonzero(on):
             call(self.model, "node", self.X[node], c[node], after[node], dt, step=step)
         after[self.fixed] = 0.0
@@ -190,7 +201,8 @@ class Updated:
         """Advance the particles by a time dt, in place."""
         model, h = self.model, self.model.grid.spacing
         mass = model.density * model.particles.volume
-        P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, dt, step, self.anchor)
+        push = push_time(model, dt, step)
+        P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, push, step, self.anchor)
         stress = model.particles.volume[:, None, None] * P @ self.F.transpose(0, 2, 1)  # V P F^T, N m
 
         # The box: the cells of the particles, and from the mirror of node 0 inward two more than needed.
@@ -215,8 +227,8 @@ class Updated:
             stencil.append((at, N, d * 4 / h**2, grad))
             inertia = mass[:, None] * (self.v + np.einsum("nij,nj->ni", self.C, d))
             np.add.at(m, at, N * mass)
-            push = N[:, None] * force - np.einsum("nij,nj->ni", stress, grad)
-            np.add.at(momentum, at, N[:, None] * inertia + dt * push)
+            pull = N[:, None] * force - np.einsum("nij,nj->ni", stress, grad)
+            np.add.at(momentum, at, N[:, None] * inertia + push * pull)
             np.logical_or.at(fixed, at, (N > 0) & model.held)
 
         zero = -low[0]  # index of node 0 along x

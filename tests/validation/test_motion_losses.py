@@ -41,6 +41,43 @@ def test_damping_is_its_formula() -> None:
     np.testing.assert_allclose(slower, np.exp(-0.3) * v, rtol=1e-14)
 
 
+@pytest.mark.parametrize("dt", [1e-5, 5e-3, 1.0, 1e3])
+def test_a_damped_body_falls_at_its_terminal_velocity(dt: float) -> None:
+    """Push and decay of a step together: v = g / rate stays as it is, whatever the step; without decay the push is dt.
+
+    1e3 s are 6e4 times the damping time: taken as 500 of them, a body that a step brings to rest but for a five-hundredth.
+    """
+    own = acting("damping").own
+    rate, g = 60.0, 9.81
+    share = hook(own, "push")(dt)
+    v = np.array([g / rate, 0.0, 0.0])
+    if rate * dt > 500.0:
+        v = np.array([g * dt / 500.0, 0.0, 0.0])
+    after = v + np.array([share * dt * g, 0.0, 0.0])
+    hook(own, "node")(np.zeros(3), np.zeros(3), after, dt)
+    np.testing.assert_allclose(after, v, rtol=1e-12)
+    assert hook(own, "push")(0.0) == 1.0
+
+
+def test_damped_motion_is_of_second_order() -> None:
+    """A short rod under a field that is switched on, damped strongly: half the step, a quarter of the error, and little of it at
+    0.75 of the usual step. Forces that push before the decay, or after it, make it first order: half the error, 2 % of the way.
+    """
+    scene = moving(rod_scene(length=4e-3, diameter=2e-3, field=(0.0, 0.0, 20e-3)), {"damping": {"rate": 3000.0}})
+    model = build(scene)
+    far = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
+    tips = []
+    for steps in (80, 160, 640):
+        motion = begin(model).motion
+        dt = 1.2e-3 / steps
+        motion.set_off(dt, model.effects)
+        assert motion.advance(steps, dt, model.effects) == (steps, False)
+        tips.append((motion.kinematics().x - model.particles.position)[far, 2].mean())
+    coarse, fine = (abs(tip - tips[-1]) for tip in tips[:2])
+    assert coarse < 1e-3 * tips[-1]  # measured: 1.8e-4
+    assert fine < 0.35 * coarse  # 1/4 of second order, and what 640 steps leave
+
+
 def decay(effects: dict[str, Any]) -> tuple[float, float]:
     """Decay rate and angular frequency (1/s) of the oscillation of a cantilever by 1 % of its length: least-squares fit of
     e^(-a t) (A cos w t + B sin w t) to the height of the tip over two periods.

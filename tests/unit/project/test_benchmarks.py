@@ -42,8 +42,9 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
         "P, f, spare = np.empty(72), np.zeros(24), np.empty(72)",
         "high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)",
         "update_grid(nodes.active[k], dt, nodes, state)",
+        "v[n + i] += dt * inverse_mass[n + i] * force[n + i]",
     ]
-    effects = ("effect", "store(x,", "touched", "gather(state.v,", "gather_value(")
+    effects = ("effect", "push", "store(x,", "touched", "gather(state.v,", "gather_value(")
     of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "f[:] = 0.0", "store(f, 8 * i, load(f, 8 * i) * V)")
     strange = []
     for name in ("particles_to_grid", "update_grid", "advance"):
