@@ -92,6 +92,8 @@ def run(
             result = simulated(scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=begin)
         except SolveError as error:
             if scene.in_time and error.state is not None:
+                if error.state.load_share < 1.0:  # of a path without an equilibrium: it takes the place of what was there
+                    forget_motion(folder)
                 try:
                     error.state.save(folder)
                 except OSError as trouble:  # a full disk, say: why the motion failed matters more
@@ -237,7 +239,6 @@ def _motion(
         compiled, moved = prepare_kernels(scene), dynamics.begin(model)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
-
     try:
         with _in_folder(folder, resume, on_begin):
             moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=_by_time(on_progress))
@@ -254,8 +255,7 @@ def _path(
 ) -> Result:
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
-    begun = time.perf_counter()
-    compiled = prepare_kernels(scene)
+    begun, compiled = time.perf_counter(), prepare_kernels(scene)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
 
     def result_of(state: PathState, failure: str = "") -> Result:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.cut_cells import cell_moments
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.section_quadrature import Particles, gauss
-from magmpm.compiled.arrays import Array
+from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError
 
 ON_PLANE = 1e-9  # of a cell
@@ -48,6 +48,36 @@ def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple
     return grid, _clamp_planes(parts, boxes, still, grid, below, below + cells)
 
 
+def _stands(free: Array, held: Array, step: Array) -> bool:
+    """Whether the shadow of free triangles (f, 3, 2) m lies on held ones (h, 3, 2) m, but for gaps and rims of a step (2,) m: what spans a
+    gap between two feet, or the hole of a ring, is not held there.
+    """
+    from scipy.ndimage import binary_dilation  # only where parts hold others
+
+    low = free.reshape(-1, 2).min(0)
+    shape = np.ceil((free.reshape(-1, 2).max(0) - low) / step).astype(int) + 1
+    on = binary_dilation(_shadow(held, low, step, shape), np.ones((3, 3)))
+    return not (_shadow(free, low, step, shape) & ~on).any()
+
+
+def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[np.bool_]:
+    """Which points low + step (i, j) of a lattice of this shape lie in triangles (f, 3, 2) m."""
+    out = np.zeros(tuple(shape), bool)
+    scaled = (triangles - low) / step
+    first = np.maximum(np.ceil(scaled.min(1) - ON_PLANE), 0).astype(int)
+    last = np.minimum(np.floor(scaled.max(1) + ON_PLANE), shape - 1).astype(int)
+    for k in np.flatnonzero((first <= last).all(1)):  # few: most triangles of a fine mesh hold no point
+        i, j = (np.arange(first[k, axis], last[k, axis] + 1) for axis in range(2))
+        place = np.stack(np.meshgrid(i, j, indexing="ij"), -1).astype(float)
+        sides = []
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            along, to = scaled[k, b] - scaled[k, a], place - scaled[k, a]
+            sides.append(along[0] * to[..., 1] - along[1] * to[..., 0])
+        inside = (np.stack(sides) >= -ON_PLANE).all(0) | (np.stack(sides) <= ON_PLANE).all(0)
+        out[first[k, 0] : last[k, 0] + 1, first[k, 1] : last[k, 1] + 1] |= inside
+    return out
+
+
 def _clamp_planes(
     parts: list[Array], boxes: Array, still: NDArray[np.bool_], grid: Grid, first: Array, last: Array
 ) -> list[ClampPlane]:
@@ -69,10 +99,11 @@ def _clamp_planes(
             # All of the free parts within a cell of the plane must stand on the held ones.
             inner = at + grid.spacing[axis] * (1 if lower else -1)
             free = np.concatenate([p for p, s in zip(parts, still, strict=True) if not s])
-            near = free[(free[:, :, axis].min(1) < max(at, inner)) & (free[:, :, axis].max(1) > min(at, inner))].reshape(-1, 3)
-            room = 0.5 * grid.spacing[others]
-            held_low, held_high = boxes[mine, 0].min(0)[others], boxes[mine, 1].max(0)[others]
-            if np.all(near[:, others] > held_low - room) and np.all(near[:, others] < held_high + room):
+            within = (free[:, :, axis].min(1) < max(at, inner)) & (free[:, :, axis].max(1) > min(at, inner))
+            near = free[within | (np.abs(free[:, :, axis] - at) < slack).all(1)][:, :, others]
+            bases = np.concatenate([p for p, s in zip(parts, mine, strict=True) if s])
+            bases = bases[(np.abs(bases[:, :, axis] - at) < slack).all(1)][:, :, others]
+            if len(near) and _stands(near, bases, 0.5 * grid.spacing[others]):
                 planes.append(ClampPlane(axis, lower, int(first[axis] if lower else last[axis] - 1)))
                 covered |= mine
     return planes if np.array_equal(covered, still) else []

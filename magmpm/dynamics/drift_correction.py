@@ -49,7 +49,7 @@ class DriftCorrection:
         cell = particles.cell.astype(np.int64)
         cell_first = particles.cell_first
         base = cell[cell_first[:-1]]
-        weighs = np.where(model.held & bool(model.planes), 0.0, model.density)  # what holds others at a face is not part of the fit
+        weighs = np.where(model.held & bool(model.planes), 0.0, model.density)  # parts that hold others at a face are no part of the fit
         self.particle_component = model.scene.body.shape.components(particles)
         self.component = self.particle_component[cell_first[:-1]]
         node, key = _stencils(base, self.component, grid.nodes)
@@ -62,7 +62,11 @@ class DriftCorrection:
         self.rest = particles.position
         self.size = float(grid.spacing.min())
         self.held = model.held
-        self.outer, self.inner = _across_clamps(model, at, key)
+        self.faces = _across_clamps(model, at, key, np.isin(np.arange(len(key)), node[model.held[cell_first[:-1]]]))
+        outside = np.unique(np.concatenate([np.zeros(0, np.int64), *(outer for outer, _ in self.faces)]))
+        weight = weighs * particles.volume
+        loose = np.setdiff1d(self.particle_component[weight > 0.0], self.node_component[outside])
+        self.loose = [(self.node_component == one, float(weight[self.particle_component == one].sum())) for one in loose]
         self.field = np.zeros((len(key), 3))
         mass = self._forces(np.ones((len(cell), 3)))
         self.inverse_mass = np.divide(1.0, mass, out=np.zeros_like(mass), where=mass > 0.0)
@@ -71,8 +75,9 @@ class DriftCorrection:
         """Sums over particles of mass, spline and values (n, 3): what acts on an outer node pulls its partner the other way."""
         out = np.zeros_like(self.field)
         reference_fit.moments(self.cells, self.particles, values, out)
-        out[self.inner] -= out[self.outer]
-        out[self.outer] = 0.0
+        for outer, inner in self.faces:  # one after the other: where faces meet, a node is behind two of them
+            out[inner] -= out[outer]
+            out[outer] = 0.0
         return out
 
     def _values(self, field: Array) -> Array:
@@ -108,14 +113,13 @@ class DriftCorrection:
 
     def _hold(self, field: Array) -> None:
         """Put a nodal field (nodes, 3) to rest on the clamps, in place."""
-        field[self.outer] = -field[self.inner]
+        for outer, inner in reversed(self.faces):
+            field[outer] = -field[inner]
 
     def _keep_centers(self, residual: Array) -> None:
         """Shift the field of each component that nothing holds by what is left of its center of mass: splines add up to 1."""
-        weight = self.particles.density * self.particles.volume
-        for component in np.setdiff1d(self.particle_component[weight > 0.0], self.node_component[self.outer]):
-            nodes = self.node_component == component
-            self.field[nodes] += residual[nodes].sum(axis=0) / weight[self.particle_component == component].sum()
+        for nodes, mass in self.loose:
+            self.field[nodes] += residual[nodes].sum(axis=0) / mass
 
     def _add_affine(self, left: Array) -> None:
         """Add the affine part of the residual left (n, 3) m, by component, to the field: its value at the middle of each spline."""
@@ -162,22 +166,24 @@ class DriftCorrection:
         return float((np.abs(x - before).reshape(-1, 3, 8).max(axis=(0, 2)) * self.per).max())
 
 
-def _across_clamps(model: Model, at: Index, key: Index) -> tuple[Index, Index]:
-    """Nodes behind the faces of clamps, and their partners in front of them.
+def _across_clamps(model: Model, at: Index, key: Index, reached: NDArray[np.bool_]) -> list[tuple[Index, Index]]:
+    """Of each face that clamps, the nodes behind it and their partners in front of it: those that the motion mirrors
+    (MovingGrid._mirrors). Parts hold where their own component reaches both nodes, and nowhere else.
 
-    at (nodes, 3): place of each node in the grid; key (nodes,): as of `_stencils`.
+    at (nodes, 3): place of each node in the grid; key (nodes,): as of `_stencils`; reached (nodes,): whether held particles see it.
     """
-    outer, inner = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     stride = np.array([model.grid.nodes[1] * model.grid.nodes[2], model.grid.nodes[2], 1])
+    faces = []
     for plane in (*model.planes, *([ClampPlane(0, True, 0)] if model.clamped_face else [])):
         behind, step = (plane.cell, 1) if plane.lower else (plane.cell + 2, -1)
-        found = np.flatnonzero(at[:, plane.axis] == behind)
-        wanted = key[found] + step * stride[plane.axis]
-        partner = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-        both = key[partner] == wanted
-        outer.append(found[both])
-        inner.append(partner[both])
-    return np.concatenate(outer), np.concatenate(inner)
+        outer = np.flatnonzero(at[:, plane.axis] == behind)
+        wanted = key[outer] + step * stride[plane.axis]
+        inner = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+        there = key[inner] == wanted
+        if model.held.any():
+            there &= reached[outer] & reached[inner]
+        faces.append((outer[there], inner[there]))
+    return faces
 
 
 def _slabs(plane: Index) -> Index:

@@ -11,10 +11,10 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics.path_loads import FeedLoads, FieldLoads
 from magmpm.effects import acting
-from magmpm.errors import SceneError
+from magmpm.errors import SceneError, SolveError
 from magmpm.results import measures
 from magmpm.results.result import Result
-from magmpm.scene import Scene, memory
+from magmpm.scene import Scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium
@@ -99,7 +99,12 @@ def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene]
         compiled += prepare(coarse)
         known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
         beside = _longer(scene, seconds)
-    choice = choose(scene, loads, on_step, begun=begun + compiled, beside=beside)
+    try:
+        with remedies.named(scene):
+            choice = choose(scene, loads, on_step, begun=begun + compiled, beside=beside)
+    except SolveError as failed:  # its state is of an equilibrium that is judged, none of the path or the motion
+        failed.state = next(iter(known.values()), None)
+        raise
     cells = choice.scene.resolution.cells_across
     judging = time.perf_counter() - begun - compiled
     if cells in known:

@@ -15,7 +15,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.model import Model
 
-FIRST, MOST = 8, 256  # steps for which they are held
+FIRST, MOST = 1, 256  # steps for which they are held: the first ones are not extrapolated
 CHANGE = 0.02  # of the largest value, while they are held: the error is some thousandths of these loads
 
 

@@ -97,6 +97,7 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
     point = replace(point_of(loads.at(state.time), last.point.grid), energy=last.point.energy)
     state.branch = Branch(loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene, None))
     state.iterations, state.load_share = last.steps, last.load_share
+    state.warnings += last.warnings
     shape = state.shape
     state.strain = strain_of(shape.model, shape.position, shape.F, state.time)
     return state
@@ -143,12 +144,7 @@ def follow(
     """
     saved = Checkpoint.load(folder, scene) if folder is not None and resume else None
     times = scene.path_times()
-    try:
-        state = begin(scene, saved, on_step)
-    except SolveError:
-        if folder is not None and saved is None:
-            forget_motion(folder)  # the last good state takes the place of what was there
-        raise
+    state = begin(scene, saved, on_step)
     files = None if folder is None else _Files(state, folder, saved)
     if saved is None and files is not None:
         files.write(state, ())

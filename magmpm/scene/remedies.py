@@ -81,10 +81,14 @@ def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     return (*gentler, *_shorter_or_weaker(scene, error))
 
 
+def _begun(error: SolveError) -> bool:
+    """Whether what runs along time has begun: no part of a load, as is left of a path whose first equilibrium was not found."""
+    return bool(getattr(error.state, "load_share", 1.0) == 1.0)
+
+
 def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """To end what happens along time before the moment at which it went wrong."""
-    begun = getattr(error.state, "load_share", 1.0) == 1.0  # a path whose first equilibrium was found
-    reached = getattr(error.state, "time", 0.0) if begun else 0.0
+    reached = getattr(error.state, "time", 0.0) if _begun(error) else 0.0
     until = float(f"{SHARE * reached:.3g}")
     if not until > 0.0:
         return ()
@@ -110,7 +114,7 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         times = scene.path_times()
         steps = {"steps": 4 * (len(times) - 1), "duration": times[-1]}
         finer = Remedy(f"solver.quasi_static: {{steps: {steps['steps']}}}", {"solver.quasi_static": steps})
-        return finer, *(_until(scene, error) or _weaker(scene, error))
+        return *((finer,) if _begun(error) else ()), *(_until(scene, error) or _weaker(scene, error))
     ramp = {} if scene.field.over_time is not None else {"field.over_time": {"ramp": {"duration": 1.0}}}
     followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
     words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (" with field.over_time: {ramp: {duration: 1 s}}" if ramp else "")

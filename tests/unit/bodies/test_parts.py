@@ -382,3 +382,28 @@ def test_mesh_text_that_is_damaged_is_refused() -> None:
     with pytest.raises(MeshError, match="damaged"):
         unpack_mesh(text[:-8])
     assert isinstance(unpack_mesh(text), Mesh)
+
+
+FEET = ((0.0, 0.0, -2.0), (3.0, 2.0, 0.0)), ((13.0, 0.0, -2.0), (16.0, 2.0, 0.0))
+RING = [((0, 0, -2), (12, 2, 0)), ((0, 10, -2), (12, 12, 0)), ((0, 2, -2), (2, 10, 0)), ((10, 2, -2), (12, 10, 0))]
+
+
+@pytest.mark.parametrize(
+    ("free", "held", "planes"),
+    [
+        ([((0, 0, 0), (16, 2, 2))], [((-2, -2, -2), (18, 4, 0))], 1),
+        ([((0, 0, 0), (16, 2, 2))], [((0, 0, -2), (16, 2, 0))], 1),
+        ([((0, 0, 0), (16, 2, 2))], [((0, 0, -2), (15.6, 2, 0))], 1),
+        ([((0, 0, 0), (16, 2, 2))], FEET, 0),
+        ([((0, 0, 0), (3, 2, 6)), ((13, 0, 0), (16, 2, 6))], FEET, 1),
+        ([((0, 0, 0), (12, 12, 1))], RING, 0),
+        ([((0, 0, 0), (12, 12, 1))], [*RING, ((2, 2, -2), (10, 10, 0))], 1),
+    ],
+    ids=["wide base", "flush base", "rim of less than half a cell", "bridge", "two legs", "membrane on a ring", "ring that is filled"],
+)
+def test_only_what_stands_on_held_parts_is_clamped(free: list[Any], held: list[Any], planes: int) -> None:
+    """A layer of cells is at rest only where held parts are below all of it: the middle of a bridge and a membrane move."""
+    solids = [box(low, high) for low, high in [*free, *held]]
+    parts = [1e-3 * solid.vertices[solid.faces] for solid in solids]
+    _, found = grid_of_parts(parts, [False] * len(free) + [True] * len(held), 1e-3)
+    assert len(found) == planes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from magmpm.bodies.surface_mesh import write_stl
 from magmpm.dynamics import drift_correction, energies
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.drift_correction import DriftCorrection
-from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.time_loop import begin, interval
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
@@ -107,9 +108,12 @@ def test_the_fit_is_at_rest_on_clamps(tmp_path: Path, rng: np.random.Generator, 
     moved[model.held] = 0.0
     for _ in range(40):
         fitted.fit(moved)
-    on_face = (fitted.node_place[fitted.outer] + fitted.node_place[fitted.inner]) / 2
-    np.testing.assert_array_equal(fitted.field[fitted.outer], -fitted.field[fitted.inner])
-    np.testing.assert_allclose(np.unique(on_face[:, 2 if clamp == "held" else 0].round(9)), faces, atol=1e-12)
+    found = []
+    for outer, inner in fitted.faces:
+        assert len(outer)
+        np.testing.assert_array_equal(fitted.field[outer], -fitted.field[inner])
+        found += np.unique(((fitted.node_place[outer] + fitted.node_place[inner]) / 2)[:, 2 if clamp == "held" else 0].round(9)).tolist()
+    np.testing.assert_allclose(sorted(found), faces, atol=1e-12)
     weights, _ = model.splines()
     free = ~model.held
     values, root = statics_values(model, weights)[free], np.sqrt(model.density * model.particles.volume)[free, None]
@@ -215,3 +219,51 @@ def test_cubes_that_fly_apart_gain_no_energy(tmp_path: Path) -> None:
         found.append(state.kinetic_energy() + energies.elastic_energy(model, state.particles()[2], False))
     assert np.diff(found).max() < 0.01 * found[0]
     assert (state.particles()[0] - x)[:, 2].max() > 10e-3, "they have flown apart"
+
+
+BEAM, BASE = ("beam", (0.0, 0.0, 0.0), (8.0, 4.0, 4.0), False), ("base", (-2.0, 0.0, -2.0), (8.0, 4.0, 0.0), True)
+
+
+def solids(tmp_path: Path, *parts: tuple[str, Any, Any, bool], **more: Any) -> Scene:
+    """Boxes: name, lower and upper corner in mm, whether it is held; in cells of 2 mm."""
+    for name, low, high, _ in parts:
+        write_stl(box(low, high), tmp_path / f"{name}.stl")
+    meshes = [{"mesh": str(tmp_path / f"{name}.stl"), "material": "m", "clamp": held} for name, _, _, held in parts]
+    return moving_scene({"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes}}, **{"effects": {}, **more}, formulation="updated")
+
+
+def test_where_clamps_meet_the_fit_is_the_best_one(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A block on a floor and against a wall, fitted by least squares on nodes of which those behind each face are minus their partners."""
+    wall = ("wall", (-2.0, 0.0, 0.0), (0.0, 4.0, 4.0), True)
+    model = build(solids(tmp_path, BEAM, BASE, wall, effects={}))
+    assert len(model.planes) == 2
+    fitted, free = DriftCorrection(model), ~model.held
+    moved = np.where(model.held[:, None], 0.0, 1e-4 * rng.standard_normal((len(model.density), 3)) + 1e-3)
+    for _ in range(60):
+        fitted.fit(moved)
+    count = len(fitted.field)
+    values, held = np.zeros((len(moved), count)), np.eye(count)
+    for node in range(count):
+        one = np.zeros((count, 3))
+        one[node] = 1.0
+        values[:, node] = fitted._values(one)[:, 0]
+    for outer, inner in fitted.faces:  # coefficients of all nodes from those that are free
+        face = np.eye(count)
+        face[outer, outer], face[outer, inner] = 0.0, -1.0
+        held = face @ held
+    held = np.linalg.matrix_power(held, 3)  # whatever the order of the faces
+    root = np.sqrt(model.density * model.particles.volume)[:, None]
+    splines = values @ held
+    best = splines @ np.linalg.lstsq((root * splines)[free], (root * moved)[free], rcond=1e-10)[0]
+    np.testing.assert_allclose(fitted._values(fitted.field)[free], best[free], rtol=0, atol=drift_correction.GOOD * fitted.size)
+
+
+def test_what_hovers_over_a_clamp_falls_freely(tmp_path: Path) -> None:
+    """A pebble a tenth of a cell above the base on which a beam stands: the fit does not hold it."""
+    pebble = ("pebble", (12.0, 0.0, 0.2), (16.0, 4.0, 4.2), False)
+    base = ("base", (-2.0, 0.0, -2.0), (18.0, 4.0, 0.0), True)
+    model = build(solids(tmp_path, BEAM, base, pebble, effects={"gravity": {"acceleration": [0, 0, 0.5]}}))
+    assert len(model.planes) == 1
+    loose = (model.particles.position[:, 0] > 10e-3) & ~model.held
+    moved = interval(begin(model), 0.06).x - model.particles.position
+    np.testing.assert_allclose(moved[loose], np.tile([0.0, 0.0, 0.5 * 0.5 * 0.06**2], (loose.sum(), 1)), rtol=0, atol=1e-12)

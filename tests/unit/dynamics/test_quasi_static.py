@@ -289,7 +289,23 @@ def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path
     assert not (tmp_path / MOTION).exists()
     saved = Result.load(tmp_path)
     assert saved.failure == state.failure != ""
+    assert not any("quasi_static" in remedy.words for remedy in caught.value.remedies)  # more of them change nothing at the first
     np.testing.assert_array_equal(saved.particle_position, state.particle_position)
+
+
+def test_a_path_whose_judged_equilibria_fail_says_what_to_try(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an error that is asked for: nothing of the path is there to be saved, and that is no crash."""
+
+    def never(*given: Any, **options: Any) -> Minimum:
+        raise SolveError("enough")
+
+    monkeypatch.setattr(equilibrium, "minimize", never)
+    asked = scene({"steps": 2}, cells=2, direction=(0, 1, 0)).to_si()
+    asked["resolution"] = {"error": 0.01}
+    with pytest.raises(SolveError, match=r"enough; to try: a weaker load") as caught:
+        run(Scene.from_si(asked), folder=tmp_path)
+    assert caught.value.state is None
+    assert caught.value.remedies
 
 
 @pytest.mark.slow
