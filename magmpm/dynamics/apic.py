@@ -14,6 +14,7 @@ from magmpm.dynamics.moving_grid import Box
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.dynamics.tearing import Tearing
+from magmpm.effects import damping
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.kernels import apic_step, multi_grid_contact
@@ -178,7 +179,8 @@ class UpdatedMotion:
             self.sort()
         with self.threads.alone():
             dv, dC = self._kick(self.lag, self._last)
-            return self._kinematics(self.v + dv, self.C + dC)
+            left = damping.left(self._last, self.lag)
+            return self._kinematics(left * self.v + dv, left * self.C + dC)
 
     def _kinematics(self, v: Array, C: Array) -> Kinematics:
         F = self._in_order(self.F, 9).reshape(-1, 3, 3)

@@ -24,7 +24,7 @@ from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
 DTYPE = np.dtype([("damping_rate", np.float64)])
-MOST = 500.0  # of rate dt: more is taken as this, which leaves nothing of a velocity either, and is not too large a number for a push
+MOST = 500.0  # of the exponent: more leaves nothing of a velocity either, and would be too large a number for a push
 
 
 def parameters(rate: float) -> Records:
@@ -70,8 +70,14 @@ def node(effect, data, X, u, v, dt):
 @compiled
 def push(effect, data, dt):
     """(exp(x) - 1) / x with x = rate dt; after the decay (1 - exp(-x)) / x of the push is left."""
-    x = min(effect.damping_rate * dt, MOST)
-    return math.expm1(x) / x if x > 0.0 else 1.0
+    x = effect.damping_rate * dt
+    return math.expm1(min(x, MOST)) / x if x > 0.0 else 1.0
+
+
+def left(named: Records, dt: float) -> float:
+    """Part of a velocity that damping leaves after dt (s); named: records and data of effects, in turn."""
+    rates = [records["damping_rate"][0] for records in named[::2] if records.dtype.names == DTYPE.names]
+    return math.exp(-min(sum(rates) * dt, MOST))
 
 
 register(DTYPE, node=node, push=push)
