@@ -164,11 +164,15 @@ class UpdatedMotion:
         )
         return int(taken), float(drift)
 
-    def _kick(self, dt: float, effects: tuple[Any, ...]) -> tuple[Array, Array]:
-        """Change of v and C in dt (s) by forces alone, at the present positions. The watch checks the present state."""
+    def _later(self, dt: float, effects: tuple[Any, ...]) -> tuple[Array, Array]:
+        """v and C after dt (s) of forces and damping at the present positions; without a transfer, which would smooth them.
+
+        The watch checks the present state.
+        """
         v, C = np.zeros_like(self.v), np.zeros_like(self.C)
         self._steps(1, dt, effects, self.x.copy(), v, C, self.L.copy(), self.F.copy(), self.anchor.copy())
-        return v, C
+        left = damping.left(effects, dt)
+        return left * self.v + v, left * self.C + C
 
     def kinematics(self) -> Kinematics:
         """The present kinematics. The watch checks the present state as well.
@@ -178,9 +182,7 @@ class UpdatedMotion:
         if self.drift > apic_step.DRIFT:
             self.sort()
         with self.threads.alone():
-            dv, dC = self._kick(self.lag, self._last)
-            left = damping.left(self._last, self.lag)
-            return self._kinematics(left * self.v + dv, left * self.C + dC)
+            return self._kinematics(*self._later(self.lag, self._last))
 
     def _kinematics(self, v: Array, C: Array) -> Kinematics:
         F = self._in_order(self.F, 9).reshape(-1, 3, 3)
@@ -194,9 +196,9 @@ class UpdatedMotion:
             return
         if self.drift > apic_step.DRIFT:
             self.sort()
-        dv, dC = self._kick(abs(back), effects)
-        self.v -= np.sign(back) * dv
-        self.C -= np.sign(back) * dC
+        v, C = self._later(abs(back), effects)
+        self.v -= np.sign(back) * (v - self.v)
+        self.C -= np.sign(back) * (C - self.C)
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def kept(self) -> dict[str, Any]:

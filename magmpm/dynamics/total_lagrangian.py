@@ -93,15 +93,15 @@ class TotalMotion:
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
         """Shift the velocities to half a step of dt (s) before the displacements, as steps of dt expect them.
 
-        Without this shift, loads that act from the first step on, or from a change of step on, would act for too long: an error
-        proportional to dt, not dt^2.
+        Without this shift, loads that act from the first step on, or from a change of step on, would act for too long, and what resists
+        velocities as well: an error proportional to dt, not dt^2.
         """
         back = dt / 2 - self.lag
         if abs(back) <= 1e-9 * dt:
             return
-        kick = np.zeros_like(self.v)
-        self._advance(1, abs(back), effects, self.u.copy(), kick, np.zeros_like(self.v), self.anchor.copy())
-        self.v -= np.sign(back) * kick
+        later = self.v.copy()
+        self._advance(1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.anchor.copy())
+        self.v -= np.sign(back) * (later - self.v)
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def acceleration(self, u: Array) -> Array:
