@@ -14,7 +14,7 @@ import numpy as np
 from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
-from magmpm.statics.error_estimate import ALGEBRAIC, LEAST_ORDER, ORDER, factor
+from magmpm.statics.error_estimate import ALGEBRAIC, Convergence, convergence
 from magmpm.statics.ladder import operations
 from studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
 
@@ -136,22 +136,22 @@ def climb(
         order_reference=_order(rungs, "error_reference"),
         beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
-        asymptotic=_asymptotic(falling, _order(rungs[:-1], "error_finest")),
+        asymptotic=_asymptotic(falling, convergence(scene).steady(_order(rungs[:-1], "error_finest"))),
         conclusions=_conclusions(rungs, others),
         failed={name: error.reason for name, error in failed.items()},
     )
 
 
-def _asymptotic(errors: list[float], order: float | None) -> bool | None:
+def _asymptotic(errors: list[float], steady: bool | None) -> bool | None:
     """Whether errors, coarse to fine, fall steadily, and at an order that errors may have; None for two that do, which show nothing."""
-    if order is not None and order < LEAST_ORDER:
+    if steady is False:
         return False
     return None if len(errors) < 3 else errors == sorted(errors, reverse=True)
 
 
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
     finest, reference, length = answer(runs[-1][0]), scene.reference_centreline(), scene.length
-    bars = _bars([result for result, _ in runs], cells)
+    bars = _bars([result for result, _ in runs], cells, convergence(scene))
     errors = [apart(result, finest if reference is None else reference) for result, _ in runs]
     rungs = []
     for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
@@ -176,7 +176,7 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
     return rungs
 
 
-def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]:
+def _bars(results: Sequence[Result], cells: Sequence[int], law: Convergence) -> list[float | None]:
     """Bounds (m) of the discretization errors: of each grid by the finest one, of the finest by the coarsest that is fine enough for it."""
     bars: list[float | None] = []
     for k, n in enumerate(cells):
@@ -184,9 +184,11 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
         if other is None or max(n, cells[other]) < CLOSEST * min(n, cells[other]):
             bars.append(None)
             continue
-        coarse, fine = min(n, cells[other]), max(n, cells[other])
-        bound = factor(coarse, fine) * apart(results[k], answer(results[other]))
-        bars.append(bound if n == coarse else bound * (coarse / fine) ** ORDER)
+        low, high = min(k, other), max(k, other)
+        coarse, fine, finest = cells[low], cells[high], answer(results[high])
+        others = {cells[j]: apart(results[j], finest) for j in range(high) if j != low}
+        bound = law.bound(coarse, fine, apart(results[low], finest), others)
+        bars.append(bound if n == coarse else bound * law.left(coarse, fine))
     return bars
 
 

@@ -21,6 +21,7 @@ from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, v
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects, run
 from studies.beyond_effects import Need, needs
 from studies.effects_costs import counted
@@ -174,11 +175,13 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """
+    error = error or allowed_error(scene)
     if scene.effects.auto:
         scene = choose_effects(scene).scene
+    if scene.resolution.asked:  # costs are those on the grid that such a run tries first
+        scene = scene.with_cells(coarsest_cells(scene))
     _refuse_bad_beginning(scene)
     body, answers, rows = Estimates(scene), RodAnswers(scene), []
-    error = error or allowed_error(scene)
     spent = counted(scene) if measure else {}
     for key, kind in effects.every().items():
         named = getattr(scene.effects, key) is not None

@@ -18,25 +18,22 @@ from magmpm.scene import Scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium
+from magmpm.statics.judged_times import judged_times
 from magmpm.statics.ladder import Load, Loads, OnStep, particles, step_work
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.resolution import at_rest, check_possible, choose, nothing
 
-JUDGED = 3  # equilibria of a path: at equal parts of its times, the last one among them
 SETTLES = "a motion is judged at the equilibrium that it settles at"
 TOUCHING = ("ground", "walls", "self_contact")
 
 
 def of_path(scene: Scene) -> tuple[Loads, list[float]]:
     """The loads at which a path of equilibria is judged, and their times, s."""
-    times = scene.path_times()
-    chosen = sorted({times[k] for k in np.linspace(0, len(times) - 1, JUDGED + 1).round().astype(int)[1:]})
-
     def loads(on_grid: Scene) -> list[Load]:
         return [_at(on_grid, t) for t in bent]
 
     coarse = scene.with_cells(coarsest_cells(scene))
-    bent = [t for t in chosen if _along(coarse, t).bends(t)]
+    bent = [t for t in judged_times(scene) if _along(coarse, t).bends(t)]
     if not bent:
         raise _refused(scene, "all of the body is in its guide, where nothing bends", "push it out, or give `cells_across`")
     return loads, bent

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,12 @@ from magmpm.rod.cosserat import FOLLOWED, RodShape, rod_model, segment_counts, s
 from magmpm.rod.kernels import derivatives, factor, solve
 from magmpm.rod.motion import move_rod
 from magmpm.rod.mutual import MutualField
+from magmpm.rod.strongest_load import strongest
 from magmpm.scene import Scene
 
 ELEMENTS = 60  # of a rod at rest: 1e-3 of the deflection
 STATIONS = 81  # along the axis, at which shapes are compared
-MOMENTS = 9  # along equilibria in time
+MOMENTS = 9  # along equilibria in time, at equal parts; and where the load is strongest
 QUICK_CLOSE = 1e-3  # of the length, to which quick rods follow a field that varies in space
 QUICK = 0.2  # of a shift that was found by few elements
 MODEL = 0.05  # of a shift: what rod and body differ by, from tests/benchmarks/advice.py
@@ -69,21 +71,25 @@ class RodAnswers:
         """Shapes of one variant; coarser: how many times its elements are halved."""
         key = tuple(scene.effects.named().items()), coarser  # nothing else differs
         if key not in self._found:
-            self._found[key] = _shapes(scene, coarser, QUICK_CLOSE if self.quick else FOLLOWED)
+            self._found[key] = self._shapes(scene, coarser, QUICK_CLOSE if self.quick else FOLLOWED)
         return self._found[key]
 
+    def _shapes(self, scene: Scene, coarser: int, close: float) -> Array:
+        if scene.solver.dynamic is not None:
+            path = move_rod(scene, coarser=coarser)
+            return _at_stations(path.s, path.position)
+        count = ELEMENTS // 2**coarser
+        if scene.solver.quasi_static is None:
+            shape = rest(scene, count, close=close)
+            return _at_stations(shape.s, shape.position[None])
+        return np.concatenate([_along(scene, time, count, close) for time in self._moments])
 
-def _shapes(scene: Scene, coarser: int, close: float) -> Array:
-    if scene.solver.dynamic is not None:
-        path = move_rod(scene, coarser=coarser)
-        return _at_stations(path.s, path.position)
-    count = ELEMENTS // 2**coarser
-    if scene.solver.quasi_static is None:
-        shape = rest(scene, count, close=close)
-        return _at_stations(shape.s, shape.position[None])
-    times = scene.path_times()
-    chosen = sorted({times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)})
-    return np.concatenate([_along(scene, time, count, close) for time in chosen])
+    @cached_property
+    def _moments(self) -> list[float]:
+        """Times (s) at which equilibria along time are compared, the same for all variants: equal parts, and the strongest load."""
+        times = self.scene.path_times()
+        chosen = {times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)}
+        return sorted(chosen | ({strongest(self.scene)} if self.scene.effects.feed is None and len(chosen) < len(times) else set()))
 
 
 def _along(scene: Scene, time: float, count: int, close: float) -> Array:

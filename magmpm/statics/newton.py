@@ -183,14 +183,18 @@ def _chord_steps(
 
 
 def corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callable[[Array], Array]) -> Array:
-    """The direction of a step, from the last steps and what they changed in the residual; newton: that of the factors alone."""
+    """The direction of a step, from the last steps and what they changed in the residual; newton: that of the factors alone.
+
+    Steps along which the energy does not curve upward, steps of length zero among them, tell nothing and are left out.
+    """
+    told = [(step, change, curved) for step, change in pairs if (curved := float(np.sum(step * change))) > 0.0]
     q, parts = residual, []
-    for step, change in reversed(pairs):
-        parts.append(float(np.sum(step * q) / np.sum(step * change)))
+    for step, change, curved in reversed(told):
+        parts.append(float(np.sum(step * q)) / curved)
         q = q - parts[-1] * change
     direction = newton(q)
-    for (step, change), part in zip(pairs, reversed(parts), strict=True):
-        direction -= step * (part + float(np.sum(change * direction) / np.sum(step * change)))
+    for (step, change, curved), part in zip(told, reversed(parts), strict=True):
+        direction -= step * (part + float(np.sum(change * direction)) / curved)
     return direction
 
 

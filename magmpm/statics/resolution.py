@@ -20,18 +20,7 @@ from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
-from magmpm.statics.error_estimate import (
-    ALGEBRAIC,
-    FASTEST,
-    LEAST_ORDER,
-    ORDER,
-    PROOF,
-    WITNESS,
-    bound,
-    caution,
-    foretold,
-    observed_order,
-)
+from magmpm.statics.error_estimate import ALGEBRAIC, Convergence, caution, convergence, observed_order
 from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnStep, operations
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
@@ -71,6 +60,10 @@ class _Search:
     begun: float
     beside: Callable[[int], float]
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
+    law: Convergence = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.law = convergence(self.scene)
 
     @property
     def scene(self) -> Scene:
@@ -78,13 +71,13 @@ class _Search:
 
     def prove(self, cells: int) -> None:
         """Solve a grid, and the finer one that tells its error."""
-        finer = PROOF[cells]
+        finer = self.law.proof[cells]
         self.ladder.solve(cells)
         self.ladder.prove(finer, cells)
-        if cells in WITNESS:
-            self.ladder.prove(WITNESS[cells], cells)
-        between = {n: self.ladder.apart(n, finer) for n in self.ladder.solved if cells < n < finer}
-        known = bound(cells, finer, self.ladder.apart(cells, finer), between)
+        for witness in self.law.witness.get(cells, ()):
+            self.ladder.prove(witness, cells)
+        others = {n: self.ladder.apart(n, finer) for n in self.ladder.solved if n < finer and n != cells}
+        known = self.law.bound(cells, finer, self.ladder.apart(cells, finer), others)
         self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + self.algebraic()
 
     def wall(self, cells: int) -> float:
@@ -103,14 +96,14 @@ class _Search:
 
     def takes(self, cells: int) -> float:
         """What it will take to prove a grid's error, s."""
-        ladder, finer = self.ladder, PROOF[cells]
+        ladder, finer = self.ladder, self.law.proof[cells]
         known = ladder.solved.get(cells)
         solve = 0.0 if known is not None and known.exact else ladder.seconds_at(cells, PER_SOLVE)
         return solve + (0.0 if finer in ladder.solved else ladder.seconds_at(finer, PER_PROOF))
 
     def fits(self, cells: int) -> bool:
         """Whether a grid and its proof fit into memory."""
-        return operations(self.ladder.on(PROOF[cells]))[1] <= SHARE * memory.machine()
+        return operations(self.ladder.on(self.law.proof[cells]))[1] <= SHARE * memory.machine()
 
 
 def choose(
@@ -192,7 +185,8 @@ def check_possible(scene: Scene) -> None:
 
 def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None:
     """The grid to prove next; None where the last one will do. Raises SceneError where none can."""
-    finer = [n for n in PROOF if n > tried]
+    law = search.law
+    finer = [n for n in law.proof if n > tried]
     if failure is not None:
         return finer[0] if finer and finer[0] <= coarsest_cells(search.scene) + 2 else None
     wanted = search.scene.resolution.allowed(search.scene.length)
@@ -201,16 +195,16 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     if search.errors[tried] <= wanted:
         return None
     order = observed_order(search.errors)
-    hoped = FASTEST if order is None else min(max(order, LEAST_ORDER) + HOPE, FASTEST)
+    hoped = law.fastest if order is None else min(max(order, law.least) + HOPE, law.fastest)
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
         raise _out_of_reach(search, wanted)
     if order is None:  # one grid says little of how errors fall here: no leap on its word
         finer = [n for n in finer if n <= FIRST_LEAP]
-    elif order < ORDER:  # errors that don't yet fall as they will tell as little
-        finer = [n for n in finer if n <= PROOF[tried]] or finer[:1]
-    cells = next((n for n in finer if foretold(search.errors, n) <= wanted), finer[-1])
-    solved = PROOF[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
-    if solved < cells and solved in PROOF and search.errors[tried] * (tried / solved) ** hoped <= wanted:
+    elif order < law.order:  # errors that don't yet fall as they will tell as little
+        finer = [n for n in finer if n <= law.proof[tried]] or finer[:1]
+    cells = next((n for n in finer if law.foretold(search.errors, n) <= wanted), finer[-1])
+    solved = law.proof[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
+    if solved < cells and solved in law.proof and search.errors[tried] * (tried / solved) ** hoped <= wanted:
         cells = solved
     if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
         raise _out_of_reach(search, wanted, cells)
@@ -235,17 +229,17 @@ def _next_in_time(search: _Search, finer: list[int]) -> int | None:
 
 def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> SceneError:
     """cells: the grid that would do, but for memory or time."""
-    length, tried = search.scene.length, max(search.errors)
-    within = [n for n in PROOF if n > tried and search.fits(n) and search.takes(n) <= PATIENCE]
+    length, tried, law = search.scene.length, max(search.errors), search.law
+    within = [n for n in law.proof if n > tried and search.fits(n) and search.takes(n) <= PATIENCE]
     most = max(within, default=tried)
-    least = foretold(search.errors, most)
+    least = law.foretold(search.errors, most)
     if cells is None:
-        end = max(PROOF)
-        off = 100 * foretold(search.errors, end) / length
+        end = max(law.proof)
+        off = 100 * law.foretold(search.errors, end) / length
         why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
     else:
-        needed, seconds = operations(search.ladder.on(PROOF[cells]))[1], search.takes(cells)
-        why = f"{cells} cells across and their proof by {PROOF[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
+        needed, seconds = operations(search.ladder.on(law.proof[cells]))[1], search.takes(cells)
+        why = f"{cells} cells across and their proof by {law.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     remedy = f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or for {100 * least / length:.2g} %, which {most} cells should give"
@@ -268,7 +262,7 @@ def _best_in_time(search: _Search) -> int:
 def _chosen(search: _Search) -> Choice:
     cells = max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search)
     ladder, asked, length = search.ladder, search.scene.resolution, search.scene.length
-    last, finer, error = ladder.solved[cells], ladder.solved[PROOF[cells]], search.errors[cells]
+    last, finer, error = ladder.solved[cells], ladder.solved[search.law.proof[cells]], search.errors[cells]
     order, spent = observed_order(search.errors), sum(one.seconds for one in ladder.solved.values())
     told = {
         "cells_across": cells,
@@ -277,7 +271,7 @@ def _chosen(search: _Search) -> Choice:
         "error_of_length": error / length,
         "algebraic_error": search.algebraic(),
         "order": order,
-        "asymptotic": None if order is None else order >= LEAST_ORDER,
+        "asymptotic": search.law.steady(order),
         "tried": [
             {
                 "cells_across": n,

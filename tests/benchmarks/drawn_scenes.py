@@ -1,4 +1,4 @@
-"""Scenes drawn at random for tests/benchmarks/promised_error.py: catheters, tubes and strips, none of which set any constant."""
+"""Scenes drawn at random for tests/benchmarks/promised_error.py: catheters, tubes and strips; and bodies of soft and stiff segments."""
 
 from __future__ import annotations
 
@@ -53,6 +53,44 @@ def drawn(seed: int) -> Scene:
         "effects": effects,
     }
     return Scene.from_si(content)
+
+
+def jointed(seed: int) -> Scene:
+    """The scene of a seed: two to five segments of any length, by turns soft and 2 to 200 times as stiff, in a uniform field.
+
+    Even seeds are strips in plane strain (L/D 4 to 25), odd ones catheters (4 to 14); K/G 5 to 100; the field bends the soft segments.
+    """
+    draw, flat = np.random.default_rng([77, seed]), seed % 2 == 0
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(draw.uniform(np.log(low), np.log(high))))
+
+    def direction() -> Any:
+        found = draw.normal(size=3) * [1.0, 0.0 if flat else 1.0, 1.0]
+        return found / np.linalg.norm(found)
+
+    thickness = between(0.5e-3, 4e-3)
+    length = (between(4, 25) if flat else between(4, 14)) * thickness
+    ratio, shear, contrast = between(5, 100), between(50e3, 500e3), between(2, 200)
+    shares = draw.dirichlet([4] * int(draw.integers(2, 6)))
+    stiff = [(k + int(first)) % 2 == 1 for first in [draw.integers(2)] for k in range(len(shares))]
+    width, load = thickness * between(1, 4), between(0.1, STRONGEST)
+    soft_share = sum(share for share, rigid in zip(shares, stiff, strict=True) if not rigid)
+    bending = young_modulus(shear, ratio * shear) * thickness**2 / (12 if flat else 16) / soft_share
+    field = direction() * load * bending * MU0 / (REMANENCE * length**2)
+    soft = {"shear_modulus": shear, "bulk_to_shear": ratio, "density": DENSITY, "remanence": REMANENCE}
+    materials = {"soft": soft, "stiff": {**soft, "shear_modulus": contrast * shear, "remanence": REMANENCE * int(draw.random() < 0.5)}}
+    segments = [
+        {"length": float(share) * length, "material": "stiff" if rigid else "soft", "magnetization": direction().tolist()}
+        for share, rigid in zip(shares, stiff, strict=True)
+    ]
+    for segment in segments:
+        if not materials[segment["material"]]["remanence"]:
+            segment["magnetization"] = [0.0, 0.0, 0.0]
+    body = {"length": length, "material": "soft", "segments": segments}
+    body |= {"width": width, "thickness": thickness, "plane_strain": True} if flat else {"diameter": thickness}
+    content = {"name": f"jointed {seed} ({'strip' if flat else 'catheter'})", "materials": materials, "effects": {"magnetic_torque": {}}}
+    return Scene.from_si({**content, "body": {"strip" if flat else "catheter": body}, "field": {"uniform": field.tolist()}})
 
 
 def _direction(draw: np.random.Generator) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,16 @@ def test_every_effect_has_its_row() -> None:
     assert [row.effect for row in table.effects if row.named] == ["magnetic_torque"]
     assert len({row.says for row in table.effects}) == len(table.effects)
     assert all(row.effect in table.text() for row in table.effects)
+
+
+@pytest.mark.parametrize("resolution", [{"error": 0.001}, {"seconds": 2.0}])
+def test_scenes_that_ask_for_an_error_or_a_time(resolution: dict[str, float]) -> None:
+    """Advice is for the error asked for; all else is that of the coarsest grid, which such a run tries first."""
+    plain = rod_scene(field=FIELD)
+    table = survey(Scene.from_si({**plain.to_si(), "resolution": resolution}))
+    assert table.error_m == pytest.approx(resolution.get("error", 0.01) * plain.length)
+    same = survey(plain.with_cells(2), error=table.error_m)
+    assert [asdict(row) for row in table.effects] == [asdict(row) for row in same.effects]
 
 
 def test_shifts_are_the_rods() -> None:

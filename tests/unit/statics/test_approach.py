@@ -13,6 +13,7 @@ from magmpm.statics.between_grids import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import one_blas_thread, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.newton import corrected
 
 SCENE = rod_scene(length=24e-3, field=[0.0, 0.0, 5e-3])
 
@@ -68,3 +69,13 @@ def test_no_answer_from_a_folded_start(grids) -> None:
     folded = start.copy()
     folded[:, 0::3] -= 2.0 * np.linspace(0.0, 24e-3, len(start))[:, None]
     assert approached(Energy(fine), folded, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
+
+
+def test_steps_that_tell_nothing_are_left_out(rng: np.random.Generator) -> None:
+    """A step of length zero, as where no load is left, would divide nothing by nothing; one along which the energy curves down, turn the
+    direction around. With those left out, the direction is that of the factors."""
+    q, step = rng.standard_normal((4, 3)), rng.standard_normal((4, 3))
+    still = (np.zeros((4, 3)), np.zeros((4, 3)))
+    np.testing.assert_array_equal(corrected(q, [still, (step, -step)], lambda right: -0.5 * right), -0.5 * q)
+    exact = corrected(q, [still, (q, 2.0 * q)], lambda right: -right)  # the energy curves twice as much along q as the factors say
+    np.testing.assert_allclose(exact, -0.5 * q, rtol=1e-14)

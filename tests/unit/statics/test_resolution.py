@@ -15,9 +15,10 @@ from magmpm import Result, Scene, run
 from magmpm.errors import SceneError
 from magmpm.model import build
 from magmpm.results.measures import largest_distance
+from magmpm.rod.strongest_load import strongest
 from magmpm.statics import resolution
 from magmpm.statics.between_grids import carried
-from magmpm.statics.error_estimate import caution
+from magmpm.statics.error_estimate import JOINTED, SMOOTH, Convergence, caution, convergence
 from magmpm.statics.ladder import Ladder, Load
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.resolution import at_rest, nothing
@@ -227,3 +228,63 @@ def test_an_error_out_of_reach_is_answered_with_one_in_reach() -> None:
     """What the coarsest grid gives, and what finer ones should."""
     with pytest.raises(SceneError, match=r"ask for .* % or more, which \d+ cells give, or for .* %, which \d+ cells should give"):
         run(asked(error=2e-6))
+
+
+def hinged(**cells: object) -> Scene:
+    """A plane strip of two stiff and two soft segments, whose moduli differ 167 times, across a field."""
+    lengths, stiff = (7.2e-3, 2.1e-3, 5.37e-3, 5.33e-3), (True, False, True, False)
+    soft = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}
+    segments = [
+        {"magnetization": [1.0, 0.0, 0.0], "length": length, "material": "rigid" if rigid else "soft"}
+        for length, rigid in zip(lengths, stiff, strict=True)
+    ]
+    strip = {"length": 20e-3, "width": 4e-3, "thickness": 1e-3, "plane_strain": True, "material": "soft", "segments": segments}
+    materials = {"soft": soft, "rigid": {**soft, "shear_modulus": 20e6, "remanence": 0.0}}
+    content = {"name": "hinged", "materials": materials, "body": {"strip": strip}, "field": {"uniform": [0.0, 0.0, 8e-3]}}
+    return Scene.from_si({**content, "effects": {"magnetic_torque": {}}, "resolution": cells})
+
+
+def test_bounds_of_soft_and_stiff_segments_hold() -> None:
+    """6 and 8 cells give nearly the same shape by chance, and the bound of other bodies is seven times too small. Against 16 cells, whose
+    own error is some tenth of a per cent of the length.
+    """
+    scene = hinged(cells_across=2)
+    law = convergence(scene)
+    solved = {n: run(scene.with_cells(n)) for n in (2, 3, 4, 5, 6, 7, 8, 9)}
+    true = {n: largest_distance(solved[n], run(scene.with_cells(16)).centreline) for n in (2, 4, 6)}
+
+    def told(by: Convergence, n: int) -> float:
+        proof = by.proof[n]
+        apart = {k: largest_distance(solved[k], solved[proof].centreline) for k in (n, *by.witness.get(n, ()))}
+        return by.bound(n, proof, apart.pop(n), apart)
+
+    assert law is JOINTED
+    assert told(SMOOTH, 6) < 0.2 * true[6]
+    for n, error in true.items():
+        assert 0.3 * told(law, n) < error < told(law, n)
+    with pytest.raises(SceneError, match="ask for"):  # it was promised, and missed
+        run(hinged(error=0.001))
+
+
+@pytest.mark.parametrize(("ratio", "law"), [(1.0, SMOOTH), (1.4, SMOOTH), (1.6, JOINTED), (0.6, JOINTED)])
+def test_a_body_is_jointed_where_stiffness_jumps(ratio: float, law: Convergence) -> None:
+    data = hinged(cells_across=2).to_si()
+    data["materials"]["rigid"]["shear_modulus"] = ratio * 120e3
+    assert convergence(Scene.from_si(data)) is law
+    data["materials"]["rigid"] |= {"shear_modulus": 120e3, "bulk_to_shear": 20.0 * ratio}
+    assert convergence(Scene.from_si(data)) is law
+
+
+def test_a_path_is_judged_where_its_load_is_strongest() -> None:
+    """A pulse between equal parts of the path: the error there is within what is told."""
+    data = {**PLAIN.to_si(), "solver": {"quasi_static": {"steps": 16}}}
+    frames = [{"time": t, "strength": s} for t, s in ((0.0, 0.02), (0.8, 0.02), (1.0, 2.0), (1.2, 0.02), (2.0, 0.02))]
+    data["field"] = {**data["field"], "over_time": {"keyframes": frames}}
+    result = run(Scene.from_si({**data, "resolution": {"error": 0.005}}))
+    fine = run(Scene.from_si({**data, "resolution": {"cells_across": 6}}))
+    assert result.resolution is not None
+    assert 1.0 in result.resolution["judged_at"]
+    apart = [np.linalg.norm(np.subtract(one["tip"], other["tip"])) for one, other in zip(result.steps, fine.steps, strict=True)]
+    assert result.error_estimate is not None
+    assert 0.3 * result.error_estimate < max(apart) < result.error_estimate
+    assert strongest(Scene.from_si({**data, "resolution": {"cells_across": 2}})) == 1.0
