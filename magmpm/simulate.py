@@ -29,6 +29,7 @@ from magmpm.results.versions import versions
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
+from magmpm.scene.joints import without_joints
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.effects_choice import choose_effects, missed
@@ -199,9 +200,10 @@ def _resolved(scene: Scene, start: object, on_progress: Progress | None, uses: S
     begun = time.perf_counter()
     compiled = prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(*uses, PROOFS))
     choice = choose(scene, on_step=on_progress)
-    seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
     told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.told}
-    return _sound(replace(_result(choice.models[-1], choice.found[-1], seconds), **told)), choice.found[-1]
+    seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
+    result = _result(choice.models[-1], choice.found[-1], seconds)
+    return _sound(replace(result, warnings=without_joints(result.warnings), **told)), choice.found[-1]
 
 
 def _sound(result: Result) -> Result:
@@ -300,8 +302,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
 
 def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:
     model = moved.motion.model
-    J = np.linalg.det(moved.F)
-    axis = measures.axis_of_particles(model, moved.x)
+    J, axis = np.linalg.det(moved.F), measures.axis_of_particles(model, moved.x)
     return Result(
         **_particles(model, moved.x, moved.F, moved.time),
         grid_correction=np.zeros((0, 0)),
@@ -329,9 +330,9 @@ def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
     """The grid correction of a neighboring design: nearly the same for this design."""
     if not isinstance(start, Result):
         return None
-    if start.grid_correction.shape != (model.layout.planes, model.layout.m):
-        raise ValueError("start: the neighboring result must be on the same grid")
-    return start.grid_correction
+    if start.grid_correction.shape == (model.layout.planes, model.layout.m):
+        return start.grid_correction
+    raise ValueError("start: the neighboring result must be on the same grid")
 
 
 def _warnings(scene: Scene) -> list[str]:
@@ -343,7 +344,6 @@ def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float6
     """What every result holds: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
     scene, particles = model.scene, model.particles
     center = particles.volume @ position / particles.volume.sum()
-    outside = scene.outside_field().at(center, time)[0] if scene.effects.in_a_field else np.zeros(3)
     return {
         "name": scene.name,
         "scene": scene.to_si(),
@@ -355,7 +355,7 @@ def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float6
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.region_means(model, position),
         "segment_remanence": measures.region_means(model, np.einsum("nij,nj->ni", F, model.remanence[:, :3])),
-        "field": outside,
+        "field": scene.outside_field().at(center, time)[0] if scene.effects.in_a_field else np.zeros(3),
         "particles": len(position),
         "section": model.section,
         "versions": versions(),

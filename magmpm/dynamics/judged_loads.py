@@ -16,6 +16,7 @@ from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.scene import Scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
+from magmpm.scene.joints import without_joints
 from magmpm.statics import axis
 from magmpm.statics.equilibrium import Equilibrium
 from magmpm.statics.judged_times import judged_times
@@ -107,7 +108,7 @@ def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene]
     if cells in known:
         judging -= sum(known[cells].seconds[key] for key in ("setup", "solve"))  # told as those of the run
     result = known.get(cells) or run(choice.scene)
-    told, error, warnings = dict(choice.told), choice.error, list(result.warnings)
+    told, error, warnings = dict(choice.told), choice.error, without_joints(result.warnings)
     if path:
         told["judged_at"] = times
     else:

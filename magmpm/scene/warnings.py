@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from magmpm.effects.base import SceneLike
+from magmpm.scene.joints import joint_warnings
 
 
 def warnings(scene: SceneLike) -> list[str]:
@@ -23,6 +24,7 @@ def warnings(scene: SceneLike) -> list[str]:
     shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
     one_grid = scene.effects.self_contact is None and (dynamic is None or dynamic.formulation != "updated")
     found += shape.warnings(scene.resolution.cells_across, one_grid=one_grid)
+    found += joint_warnings(scene)
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
+from magmpm.scene.joints import stiffness_jump
 
 # What drawn scenes (SMOOTH, below) had not: walls below a fifth of a cell, and bodies of L/D below 3. Three tubes with a wall of a tenth of
 # a cell, and a body of L/D 2, had errors of up to 1.74 and 1.51 of their bounds, which are therefore twice and 1.6 times as large.
@@ -104,10 +104,7 @@ JOINTED = Convergence(
 
 def convergence(scene: Scene) -> Convergence:
     """How the errors of a scene's body fall: neighboring segments whose moduli differ by more than JUMP make it jointed."""
-    used = [scene.region_material(k) for k in range(len(scene.regions()))]
-    moduli = [(one.shear_modulus, one.shear_modulus * one.bulk_to_shear) for one in used]
-    jump = max((max(a / b, b / a) for one, next_ in pairwise(moduli) for a, b in zip(one, next_, strict=True)), default=1.0)
-    return JOINTED if jump > JUMP else SMOOTH
+    return JOINTED if stiffness_jump(scene) > JUMP else SMOOTH
 
 
 def distance(one: Array, other: Array) -> float:

@@ -288,3 +288,12 @@ def test_a_path_is_judged_where_its_load_is_strongest() -> None:
     assert result.error_estimate is not None
     assert 0.3 * result.error_estimate < max(apart) < result.error_estimate
     assert strongest(Scene.from_si({**data, "resolution": {"cells_across": 2}})) == 1.0
+
+
+def test_runs_on_given_cells_tell_of_joints_and_proven_ones_do_not() -> None:
+    told = [warning for warning in run(hinged(cells_across=3)).warnings if warning.startswith("joints: ")]
+    assert len(told) == 1
+    assert "moduli 167 times apart" in told[0]
+    assert "within 1 % of the length" in told[0]
+    assert not any(warning.startswith("joints: ") for warning in run(hinged(error=0.05)).warnings)
+    assert not any(warning.startswith("joints: ") for warning in run(PLAIN).warnings)
