@@ -37,13 +37,13 @@ from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.resolution import choose
+from magmpm.statics.stability import on_the_brink
 
 if TYPE_CHECKING:
     from magmpm.dynamics.quasi_static import PathState
     from magmpm.dynamics.time_loop import SimulationState
 
 Progress = Callable[[int, float], None]
-BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium has a warning
 
 
 def run(
@@ -114,8 +114,12 @@ def simulated(
     resume: bool = False,
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
+    on_state: Callable[[PathState], None] | None = None,
 ) -> Result:
-    """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does."""
+    """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does.
+
+    on_state(state): called after each equilibrium of a path.
+    """
     on_grid = partial(simulated, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.effects.auto:
         choice = choose_effects(scene)
@@ -130,7 +134,7 @@ def simulated(
         scene.check_energy()
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
-            return _path(scene, folder, resume, on_progress, on_begin)
+            return _path(scene, folder, resume, on_progress, on_begin, on_state)
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin)
         return _at_rest(scene, start, on_progress)[0]
@@ -253,8 +257,9 @@ def _motion(
 
 
 def _path(
-    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None
-) -> Result:
+    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
+    on_state: Callable[[PathState], None] | None,
+) -> Result:  # fmt: skip
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
     begun, compiled = time.perf_counter(), prepare_kernels(scene)
@@ -266,7 +271,7 @@ def _path(
 
     try:
         with _in_folder(folder, resume, on_begin), memory.within(scene):
-            state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress))
+            state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=on_state)
     except SolveError as error:
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
         raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
@@ -288,7 +293,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
         max_det_F=shape.max_det_F,
         energy=state.energy,
         seconds=seconds,
-        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model) + _on_the_brink(last["stability"]),
+        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model) + on_the_brink(last["stability"]),
         time=state.time,
         formulation="quasi_static",
         steps=state.rows,
@@ -367,16 +372,6 @@ def _strained(strain: Strain) -> dict[str, Any]:
     return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
 
 
-def _on_the_brink(stability: float | None) -> list[str]:
-    """A warning where an equilibrium is close to a critical load."""
-    if stability is None or stability > BRINK:
-        return []
-    return [
-        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % of the unloaded body's stiffness: it is "
-        "at a critical load (buckling, turning round) or free to turn about an axis, so a small change of the load may move it far"
-    ]
-
-
 def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
     scene, point = model.scene, found.point
     position, strain = point.position, strain_of(model, point.position, point.F)
@@ -392,7 +387,7 @@ def _result(model: StaticModel, found: Equilibrium, seconds: dict[str, float], f
         max_det_F=point.max_det_F,
         energy=point.energy,
         seconds=seconds,
-        warnings=_warnings(scene) + found.warnings + strain.warnings(model) + _on_the_brink(found.stability),
+        warnings=_warnings(scene) + found.warnings + strain.warnings(model) + on_the_brink(found.stability),
         **_strained(strain),
         load_share=found.load_share,
         stability=found.stability,

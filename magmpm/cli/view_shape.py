@@ -16,7 +16,7 @@ from magmpm.scene import Scene
 from studies.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
 from viz.page import Routes, Stage, about_scene, packed
 
-BRINK = 0.02  # as of magmpm.simulate: a stability below has a warning
+BRINK = 0.02  # as of magmpm.statics.stability: one below has a warning
 
 
 class ShapeView:

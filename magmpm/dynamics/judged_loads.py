@@ -5,39 +5,44 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.dynamics.path_judged import PathSeen
 from magmpm.dynamics.path_loads import FeedLoads, FieldLoads
 from magmpm.effects import acting
-from magmpm.errors import SceneError, SolveError
+from magmpm.errors import SceneError, SolveError, TimeOver
 from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.scene import Scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.joints import without_joints
 from magmpm.statics import axis
-from magmpm.statics.equilibrium import Equilibrium
-from magmpm.statics.judged_times import judged_times
-from magmpm.statics.ladder import Load, Loads, OnStep, particles, step_work
+from magmpm.statics.equilibrium import Equilibrium, solve_from
+from magmpm.statics.error_estimate import distance
+from magmpm.statics.ladder import Ladder, Load, Loads, OnStep, particles, step_work
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.resolution import at_rest, check_possible, choose, nothing
+from magmpm.statics.resolution import Choice, at_rest, check_possible, choose, nothing
 
+TRIED = 3  # grids on which a path is tried, from the coarsest on
 SETTLES = "a motion is judged at the equilibrium that it settles at"
 TOUCHING = ("ground", "walls", "self_contact")
 
 
-def of_path(scene: Scene) -> tuple[Loads, list[float]]:
-    """The loads at which a path of equilibria is judged, and their times, s."""
-    def loads(on_grid: Scene) -> list[Load]:
-        return [_at(on_grid, t) for t in bent]
+def of_path(seen: PathSeen, cells: int) -> tuple[Loads, list[float]]:
+    """The loads at which a path of equilibria is judged, and their times, s.
 
-    coarse = scene.with_cells(coarsest_cells(scene))
-    bent = [t for t in judged_times(scene) if _along(coarse, t).bends(t)]
-    if not bent:
-        raise _refused(scene, "all of the body is in its guide, where nothing bends", "push it out, or give `cells_across`")
-    return loads, bent
+    seen: of the path on a grid with so many cells across. There, the equilibria are the path's own; on other grids those near them. So
+    what is proven is the branch that the path follows.
+    """
+    times = seen.judged()
+
+    def loads(on_grid: Scene) -> list[Load]:
+        return [_at(on_grid, t, seen.grids[t] if on_grid.resolution.cells_across == cells else None) for t in times]
+
+    return loads, times
 
 
 def of_motion(scene: Scene) -> Loads:
@@ -67,13 +72,17 @@ def _along(scene: Scene, at: float) -> FieldLoads | FeedLoads:
         return FieldLoads(scene, at) if scene.effects.feed is None else FeedLoads(scene, at)
 
 
-def _at(scene: Scene, at: float) -> Load:
+def _at(scene: Scene, at: float, known: Array | None) -> Load:
+    """The load of a time, s. known: coefficients (planes, m) m of its equilibrium; loads that follow the shape can't begin there."""
     along = _along(scene, at)
+    model = along.at(at)
 
     def first(on_step: OnStep | None) -> Equilibrium:
-        return along.first(at, on_step)
+        if known is None or acting.feels_itself(scene):
+            return along.first(at, on_step)
+        return solve_from(model, known, on_step=on_step)
 
-    return Load(along.at(at), first)
+    return Load(model, first)
 
 
 def _refused(scene: Scene, rule: str, remedy: str) -> SceneError:
@@ -85,53 +94,121 @@ def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene]
 
     run: computes it on a grid; prepare: loads a scene's kernels, and returns the seconds it took. Raises SceneError, and as both do.
     """
-    path = scene.solver.quasi_static is not None
-    begun = time.perf_counter()
     check_possible(scene)
-    loads, times = of_path(scene) if path else (of_motion(scene), [])
+    return (_motion if scene.solver.quasi_static is None else _path)(scene, run, prepare, on_step)
+
+
+def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
+    """A path: on the coarsest grid first, whose equilibria tell where it is judged."""
+    begun = time.perf_counter()
+    compiled, coarse, seen, first, seconds = _coarse_path(scene, run, prepare, begun)
+    cells = coarse.resolution.cells_across
+    loads, times = of_path(seen, cells)
+    beside = nothing if scene.resolution.seconds is None else _longer(scene, seconds)
+    choice = _chosen(scene, loads, on_step, {cells: first}, begun=begun + compiled, beside=beside, coarsest=cells)
+    judging = time.perf_counter() - begun - compiled
+    if choice.scene.resolution.cells_across == cells:
+        result, judging = first, judging - seconds  # told as those of the run
+    else:
+        seen = PathSeen(scene.length)
+        result = run(choice.scene, on_state=seen.see)
+    told, warnings = {**choice.told, "judged_at": times}, without_joints(result.warnings)
+    told["from_path"], at = max(zip(_from_path(scene, choice, seen, times), times, strict=True))
+    error, wanted = choice.error + told["from_path"], scene.resolution.allowed(scene.length)
+    told["error_of_length"] = error / scene.length
+    if wanted is not None and error > wanted:
+        warnings.append(
+            f"resolution: at t = {at:.6g} s the path is {1e3 * told['from_path']:.3g} mm from the equilibrium whose error was proven, on "
+            f"another branch perhaps, so the error asked for, {1e3 * wanted:.3g} mm, is not met: compare runs of more `cells_across`"
+        )
+    for begins, ends in seen.near_jumps():
+        warnings.append(
+            f"resolution: no error is told from t = {begins:.6g} to {ends:.6g} s, around a jump of the path, which comes sooner or later "
+            "on other grids; the error told is that of the equilibria before and after"
+        )
+    spent = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
+    return replace(result, scene_hash=scene.hash(), error_estimate=error, resolution=told, seconds=spent, warnings=warnings)
+
+
+def _coarse_path(
+    scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], begun: float
+) -> tuple[float, Scene, PathSeen, Result, float]:
+    """The path on the coarsest grid on which it is found: seconds of compiling, the scene, what it shows, its result and seconds."""
+    compiled, least, failure = 0.0, coarsest_cells(scene), None
+    for cells in range(least, least + TRIED):
+        coarse, seen = scene.with_cells(cells), PathSeen(scene.length)
+        compiled += prepare(coarse)
+        try:
+            result, seconds = _within(scene.resolution.seconds, begun + compiled, partial(run, on_state=seen.see), coarse)
+        except TimeOver:
+            raise
+        except SolveError as error:  # some bodies need finer cells to be solved at all
+            failure = failure or error
+            continue
+        if not seen.grids:
+            raise _refused(scene, "all of the body is in its guide, where nothing bends", "push it out, or give `cells_across`")
+        return compiled, coarse, seen, result, seconds
+    assert failure is not None
+    raise failure
+
+
+def _from_path(scene: Scene, choice: Choice, seen: PathSeen, times: list[float]) -> list[float]:
+    """How far (m) the path that was run is from each equilibrium at which it was judged, on the same grid."""
+    ladder = Ladder(scene, lambda on_grid: [])
+    found = zip(times, choice.models, choice.found, strict=True)
+    return [distance(ladder.points(model, one.point.grid), ladder.points(model, seen.grids[t])) for t, model, one in found]
+
+
+def _chosen(
+    scene: Scene, loads: Loads, on_step: OnStep | None, known: dict[int, Result], *, begun: float, beside: Callable[[int], float],
+    coarsest: int | None = None,
+) -> Choice:  # fmt: skip
+    """The choice of a grid; where it fails, with what is known as the state."""
+    try:
+        with remedies.named(scene):
+            return choose(scene, loads, on_step, begun=begun, beside=beside, coarsest=coarsest)
+    except SolveError as failed:  # its state is of an equilibrium that is judged, none of the path or the motion
+        failed.state = next(iter(known.values()), None)
+        raise
+
+
+def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
+    """A motion, judged at the equilibrium that it settles at."""
+    begun = time.perf_counter()
+    loads = of_motion(scene)
     coarse = scene.with_cells(coarsest_cells(scene))
-    compiled = prepare(coarse if path else at_its_rest(coarse))
+    compiled = prepare(at_its_rest(coarse))
     known: dict[int, Result] = {}
     beside: Callable[[int], float] = nothing
     if scene.resolution.seconds is not None:  # the coarsest grid's run tells what finer ones take, and is the answer if none fits
         compiled += prepare(coarse)
         known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
         beside = _longer(scene, seconds)
-    try:
-        with remedies.named(scene):
-            choice = choose(scene, loads, on_step, begun=begun + compiled, beside=beside)
-    except SolveError as failed:  # its state is of an equilibrium that is judged, none of the path or the motion
-        failed.state = next(iter(known.values()), None)
-        raise
+    choice = _chosen(scene, loads, on_step, known, begun=begun + compiled, beside=beside)
     cells = choice.scene.resolution.cells_across
     judging = time.perf_counter() - begun - compiled
     if cells in known:
         judging -= sum(known[cells].seconds[key] for key in ("setup", "solve"))  # told as those of the run
     result = known.get(cells) or run(choice.scene)
-    told, error, warnings = dict(choice.told), choice.error, without_joints(result.warnings)
-    if path:
-        told["judged_at"] = times
-    else:
-        rest = choice.models[-1]
-        wanted = scene.resolution.allowed(scene.length)
-        told["from_rest"] = _from_rest(result, rest, choice.found[-1].point.grid, scene.resolution.of)
-        error += told["from_rest"]
-        told["error_of_length"] = error / scene.length
-        if wanted is not None and error > wanted:
-            warnings.append(
-                f"resolution: the motion ends {1e3 * told['from_rest']:.3g} mm from its rest, so the error asked for, "
-                f"{1e3 * wanted:.3g} mm, is not met: let it last longer, or damp it more"
-            )
+    told, warnings, wanted = dict(choice.told), without_joints(result.warnings), scene.resolution.allowed(scene.length)
+    told["from_rest"] = _from_rest(result, choice.models[-1], choice.found[-1].point.grid, scene.resolution.of)
+    error = choice.error + told["from_rest"]
+    told["error_of_length"] = error / scene.length
+    if wanted is not None and error > wanted:
+        warnings.append(
+            f"resolution: the motion ends {1e3 * told['from_rest']:.3g} mm from its rest, so the error asked for, "
+            f"{1e3 * wanted:.3g} mm, is not met: let it last longer, or damp it more"
+        )
     spent = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
     return replace(result, scene_hash=scene.hash(), error_estimate=error, resolution=told, seconds=spent, warnings=warnings)
 
 
-def _within(limit: float, begun: float, run: Callable[..., Result], coarse: Scene) -> tuple[Result, float]:
-    """The run on the coarsest grid and its seconds. Raises SceneError as soon as it takes longer than the time asked for."""
+def _within(limit: float | None, begun: float, run: Callable[..., Result], coarse: Scene) -> tuple[Result, float]:
+    """The run on the coarsest grid and its seconds. Raises SceneError as soon as it takes longer than the time asked for, if one is."""
     ran = time.perf_counter()
 
     def watched(step: int, at: float) -> None:
-        if time.perf_counter() - begun > limit:
+        if limit is not None and time.perf_counter() - begun > limit:
             done = f", of whose {coarse.duration:g} s {100 * at / coarse.duration:.2g} % were done by then" if at > 0.0 else ""
             raise SceneError(
                 "resolution.seconds",

@@ -134,11 +134,12 @@ def follow(
     resume: bool = False,
     on_progress: Progress | None = None,
     on_step: Callable[[int, float], None] | None = None,
+    on_state: Callable[[PathState], None] | None = None,
 ) -> PathState:
     """All equilibria of a scene's path.
 
     folder: where to write frames, tables and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
-    on_progress(time in s, Newton steps so far): called after each equilibrium.
+    on_progress(time in s, Newton steps so far): called after each equilibrium; on_state as well, and after the first.
     Raises InputError before the first equilibrium. Raises SolveError where the path can't go on: its `state` is the last PathState,
     which is on disk too.
     """
@@ -148,6 +149,8 @@ def follow(
     files = None if folder is None else _Files(state, folder, saved)
     if saved is None and files is not None:
         files.write(state, ())
+    if on_state is not None:
+        on_state(state)
     for time in times[state.frame + 1 :]:
         try:
             jumps = _go_on(state, time, on_step)
@@ -157,6 +160,8 @@ def follow(
                 files.write(state, found)
         except SolveError as error:
             raise type(error)(f"equilibrium at t = {time:.6g} s: {error.reason}", state) from None
+        if on_state is not None:
+            on_state(state)
         if on_progress is not None:
             on_progress(time, state.iterations)
     return state

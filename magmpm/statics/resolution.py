@@ -26,6 +26,7 @@ from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
 
 PATIENCE = 3600.0  # s: an error that would take longer is out of reach
+LARGEST = 0.5  # of the length: a larger error tells nothing
 FLOOR = 1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
 SHARE = 0.5  # of the machine's memory that a grid may take
 LATE = 1.15  # of the time asked for: a grid that takes longer is given up
@@ -112,19 +113,24 @@ def choose(
     on_step: OnStep | None = None,
     begun: float | None = None,
     beside: Callable[[int], float] = nothing,
+    coarsest: int | None = None,
 ) -> Choice:
     """The coarsest grid that meets the error, or the best within the time, that a scene asks for; solved, and its error proven.
 
     loads: those of the scene on a grid that are judged; the one of its equilibrium unless given. begun: when the time that is asked for
-    began (time.perf_counter), now unless given; beside: the seconds of it that a grid with so many cells across will take afterwards.
+    began (time.perf_counter), now unless given; beside: the seconds of it that a grid with so many cells across will take afterwards;
+    coarsest: cells across to begin with, where it is not the coarsest grid that there is.
     Raises SceneError where no grid can: with what it would take. Raises as solve_static does.
     """
     check_possible(scene)
     with one_blas_thread():  # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to half its pace
-        return _chosen(_searched(scene, loads or at_rest, on_step, time.perf_counter() if begun is None else begun, beside))
+        began = time.perf_counter() if begun is None else begun
+        return _chosen(_searched(scene, loads or at_rest, on_step, began, beside, coarsest))
 
 
-def _searched(scene: Scene, loads: Loads, on_step: OnStep | None, begun: float, beside: Callable[[int], float]) -> _Search:
+def _searched(
+    scene: Scene, loads: Loads, on_step: OnStep | None, begun: float, beside: Callable[[int], float], coarsest: int | None
+) -> _Search:
     """Grids solved and proven, the last of them good enough. Raises as `choose` does."""
     limit = scene.resolution.seconds
     proven: dict[int, float] = {}
@@ -137,7 +143,7 @@ def _searched(scene: Scene, loads: Loads, on_step: OnStep | None, begun: float, 
             on_step(step, number)
 
     search = _Search(Ladder(scene, loads, tell), begun, beside, proven)
-    cells: int | None = coarsest_cells(scene)
+    cells: int | None = coarsest or coarsest_cells(scene)
     failure: SolveError | None = None
     while cells is not None:
         try:
@@ -171,7 +177,7 @@ def check_possible(scene: Scene) -> None:
         raise SceneError(
             key, rule="errors are those of a centreline, and a body of STL parts has none", remedy="give `cells_across` instead, say 4"
         )
-    if wanted is not None and wanted > 0.5 * scene.length:
+    if wanted is not None and wanted > LARGEST * scene.length:
         rule = f"must be at most half of the length, {500 * scene.length:g} mm"
         raise SceneError(key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit")
     if wanted is not None and wanted < FLOOR * scene.length:
@@ -240,6 +246,14 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> S
     else:
         needed, seconds = operations(search.ladder.on(law.proof[cells]))[1], search.takes(cells)
         why = f"{cells} cells across and their proof by {law.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
+    if search.errors[tried] > LARGEST * length:
+        return SceneError(
+            "resolution.error",
+            received=f"{100 * wanted / length:.3g} % of the length",
+            rule=f"the grids must find the same equilibrium: those of {tried} and {law.proof[tried]} cells across are "
+            f"{100 * search.ladder.apart(tried, law.proof[tried]) / length:.2g} % of the length apart, on other branches perhaps",
+            remedy="give `cells_across`, and compare runs; along a path, leave out times near a jump or another critical load",
+        )
     remedy = f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or for {100 * least / length:.2g} %, which {most} cells should give"

@@ -31,6 +31,7 @@ MOST = 6  # vectors added
 NO_LOAD = 1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
 _rest: OrderedDict[bytes, float] = OrderedDict()
 KEPT = 64  # bodies
+BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium has a warning
 DEPENDENT = 1e-10  # of the squared size: columns nearer than this to the others' span add nothing but rounding
 
 Products = Callable[[Array], tuple[Array, Array]]
@@ -66,6 +67,16 @@ def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded |
         return stiff, heavy
 
     return _smallest(alone, products, rest, body.lumped) / rest
+
+
+def on_the_brink(stability: float | None) -> list[str]:
+    """A warning where an equilibrium is close to a critical load."""
+    if stability is None or stability > BRINK:
+        return []
+    return [
+        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % of the unloaded body's stiffness: it is "
+        "at a critical load (buckling, turning round) or free to turn about an axis, so a small change of the load may move it far"
+    ]
 
 
 def _of_rest(energy: Energy) -> float:

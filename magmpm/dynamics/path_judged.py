@@ -1,0 +1,73 @@
+"""At which of its equilibria a path is judged: those of a run on a coarse grid tell where it goes, and where it is soft."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.dynamics.quasi_static import PathState
+from magmpm.results.measures import on_rows
+
+JUDGED = 5  # equilibria, unless the path has fewer that differ; and the softest
+STATIONS = 41  # along the axis, where shapes are compared
+ALIKE = 0.02  # of the length: shapes nearer to one that is judged are not judged as well
+# Another grid's branch ends at a load that differs by a few per cent, its error of stiffness; toward a limit point the stability falls as
+# the root of what is left of the load. So equilibria softer than this before a jump, and as long after it, differ between grids.
+SOFT = 0.15
+
+
+@dataclass
+class PathSeen:
+    """What a path's states show, one by one (`see`): of each equilibrium, by its time (s), the coefficients (planes, m) m, the axis
+    (STATIONS, 3) m and the stability; and the times (s) of jumps. Where all of the body is in its guide there is none."""
+
+    length: float
+    grids: dict[float, Array] = field(default_factory=dict)
+    axes: list[Array] = field(default_factory=list)
+    stability: list[float] = field(default_factory=list)
+    jumps: list[float] = field(default_factory=list)
+
+    def see(self, state: PathState) -> None:
+        """Note the last equilibrium of a path."""
+        if state.branch is None:
+            return
+        rows, known = state.shape.centreline, state.rows[-1]["stability"]
+        self.jumps = [jump["time"] for jump in state.jumps]
+        self.grids[state.time] = state.branch.now.point.grid.copy()
+        self.axes.append(on_rows(rows[:, 0], rows[:, 1:], np.linspace(0.0, rows[-1, 0], STATIONS))[0])
+        self.stability.append(np.inf if known is None else known)
+
+    def near_jumps(self) -> list[tuple[float, float]]:
+        """Spans of time (s) around jumps in which other grids may be on the other branch, and no error is told."""
+        spans, times = [], list(self.grids)
+        for jump in self.jumps:
+            first = sum(t < jump for t in times)
+            while first > 0 and self.stability[first - 1] < SOFT:
+                first -= 1
+            begins = times[first] if times[first] < jump else jump
+            step = max((b - a for a, b in pairwise(times) if a <= jump <= b), default=0.0)
+            spans.append((begins, jump + max(jump - begins, step)))
+        return spans
+
+    def judged(self) -> list[float]:
+        """Times (s) at which the path is judged: the last; where the body is softest, as errors are largest there; and where its shape is
+        farthest from being straight and from those that are judged already. None near a jump, unless all are."""
+        spans = self.near_jumps()
+        away_from_jumps = [k for k, t in enumerate(self.grids) if not any(a <= t <= b for a, b in spans)] or list(range(len(self.grids)))
+        axes, soft = np.array(self.axes)[away_from_jumps], np.array(self.stability)[away_from_jumps]
+        chosen = list(dict.fromkeys([len(axes) - 1, int(np.argmin(soft))]))
+        straight = axes[0, :1] + np.linspace(0.0, self.length, STATIONS)[:, None] * [1.0, 0.0, 0.0]
+        away = np.min([_apart(axes, one) for one in (straight, *axes[chosen])], axis=0)
+        while len(chosen) <= JUDGED and away.max() > ALIKE * self.length:
+            chosen.append(int(away.argmax()))
+            away = np.minimum(away, _apart(axes, axes[chosen[-1]]))
+        times = list(self.grids)
+        return sorted(times[away_from_jumps[k]] for k in chosen)
+
+
+def _apart(axes: Array, one: Array) -> Array:
+    """Largest distance (k,) m of axes (k, STATIONS, 3) m from another."""
+    return np.asarray(np.linalg.norm(axes - one, axis=2).max(axis=1))
