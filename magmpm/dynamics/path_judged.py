@@ -21,12 +21,14 @@ SOFT = 0.15
 
 @dataclass
 class PathSeen:
-    """What a path's states show, one by one (`see`): of each equilibrium, by its time (s), the coefficients (planes, m) m, the axis
-    (STATIONS, 3) m and the stability; and the times (s) of jumps. Where all of the body is in its guide there is none."""
+    """What a path's states show, one by one (`see`): of each equilibrium, by its time (s), the coefficients (planes, m) m, how far its axis
+    (STATIONS, 3) m is from a straight one that begins at its base, and the stability; and the times (s) of jumps. Where all of the body is
+    in its guide there is none.
+    """
 
     length: float
     grids: dict[float, Array] = field(default_factory=dict)
-    axes: list[Array] = field(default_factory=list)
+    bends: list[Array] = field(default_factory=list)
     stability: list[float] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
 
@@ -37,7 +39,9 @@ class PathSeen:
         rows, known = state.shape.centreline, state.rows[-1]["stability"]
         self.jumps = [jump["time"] for jump in state.jumps]
         self.grids[state.time] = state.branch.now.point.grid.copy()
-        self.axes.append(on_rows(rows[:, 0], rows[:, 1:], np.linspace(0.0, rows[-1, 0], STATIONS))[0])
+        axis = on_rows(rows[:, 0], rows[:, 1:], np.linspace(0.0, rows[-1, 0], STATIONS))[0]
+        straight = axis[:1] + np.linspace(0.0, self.length, STATIONS)[:, None] * [1.0, 0.0, 0.0]
+        self.bends.append(axis - straight)
         self.stability.append(np.inf if known is None else known)
 
     def near_jumps(self) -> list[tuple[float, float]]:
@@ -53,21 +57,21 @@ class PathSeen:
         return spans
 
     def judged(self) -> list[float]:
-        """Times (s) at which the path is judged: the last; where the body is softest, as errors are largest there; and where its shape is
-        farthest from being straight and from those that are judged already. None near a jump, unless all are."""
+        """Times (s) at which the path is judged: the last; where the body is softest, as errors are largest there; where it is bent the
+        most; and where its shape is farthest from being straight and from those that are judged already. None near a jump, unless all are.
+        """
         spans = self.near_jumps()
         away_from_jumps = [k for k, t in enumerate(self.grids) if not any(a <= t <= b for a, b in spans)] or list(range(len(self.grids)))
-        axes, soft = np.array(self.axes)[away_from_jumps], np.array(self.stability)[away_from_jumps]
-        chosen = list(dict.fromkeys([len(axes) - 1, int(np.argmin(soft))]))
-        straight = axes[0, :1] + np.linspace(0.0, self.length, STATIONS)[:, None] * [1.0, 0.0, 0.0]
-        away = np.min([_apart(axes, one) for one in (straight, *axes[chosen])], axis=0)
+        bends, soft = np.array(self.bends)[away_from_jumps], np.array(self.stability)[away_from_jumps]
+        chosen = list(dict.fromkeys([len(bends) - 1, int(np.argmin(soft)), int(np.argmax(_apart(bends, 0.0 * bends[0])))]))
+        away = np.min([_apart(bends, one) for one in (0.0 * bends[0], *bends[chosen])], axis=0)
         while len(chosen) <= JUDGED and away.max() > ALIKE * self.length:
             chosen.append(int(away.argmax()))
-            away = np.minimum(away, _apart(axes, axes[chosen[-1]]))
+            away = np.minimum(away, _apart(bends, bends[chosen[-1]]))
         times = list(self.grids)
         return sorted(times[away_from_jumps[k]] for k in chosen)
 
 
-def _apart(axes: Array, one: Array) -> Array:
-    """Largest distance (k,) m of axes (k, STATIONS, 3) m from another."""
-    return np.asarray(np.linalg.norm(axes - one, axis=2).max(axis=1))
+def _apart(bends: Array, one: Array) -> Array:
+    """Largest distance (k,) m of bends (k, STATIONS, 3) m from another."""
+    return np.asarray(np.linalg.norm(bends - one, axis=2).max(axis=1))

@@ -256,7 +256,7 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> S
         )
     remedy = f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give"
     if most > tried:
-        remedy += f", or for {100 * least / length:.2g} %, which {most} cells should give"
+        remedy += f", or for {100 * least / length:.2g} %, which {most} cells give if its errors fall as usual"
     return SceneError(
         "resolution.error",
         received=f"{100 * wanted / length:.3g} % of the length",

@@ -228,7 +228,7 @@ def test_a_search_keeps_blas_on_one_thread() -> None:
 
 def test_an_error_out_of_reach_is_answered_with_one_in_reach() -> None:
     """What the coarsest grid gives, and what finer ones should."""
-    with pytest.raises(SceneError, match=r"ask for .* % or more, which \d+ cells give, or for .* %, which \d+ cells should give"):
+    with pytest.raises(SceneError, match=r"ask for .* % or more, which \d+ cells give, or for .* %, which \d+ cells give if"):
         run(asked(error=2e-6))
 
 
@@ -326,7 +326,7 @@ def test_where_a_path_jumps_no_error_is_told() -> None:
     seen.grids = {float(t): np.zeros(0) for t in times}
     bent = np.array([0.0, 0.1, 0.2, 0.3, 0.35, 0.4, -0.4, -0.4, -0.4, -0.4, -0.4])
     s = np.linspace(0.0, 1.0, 41)
-    seen.axes = [np.column_stack([s, 0 * s, b * s**2]) for b in bent]
+    seen.bends = [np.column_stack([0 * s, 0 * s, b * s**2]) for b in bent]
     seen.stability, seen.jumps = [1.0, 0.8, 0.6, 0.4, 0.12, 0.05, 0.7, 0.7, 0.7, 0.7, 0.7], [0.57]
     [(begins, ends)] = seen.near_jumps()
     assert (begins, ends) == (pytest.approx(0.4), pytest.approx(0.57 + 0.17))
