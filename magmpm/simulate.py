@@ -127,7 +127,7 @@ def simulated(
     if scene.resolution.asked and scene.in_time:
         from magmpm.dynamics.judged_loads import resolved  # equilibria need neither it nor HDF5
 
-        return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), None)
+        return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), in_folder=folder is not None)
     if start is not None and scene.in_time:
         raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
     if scene.static:

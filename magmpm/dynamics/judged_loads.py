@@ -89,31 +89,39 @@ def _refused(scene: Scene, rule: str, remedy: str) -> SceneError:
     return SceneError(f"resolution.{'error' if scene.resolution.error is not None else 'seconds'}", rule=rule, remedy=remedy)
 
 
-def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
+def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], *, in_folder: bool) -> Result:
     """A path or a motion on the grid that is chosen for the error that its scene asks for, with that error.
 
-    run: computes it on a grid; prepare: loads a scene's kernels, and returns the seconds it took. Raises SceneError, and as both do.
+    run: computes it on a grid (simulate.simulated); in_folder: whether it writes to a folder; prepare: loads a scene's kernels, and returns
+    the seconds it took. Raises SceneError, and as both do.
     """
     check_possible(scene)
-    return (_motion if scene.solver.quasi_static is None else _path)(scene, run, prepare, on_step)
+    if scene.solver.quasi_static is None:
+        return _motion(scene, run, prepare)
+    return _path(scene, run, prepare, in_folder)
 
 
-def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
-    """A path: on the coarsest grid first, whose equilibria tell where it is judged."""
-    begun = time.perf_counter()
-    compiled, coarse, seen, first, seconds = _coarse_path(scene, run, prepare, begun)
+def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], in_folder: bool) -> Result:
+    """A path: on the coarsest grid first, whose equilibria tell where it is judged.
+
+    That run writes nothing, since the error may still be refused: then what the folder holds stays. Unless a time is asked for, of which a
+    second run of the same grid would take too much.
+    """
+    begun, timed = time.perf_counter(), scene.resolution.seconds is not None
+    aside = run if timed else partial(run, folder=None, resume=False, on_begin=None)
+    compiled, coarse, seen, first, seconds = _coarse_path(scene, aside, prepare, begun)
     cells = coarse.resolution.cells_across
     loads, times = of_path(seen, cells)
-    beside = nothing if scene.resolution.seconds is None else _longer(scene, seconds)
-    choice = _chosen(scene, loads, on_step, {cells: first}, begun=begun + compiled, beside=beside, coarsest=cells)
+    beside = _longer(scene, seconds) if timed else nothing
+    choice = _chosen(scene, loads, {cells: first}, begun=begun + compiled, beside=beside, coarsest=cells)
     judging = time.perf_counter() - begun - compiled
-    if choice.scene.resolution.cells_across == cells:
+    if choice.scene.resolution.cells_across == cells and (timed or not in_folder):
         result, judging = first, judging - seconds  # told as those of the run
     else:
         seen = PathSeen(scene.length)
         result = run(choice.scene, on_state=seen.see)
     told, warnings = {**choice.told, "judged_at": times}, without_joints(result.warnings)
-    told["from_path"], at = max(zip(_from_path(scene, choice, seen, times), times, strict=True))
+    told["from_path"], at = max(_from_path(scene, choice, seen, times), default=(0.0, times[-1]))
     error, wanted = choice.error + told["from_path"], scene.resolution.allowed(scene.length)
     told["error_of_length"] = error / scene.length
     if wanted is not None and error > wanted:
@@ -152,27 +160,27 @@ def _coarse_path(
     raise failure
 
 
-def _from_path(scene: Scene, choice: Choice, seen: PathSeen, times: list[float]) -> list[float]:
-    """How far (m) the path that was run is from each equilibrium at which it was judged, on the same grid."""
+def _from_path(scene: Scene, choice: Choice, seen: PathSeen, times: list[float]) -> list[tuple[float, float]]:
+    """How far (m) the path that was run is from each equilibrium at which it was judged, on the same grid, and the time (s). Not of those
+    before the frame from which a run was resumed."""
     ladder = Ladder(scene, lambda on_grid: [])
-    found = zip(times, choice.models, choice.found, strict=True)
-    return [distance(ladder.points(model, one.point.grid), ladder.points(model, seen.grids[t])) for t, model, one in found]
+    found = [one for one in zip(times, choice.models, choice.found, strict=True) if one[0] in seen.grids]
+    return [(distance(ladder.points(model, one.point.grid), ladder.points(model, seen.grids[t])), t) for t, model, one in found]
 
 
 def _chosen(
-    scene: Scene, loads: Loads, on_step: OnStep | None, known: dict[int, Result], *, begun: float, beside: Callable[[int], float],
-    coarsest: int | None = None,
+    scene: Scene, loads: Loads, known: dict[int, Result], *, begun: float, beside: Callable[[int], float], coarsest: int | None = None,
 ) -> Choice:  # fmt: skip
     """The choice of a grid; where it fails, with what is known as the state."""
     try:
         with remedies.named(scene):
-            return choose(scene, loads, on_step, begun=begun, beside=beside, coarsest=coarsest)
+            return choose(scene, loads, begun=begun, beside=beside, coarsest=coarsest)
     except SolveError as failed:  # its state is of an equilibrium that is judged, none of the path or the motion
         failed.state = next(iter(known.values()), None)
         raise
 
 
-def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], on_step: OnStep | None) -> Result:
+def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float]) -> Result:
     """A motion, judged at the equilibrium that it settles at."""
     begun = time.perf_counter()
     loads = of_motion(scene)
@@ -184,7 +192,7 @@ def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene],
         compiled += prepare(coarse)
         known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
         beside = _longer(scene, seconds)
-    choice = _chosen(scene, loads, on_step, known, begun=begun + compiled, beside=beside)
+    choice = _chosen(scene, loads, known, begun=begun + compiled, beside=beside)
     cells = choice.scene.resolution.cells_across
     judging = time.perf_counter() - begun - compiled
     if cells in known:
@@ -206,9 +214,11 @@ def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene],
 def _within(limit: float | None, begun: float, run: Callable[..., Result], coarse: Scene) -> tuple[Result, float]:
     """The run on the coarsest grid and its seconds. Raises SceneError as soon as it takes longer than the time asked for, if one is."""
     ran = time.perf_counter()
+    if limit is None:
+        return run(coarse), time.perf_counter() - ran
 
     def watched(step: int, at: float) -> None:
-        if limit is not None and time.perf_counter() - begun > limit:
+        if time.perf_counter() - begun > limit:
             done = f", of whose {coarse.duration:g} s {100 * at / coarse.duration:.2g} % were done by then" if at > 0.0 else ""
             raise SceneError(
                 "resolution.seconds",

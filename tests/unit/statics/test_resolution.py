@@ -16,6 +16,7 @@ from magmpm.dynamics.path_judged import PathSeen
 from magmpm.errors import SceneError
 from magmpm.model import build
 from magmpm.results.measures import largest_distance
+from magmpm.results.trajectory import Motion
 from magmpm.rod.strongest_load import strongest
 from magmpm.statics import resolution
 from magmpm.statics.between_grids import carried
@@ -342,3 +343,17 @@ def test_grids_on_different_branches_are_refused_with_that_reason() -> None:
     data["solver"]["quasi_static"] = {"at": [0.0, 0.4, 0.79, 0.802]}
     with pytest.raises(SceneError, match="must find the same equilibrium"):
         run(Scene.from_si({**data, "resolution": {"error": 0.02}}))
+
+
+def test_a_path_whose_error_is_refused_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    """It is found out of reach after the run on the coarsest grid, which writes nothing. The answer's frames are all there, on any grid."""
+    ramp = {**PLAIN.to_si()["field"], "over_time": {"ramp": {"duration": 1.0}}}
+    data = {**PLAIN.to_si(), "field": ramp, "solver": {"quasi_static": {"steps": 3}}}
+    result = run(Scene.from_si({**data, "resolution": {"error": 0.05}}), folder=tmp_path)
+    assert result.resolution is not None
+    assert result.resolution["cells_across"] == 2
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert len(Motion.load(tmp_path).times) == 4
+    with pytest.raises(SceneError, match="within reach"):
+        run(Scene.from_si({**data, "resolution": {"error": 2e-6}}), folder=tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
