@@ -89,9 +89,20 @@ def _sane(result: Result, found: Checked) -> None:
 
 
 def _apart(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> float:
-    """Largest distance, over L, of the middles of the regions and of the tip: `one` as R maps it, from `other`."""
-    first, second = (np.vstack([result.segment_center, result.tip]) for result in (one, other))
+    """Largest distance, over L, of the ways that the middles of the regions have gone, and of the tips: `one` as R maps it, from `other`.
+
+    Ways, because whole cells make the regions of a magnetization profile: their middles are elsewhere on another grid.
+    """
+    first, second = (np.vstack([_ways(result), result.tip]) for result in (one, other))
     return float(np.linalg.norm(first @ R.T - second, axis=1).max()) / scene.length
+
+
+def _ways(result: Result) -> np.ndarray:
+    """How far the middle of each region has gone, (k, 3) m."""
+    of, volume = result.particle_segment, result.particle_volume
+    whole = np.bincount(of, volume)
+    begun = [np.bincount(of, volume * x) / whole for x in result.particle_reference.T]
+    return result.segment_center - np.stack(begun, axis=1)
 
 
 def _soft(result: Result) -> bool:
