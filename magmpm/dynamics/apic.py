@@ -227,6 +227,8 @@ class UpdatedMotion:
         before = self.x.copy()
         self.stiffness[:] = np.nan  # F changes here, but not by the motion
         self.drift += self.drift_correction.relax(self.x, self.F, self.rows(), self.touching, self.since)
+        self._fill_up(self.x, 3)
+        self._fill_up(self.F, 9)
         self.since = 0
         if self.touches:
             self.anchor += self.x - before
@@ -244,6 +246,13 @@ class UpdatedMotion:
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             C[:, 3 * j + i] += turn[k]
             C[:, 3 * i + j] -= turn[k]
+
+    def _fill_up(self, blocks: Array, width: int) -> None:
+        """Give rows without a particle what the particle before them has (`_fit`), in place: the watch looks at all lanes of a block."""
+        real = self.particle >= 0
+        empty, full = np.flatnonzero(~real), np.maximum.accumulate(np.where(real, np.arange(len(real)), 0))
+        values = blocks.reshape(-1, width, WIDTH)
+        values[empty // WIDTH, :, empty % WIDTH] = values[full[empty] // WIDTH, :, full[empty] % WIDTH]
 
     def rows(self) -> Index:
         """Row (n,) of each of the model's particles; 0 for held ones, which have no row."""

@@ -293,8 +293,8 @@ def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path
     np.testing.assert_array_equal(saved.particle_position, state.particle_position)
 
 
-def test_a_path_whose_judged_equilibria_fail_says_what_to_try(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With an error that is asked for: nothing of the path is there to be saved, and that is no crash."""
+def test_a_path_that_fails_on_every_grid_says_what_to_try(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an error that is asked for: the last good state is that of the coarsest grid, and is saved."""
 
     def never(*given: Any, **options: Any) -> Minimum:
         raise SolveError("enough")
@@ -304,7 +304,11 @@ def test_a_path_whose_judged_equilibria_fail_says_what_to_try(tmp_path: Path, mo
     asked["resolution"] = {"error": 0.01}
     with pytest.raises(SolveError, match=r"enough; to try: a weaker load") as caught:
         run(Scene.from_si(asked), folder=tmp_path)
-    assert caught.value.state is None
+    state = caught.value.state
+    assert isinstance(state, Result)
+    assert not state.converged
+    assert state.load_share < 1.0
+    assert Result.load(tmp_path).load_share == state.load_share
     assert caught.value.remedies
 
 
