@@ -108,12 +108,22 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
     second run of the same grid would take too much.
     """
     begun, timed = time.perf_counter(), scene.resolution.seconds is not None
-    aside = run if timed else partial(run, folder=None, resume=False, on_begin=None)
-    compiled, coarse, seen, first, seconds = _coarse_path(scene, aside, prepare, begun)
+    if timed:
+        run = partial(run, resume=False)  # of several grids, and a checkpoint is that of one
+    aside = run if timed or not in_folder else partial(run, folder=None, resume=False, on_begin=None)
+    try:
+        compiled, coarse, seen, first, seconds = _coarse_path(scene, aside, prepare, begun)
+    except TimeOver as late:
+        late.state = late.state if timed or not in_folder else None  # the folder is as it was
+        raise
+    except SolveError:
+        if in_folder and not timed:
+            run(scene.with_cells(coarsest_cells(scene)))  # fails again, and leaves in the folder what it has
+        raise
     cells = coarse.resolution.cells_across
     loads, times = of_path(seen, cells)
     beside = _longer(scene, seconds) if timed else nothing
-    choice = _chosen(scene, loads, {cells: first}, begun=begun + compiled, beside=beside, coarsest=cells)
+    choice = _chosen(scene, loads, {cells: first} if timed else {}, begun=begun + compiled, beside=beside, coarsest=cells)
     judging = time.perf_counter() - begun - compiled
     if choice.scene.resolution.cells_across == cells and (timed or not in_folder):
         result, judging = first, judging - seconds  # told as those of the run
@@ -133,6 +143,11 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
         warnings.append(
             f"resolution: no error is told from t = {begins:.6g} to {ends:.6g} s, around a jump of the path, which comes sooner or later "
             "on other grids; the error told is that of the equilibria before and after"
+        )
+    if (soft := seen.soft_at()) is not None:
+        warnings.append(
+            f"resolution: at t = {soft:.6g} s the body is near a critical load (its `stability` is low): on another grid the path may jump "
+            "there, and be elsewhere from then on, which the error does not tell"
         )
     spent = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
     return replace(result, scene_hash=scene.hash(), error_estimate=error, resolution=told, seconds=spent, warnings=warnings)
@@ -176,7 +191,8 @@ def _chosen(
         with remedies.named(scene):
             return choose(scene, loads, begun=begun, beside=beside, coarsest=coarsest)
     except SolveError as failed:  # its state is of an equilibrium that is judged, none of the path or the motion
-        failed.state = next(iter(known.values()), None)
+        coarse = next(iter(known.values()), None)
+        failed.state = None if coarse is None else replace(coarse, converged=False, failure=failed.reason)
         raise
 
 
@@ -190,6 +206,7 @@ def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene],
     beside: Callable[[int], float] = nothing
     if scene.resolution.seconds is not None:  # the coarsest grid's run tells what finer ones take, and is the answer if none fits
         compiled += prepare(coarse)
+        run = partial(run, resume=False)  # of several grids, and a checkpoint is that of one
         known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
         beside = _longer(scene, seconds)
     choice = _chosen(scene, loads, known, begun=begun + compiled, beside=beside)

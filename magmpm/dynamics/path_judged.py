@@ -31,6 +31,7 @@ class PathSeen:
     bends: list[Array] = field(default_factory=list)
     stability: list[float] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
+    softness: list[tuple[float, float]] = field(default_factory=list)  # time (s) and stability, before a checkpoint as well
 
     def see(self, state: PathState) -> None:
         """Note the last equilibrium of a path."""
@@ -38,6 +39,7 @@ class PathSeen:
             return
         rows, known = state.shape.centreline, state.rows[-1]["stability"]
         self.jumps = [jump["time"] for jump in state.jumps]
+        self.softness = [(row["time"], np.inf if row["stability"] is None else row["stability"]) for row in state.rows]
         self.grids[state.time] = state.branch.now.point.grid.copy()
         axis = on_rows(rows[:, 0], rows[:, 1:], np.linspace(0.0, rows[-1, 0], STATIONS))[0]
         straight = axis[:1] + np.linspace(0.0, self.length, STATIONS)[:, None] * [1.0, 0.0, 0.0]
@@ -46,15 +48,20 @@ class PathSeen:
 
     def near_jumps(self) -> list[tuple[float, float]]:
         """Spans of time (s) around jumps in which other grids may be on the other branch, and no error is told."""
-        spans, times = [], list(self.grids)
+        spans, times = [], [t for t, _ in self.softness]
         for jump in self.jumps:
             first = sum(t < jump for t in times)
-            while first > 0 and self.stability[first - 1] < SOFT:
+            while first > 0 and self.softness[first - 1][1] < SOFT:
                 first -= 1
-            begins = times[first] if times[first] < jump else jump
+            begins = times[first] if first < len(times) and times[first] < jump else jump
             step = max((b - a for a, b in pairwise(times) if a <= jump <= b), default=0.0)
             spans.append((begins, jump + max(jump - begins, step)))
         return spans
+
+    def soft_at(self) -> float | None:
+        """The first time (s), away from jumps, at which the body is so soft that the path may jump on another grid."""
+        spans = self.near_jumps()
+        return next((t for t, soft in self.softness if soft < SOFT and not any(a <= t <= b for a, b in spans)), None)
 
     def judged(self) -> list[float]:
         """Times (s) at which the path is judged: the last; where the body is softest, as errors are largest there; where it is bent the

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from magmpm import Result, Scene, load_scene, run
 from magmpm.dynamics.path_judged import PathSeen
-from magmpm.errors import SceneError
+from magmpm.errors import SceneError, SolveError
 from magmpm.model import build
 from magmpm.results.measures import largest_distance
 from magmpm.results.trajectory import Motion
@@ -329,12 +329,16 @@ def test_where_a_path_jumps_no_error_is_told() -> None:
     s = np.linspace(0.0, 1.0, 41)
     seen.bends = [np.column_stack([0 * s, 0 * s, b * s**2]) for b in bent]
     seen.stability, seen.jumps = [1.0, 0.8, 0.6, 0.4, 0.12, 0.05, 0.7, 0.7, 0.7, 0.7, 0.7], [0.57]
+    seen.softness = list(zip(seen.grids, seen.stability, strict=True))
+    assert seen.soft_at() is None
     [(begins, ends)] = seen.near_jumps()
     assert (begins, ends) == (pytest.approx(0.4), pytest.approx(0.57 + 0.17))
     judged = seen.judged()
     assert judged[-1] == 1.0
     assert 0.3 in [round(t, 3) for t in judged]  # the softest away from the jump
     assert not any(begins <= t <= ends for t in judged)
+    seen.jumps = []
+    assert seen.soft_at() == pytest.approx(0.4)
 
 
 def test_grids_on_different_branches_are_refused_with_that_reason() -> None:
@@ -357,3 +361,20 @@ def test_a_path_whose_error_is_refused_leaves_the_folder_as_it_was(tmp_path: Pat
     with pytest.raises(SceneError, match="within reach"):
         run(Scene.from_si({**data, "resolution": {"error": 2e-6}}), folder=tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
+def test_a_path_that_fails_leaves_files_of_one_run(tmp_path: Path) -> None:
+    """With an error that is asked for, over earlier results: its last good state comes with its own frames."""
+    ramp = {**PLAIN.to_si()["field"], "over_time": {"ramp": {"duration": 1.0}}}
+    data = {**PLAIN.to_si(), "field": ramp, "solver": {"quasi_static": {"steps": 3}}, "resolution": {"error": 0.05}}
+    assert run(Scene.from_si(data), folder=tmp_path).converged
+    magnet = {"position": [LENGTH, 0.0, -40e-3], "moment": [0.0, 0.0, 20.0], "diameter": 5e-3}
+    frames = [{"time": float(k), "move": [0.0, 0.0, z]} for k, z in ((0, -0.1), (1, 35e-3))]
+    pulled = {"dipole": [magnet], "over_time": {"keyframes": frames}}
+    effects = {"magnetic_torque": {}, "magnetic_force": {}}
+    with pytest.raises(SolveError) as caught:
+        run(Scene.from_si({**data, "field": pulled, "effects": effects, "solver": {"quasi_static": {"steps": 4}}}), folder=tmp_path)
+    if caught.value.state is not None:
+        saved = Result.load(tmp_path)
+        assert not saved.converged
+        assert Motion.load(tmp_path).times[-1] == saved.time
