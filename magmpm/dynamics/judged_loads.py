@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.dynamics.path_errors import differences
 from magmpm.dynamics.path_judged import PathSeen
-from magmpm.dynamics.path_loads import FeedLoads, FieldLoads
+from magmpm.dynamics.quasi_static import loads_of
 from magmpm.effects import acting
 from magmpm.errors import SceneError, SolveError, TimeOver
 from magmpm.results import measures
@@ -26,18 +27,20 @@ from magmpm.statics.ladder import Ladder, Load, Loads, OnStep, particles, step_w
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.resolution import Choice, at_rest, check_possible, choose, nothing
 
+LOOKING = 0.1  # of the time asked for: what may be spent on finding the equilibria with the largest errors
 TRIED = 3  # grids on which a path is tried, from the coarsest on
 SETTLES = "a motion is judged at the equilibrium that it settles at"
 TOUCHING = ("ground", "walls", "self_contact")
 
 
-def of_path(seen: PathSeen, cells: int) -> tuple[Loads, list[float]]:
+def of_path(scene: Scene, seen: PathSeen, cells: int) -> tuple[Loads, list[float]]:
     """The loads at which a path of equilibria is judged, and their times, s.
 
     seen: of the path on a grid with so many cells across. There, the equilibria are the path's own; on other grids those near them. So
     what is proven is the branch that the path follows.
     """
-    times = seen.judged()
+    asked = scene.resolution.seconds
+    times = seen.judged(differences(scene, seen, cells, None if asked is None else LOOKING * asked))
 
     def loads(on_grid: Scene) -> list[Load]:
         return [_at(on_grid, t, seen.grids[t] if on_grid.resolution.cells_across == cells else None) for t in times]
@@ -67,14 +70,10 @@ def at_its_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "effects": effects, "solver": solver})
 
 
-def _along(scene: Scene, at: float) -> FieldLoads | FeedLoads:
-    with memory.within(scene):
-        return FieldLoads(scene, at) if scene.effects.feed is None else FeedLoads(scene, at)
-
-
 def _at(scene: Scene, at: float, known: Array | None) -> Load:
     """The load of a time, s. known: coefficients (planes, m) m of its equilibrium; loads that follow the shape can't begin there."""
-    along = _along(scene, at)
+    with memory.within(scene):
+        along = loads_of(scene, at)
     model = along.at(at)
 
     def first(on_step: OnStep | None) -> Equilibrium:
@@ -121,7 +120,7 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
             run(scene.with_cells(coarsest_cells(scene)))  # fails again, and leaves in the folder what it has
         raise
     cells = coarse.resolution.cells_across
-    loads, times = of_path(seen, cells)
+    loads, times = of_path(scene, seen, cells)
     beside = _longer(scene, seconds) if timed else nothing
     choice = _chosen(scene, loads, {cells: first} if timed else {}, begun=begun + compiled, beside=beside, coarsest=cells)
     judging = time.perf_counter() - begun - compiled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -11,9 +12,12 @@ from magmpm.compiled.arrays import Array
 from magmpm.dynamics.quasi_static import PathState
 from magmpm.results.measures import on_rows
 
-JUDGED = 5  # equilibria, unless the path has fewer that differ; and the softest
+JUDGED = 6  # equilibria at most
+LOOKED = 24  # equilibria at most that are compared with another grid's, to find those with the largest errors
 STATIONS = 41  # along the axis, where shapes are compared
 ALIKE = 0.02  # of the length: shapes nearer to one that is judged are not judged as well
+CLOSE = 0.005  # of the length: shapes nearer to one that is compared with another grid's are not compared as well
+FAINT = 0.3  # of the largest difference to another grid: equilibria with less need not be judged
 # Another grid's branch ends at a load that differs by a few per cent, its error of stiffness; toward a limit point the stability falls as
 # the root of what is left of the load. So equilibria softer than this before a jump, and as long after it, differ between grids.
 SOFT = 0.15
@@ -63,20 +67,42 @@ class PathSeen:
         spans = self.near_jumps()
         return next((t for t, soft in self.softness if soft < SOFT and not any(a <= t <= b for a, b in spans)), None)
 
-    def judged(self) -> list[float]:
-        """Times (s) at which the path is judged: the last; where the body is softest, as errors are largest there; where it is bent the
-        most; and where its shape is farthest from being straight and from those that are judged already. None near a jump, unless all are.
-        """
+    def away_from_jumps(self) -> list[float]:
+        """Times (s) of the equilibria that are not near a jump; all of them, if each is."""
         spans = self.near_jumps()
-        away_from_jumps = [k for k, t in enumerate(self.grids) if not any(a <= t <= b for a, b in spans)] or list(range(len(self.grids)))
-        bends, soft = np.array(self.bends)[away_from_jumps], np.array(self.stability)[away_from_jumps]
-        chosen = list(dict.fromkeys([len(bends) - 1, int(np.argmin(soft)), int(np.argmax(_apart(bends, 0.0 * bends[0])))]))
+        return [t for t in self.grids if not any(a <= t <= b for a, b in spans)] or list(self.grids)
+
+    def unlike(self) -> list[float]:
+        """Times (s) of equilibria away from jumps, as unlike each other as can be: the last, the softest, the one that is bent most, and
+        then the one whose shape is farthest from straight and from those before it. LOOKED at most, none nearer to another than CLOSE.
+        """
+        return self._unlike(LOOKED, CLOSE)
+
+    def judged(self, differs: Mapping[float, float]) -> list[float]:
+        """Times (s) at which the path is judged: the last; where the body is softest; where another grid differs more than just before and
+        after, the largest differences first; and, where that is not known, equilibria of unlike shapes.
+
+        differs: time (s) and difference (m) to another grid.
+        """
+        times = sorted(differs)
+        beside = [-np.inf, *(differs[t] for t in times), -np.inf]
+        peaks = [t for k, t in enumerate(times) if differs[t] >= max(beside[k], beside[k + 2], FAINT * max(beside))]
+        unknown = [t for t in self._unlike(JUDGED, ALIKE) if t not in differs]
+        chosen = [*self._unlike(2, ALIKE), *sorted(peaks, key=lambda t: -differs[t]), *unknown]
+        return sorted(list(dict.fromkeys(chosen))[:JUDGED])
+
+    def _unlike(self, most: int, alike: float) -> list[float]:
+        """Times (s), in the order of `unlike`, none nearer to another than a share `alike` of the length."""
+        times = self.away_from_jumps()
+        index = {t: k for k, t in enumerate(self.grids)}
+        rows = [index[t] for t in times]
+        bends, soft = np.array(self.bends)[rows], np.array(self.stability)[rows]
+        chosen = list(dict.fromkeys([len(bends) - 1, int(np.argmin(soft)), int(np.argmax(_apart(bends, 0.0 * bends[0])))]))[:most]
         away = np.min([_apart(bends, one) for one in (0.0 * bends[0], *bends[chosen])], axis=0)
-        while len(chosen) <= JUDGED and away.max() > ALIKE * self.length:
+        while len(chosen) < most and away.max() > alike * self.length:
             chosen.append(int(away.argmax()))
             away = np.minimum(away, _apart(bends, bends[chosen[-1]]))
-        times = list(self.grids)
-        return sorted(times[away_from_jumps[k]] for k in chosen)
+        return [times[k] for k in chosen]
 
 
 def _apart(bends: Array, one: Array) -> Array:

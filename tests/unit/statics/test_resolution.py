@@ -12,15 +12,18 @@ from reference.scenes import rod_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from magmpm import Result, Scene, load_scene, run
+from magmpm.dynamics.path_errors import differences
 from magmpm.dynamics.path_judged import PathSeen
+from magmpm.dynamics.quasi_static import loads_of
 from magmpm.errors import SceneError, SolveError
 from magmpm.model import build
 from magmpm.results.measures import largest_distance
 from magmpm.results.trajectory import Motion
 from magmpm.rod.strongest_load import strongest
+from magmpm.simulate import simulated
 from magmpm.statics import resolution
 from magmpm.statics.between_grids import carried
-from magmpm.statics.error_estimate import JOINTED, SMOOTH, Convergence, caution, convergence
+from magmpm.statics.error_estimate import JOINTED, SMOOTH, Convergence, caution, convergence, distance
 from magmpm.statics.ladder import Ladder, Load
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.resolution import at_rest, nothing
@@ -333,12 +336,46 @@ def test_where_a_path_jumps_no_error_is_told() -> None:
     assert seen.soft_at() is None
     [(begins, ends)] = seen.near_jumps()
     assert (begins, ends) == (pytest.approx(0.4), pytest.approx(0.57 + 0.17))
-    judged = seen.judged()
+    judged = seen.judged({})
     assert judged[-1] == 1.0
     assert 0.3 in [round(t, 3) for t in judged]  # the softest away from the jump
     assert not any(begins <= t <= ends for t in judged)
     seen.jumps = []
     assert seen.soft_at() == pytest.approx(0.4)
+
+
+def test_a_path_is_judged_where_another_grid_differs_most() -> None:
+    """Shapes far from each other say little of errors: a magnet that comes near for a moment. Peaks come first, faint ones not at all."""
+    seen = PathSeen(1.0)
+    times = [float(t) for t in range(9)]
+    seen.grids = {t: np.zeros(0) for t in times}
+    s = np.linspace(0.0, 1.0, 41)
+    seen.bends = [np.column_stack([0 * s, 0 * s, b * s**2]) for b in (0.0, 0.3, 0.5, 0.1, -0.1, -0.3, -0.5, 0.2, 0.19)]
+    seen.stability = [1.0, 0.9, 0.8, 0.9, 1.0, 0.9, 0.5, 0.9, 1.0]
+    seen.softness = list(zip(times, seen.stability, strict=True))
+    assert 7.0 not in seen.judged({})
+    differs = dict(zip(times, [0.1, 0.2, 0.5, 0.8, 2.0, 0.9, 0.3, 0.4, 0.3], strict=True))
+    assert seen.judged(differs) == [4.0, 6.0, 8.0]  # the peak; the softest; the last
+    differs[7.0] = 0.9
+    assert seen.judged(differs) == [4.0, 6.0, 7.0, 8.0]
+
+
+@pytest.mark.parametrize("of", ["centreline", "tip"])
+def test_differences_along_a_path_are_those_of_the_finer_grid(of: str) -> None:
+    """Against whole runs with 2 and 3 cells. 5 %: steps toward the finer grid end when they move by less than 3 % of the difference."""
+    field = {"uniform": [1e-3, 0.0, 6e-3], "over_time": {"ramp": {"duration": 1.0}}}
+    solver = {"quasi_static": {"steps": 5}}
+    scene = Scene.from_si({**PLAIN.to_si(), "field": field, "solver": solver, "resolution": {"error": 0.1, "of": of}})
+    seen, finer, ladder = PathSeen(scene.length), PathSeen(scene.length), Ladder(scene, lambda on_grid: [])
+    simulated(scene.with_cells(2), on_state=seen.see)
+    simulated(scene.with_cells(3), on_state=finer.see)
+    found = differences(scene, seen, 2, None)
+    assert len(found) >= 4
+    for t, difference in found.items():
+        if t > 0.0:
+            points = [ladder.points(loads_of(ladder.on(n), 0.0).at(t), one.grids[t]) for n, one in ((2, seen), (3, finer))]
+            assert difference == pytest.approx(distance(*points), rel=0.05)
+    assert differences(scene, seen, 2, 0.0) == {}  # none are begun after their time
 
 
 def test_grids_on_different_branches_are_refused_with_that_reason() -> None:
