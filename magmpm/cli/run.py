@@ -84,7 +84,7 @@ def _end(kept: RunFolder, error: SolveError, options: argparse.Namespace) -> NoR
     folder = kept.path
     if error.state is None:
         kept.put_back()
-        raise type(error)(f"{error.reason}; no state to save: none was good before it failed") from None
+        raise type(error)(f"{error.reason}; there is no state to save") from None
     saved = kept.save_failed(error.state)
     _warn(error.state)
     _tell_failure(error, saved, options)

@@ -95,7 +95,10 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     if scene.solver.dynamic is not None:
         more: dict[str, Any] = {"solver.dynamic.duration": until, "solver.dynamic.output_every": until / 10}
         return (Remedy(f"solver.dynamic.duration: {until:g} s, up to which it went well", more),)
-    shorter = {"steps": len(scene.path_times()), "duration": until}
+    times = scene.path_times()
+    # out of time: as many steps as it took so far, for more would take longer; otherwise finer ones
+    steps = sum(times[0] < t <= until for t in times) if isinstance(error, TimeOver) else len(times)
+    shorter = {"steps": max(1, steps), "duration": until}
     words = f"solver.quasi_static: {{steps: {shorter['steps']}, duration: {until:g} s}}, up to which it went well"
     return (Remedy(words, {"solver.quasi_static": shorter}),)
 

@@ -118,3 +118,13 @@ def test_equilibria_along_time_that_fail_at_once_get_a_weaker_load() -> None:
     begun = Reached(0.5, load_share=0.6)  # a first equilibrium, of a later time, of which a part of the load was borne
     for error in (SolveError("no equilibrium", begun), TimeOver("late", begun)):
         assert [remedy.words.split(",")[0] for remedy in remedies(path, error)[-2:]] == ["a weaker field"] * 2
+
+
+def test_a_path_out_of_time_takes_no_more_steps_than_it_took() -> None:
+    """A shorter path of as many steps would run out of time again. One that failed otherwise gets finer steps."""
+    scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
+    along = Scene.from_si({**scene.to_si(), "solver": {"quasi_static": {"steps": 10, "duration": 1.0}}})
+    [late] = remedies(along, TimeOver("the time is over", Reached(0.5)))
+    assert len(late.applied(along).path_times()) == 5  # of 0.45 s, the first among them
+    finer = remedies(along, SolveError("broken", Reached(0.5)))[-1].applied(along)
+    assert len(finer.path_times()) > 10
