@@ -116,7 +116,8 @@ class Branch:
     def advance(self, until: float) -> list[Jump]:
         """Go on to a time (s). Returns the jumps on the way. Raises SolveError where the body falls to no rest, or leaves the field."""
         jumps: list[Jump] = []
-        finest, self._near.spent = FINEST * (until - self.now.time), 0
+        self._near.begin()
+        finest = FINEST * (until - self.now.time)
         growth = GROWTH
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:

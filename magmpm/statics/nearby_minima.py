@@ -41,8 +41,13 @@ class NearbyMinima:
         self._tolerance, self._tell = tolerance, on_step
         self.spent, self.unstable = 0, False
         self._shift, self._free, self._decrement = 0.0, 0.0, 0.0
+        self._enough = 0.0  # the shift that a tangent last needed to have factors: where the next one looks for its own
         self._mass_of: object = None
         self._masses = np.zeros((0, 0))
+
+    def begin(self) -> None:
+        """Count from now on, and forget what earlier tangents needed: a path goes on from a checkpoint bit for bit as without one."""
+        self.spent, self._enough = 0, 0.0
 
     def contracted(self, energy: Energy, begin: Array) -> Point | None:
         """The minimum to which Newton's steps contract; None where they do not, or lead to where the tangent is not positive definite."""
@@ -93,11 +98,12 @@ class NearbyMinima:
         """As `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed for a
         step or two, for it moves along tangents of its arcs: it is not unstable. No residual where values are not finite."""
         residual, definite = self._factored(energy, point, more)
-        done = definite
+        done, enough = definite, self._enough / STIFFER
         while not done:
-            residual, done = self._factored(energy, point, STIFFER * self._shift)
+            residual, done = self._factored(energy, point, max(STIFFER * self._shift, enough))
             if not self._shift < STIFFEST * self._neutral(energy):
                 return None, False
+            self._enough = self._shift
         return residual, definite
 
     def mass(self, energy: Energy) -> Array:
