@@ -17,7 +17,6 @@ LOOKED = 24  # equilibria at most that are compared with another grid's, to find
 STATIONS = 41  # along the axis, where shapes are compared
 ALIKE = 0.02  # of the length: shapes nearer to one that is judged are not judged as well
 CLOSE = 0.005  # of the length: shapes nearer to one that is compared with another grid's are not compared as well
-FAINT = 0.3  # of the largest difference to another grid: equilibria with less need not be judged
 # Another grid's branch ends at a load that differs by a few per cent, its error of stiffness; toward a limit point the stability falls as
 # the root of what is left of the load. So equilibria softer than this before a jump, and as long after it, differ between grids.
 SOFT = 0.15
@@ -80,16 +79,21 @@ class PathSeen:
 
     def judged(self, differs: Mapping[float, float]) -> list[float]:
         """Times (s) at which the path is judged: the last; where the body is softest; where another grid differs more than just before and
-        after, the largest differences first; and, where that is not known, equilibria of unlike shapes.
+        after; elsewhere, where it differs the most; and, where that is not known, equilibria of unlike shapes. JUDGED at most.
 
         differs: time (s) and difference (m) to another grid.
         """
         times = sorted(differs)
         beside = [-np.inf, *(differs[t] for t in times), -np.inf]
-        peaks = [t for k, t in enumerate(times) if differs[t] >= max(beside[k], beside[k + 2], FAINT * max(beside))]
+        peaks = {t for k, t in enumerate(times) if differs[t] >= max(beside[k], beside[k + 2])}
+        chosen = self._unlike(2, ALIKE)
+        bends = dict(zip(self.grids, self.bends, strict=True))
         unknown = [t for t in self._unlike(JUDGED, ALIKE) if t not in differs]
-        chosen = [*self._unlike(2, ALIKE), *sorted(peaks, key=lambda t: -differs[t]), *unknown]
-        return sorted(list(dict.fromkeys(chosen))[:JUDGED])
+        for t in (*sorted(times, key=lambda t: (t not in peaks, -differs[t])), *unknown):
+            alike = _apart(np.array([bends[one] for one in chosen]), bends[t]).min() <= ALIKE * self.length
+            if t not in chosen and not (alike and t not in peaks) and len(chosen) < JUDGED:
+                chosen.append(t)
+        return sorted(chosen)
 
     def _unlike(self, most: int, alike: float) -> list[float]:
         """Times (s), in the order of `unlike`, none nearer to another than a share `alike` of the length."""

@@ -345,7 +345,7 @@ def test_where_a_path_jumps_no_error_is_told() -> None:
 
 
 def test_a_path_is_judged_where_another_grid_differs_most() -> None:
-    """Shapes far from each other say little of errors: a magnet that comes near for a moment. Peaks come first, faint ones not at all."""
+    """Shapes far from each other say little of errors: a magnet that comes near for a moment. Peaks come first, then the rest."""
     seen = PathSeen(1.0)
     times = [float(t) for t in range(9)]
     seen.grids = {t: np.zeros(0) for t in times}
@@ -353,11 +353,11 @@ def test_a_path_is_judged_where_another_grid_differs_most() -> None:
     seen.bends = [np.column_stack([0 * s, 0 * s, b * s**2]) for b in (0.0, 0.3, 0.5, 0.1, -0.1, -0.3, -0.5, 0.2, 0.19)]
     seen.stability = [1.0, 0.9, 0.8, 0.9, 1.0, 0.9, 0.5, 0.9, 1.0]
     seen.softness = list(zip(times, seen.stability, strict=True))
-    assert 7.0 not in seen.judged({})
-    differs = dict(zip(times, [0.1, 0.2, 0.5, 0.8, 2.0, 0.9, 0.3, 0.4, 0.3], strict=True))
-    assert seen.judged(differs) == [4.0, 6.0, 8.0]  # the peak; the softest; the last
-    differs[7.0] = 0.9
-    assert seen.judged(differs) == [4.0, 6.0, 7.0, 8.0]
+    assert 7.0 not in seen.judged({})  # it is like the last one
+    differs = dict(zip(times, [0.1, 0.2, 0.5, 0.8, 2.0, 0.9, 0.3, 0.2, 0.1], strict=True))
+    assert seen.judged(differs) == [2.0, 3.0, 4.0, 5.0, 6.0, 8.0]  # the last, the softest, the peak, and the largest of the rest
+    differs[7.0] = 0.4
+    assert seen.judged(differs) == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]  # a small peak counts before the rest
 
 
 @pytest.mark.parametrize("of", ["centreline", "tip"])
