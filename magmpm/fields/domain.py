@@ -63,16 +63,17 @@ def seen_from_sources(field: FieldSource, box: Box) -> Box:
     return Box(lower, upper)
 
 
-def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: bool = False) -> Box | None:
+def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: float | None = None) -> Box | None:
     """The box, cut by planes so that it contains the body but no obstacle; None where no plane separates the two.
 
-    keeps_off: it is cut for obstacles just outside of it as well, of which it then keeps as far off. Nothing cut: the box itself.
+    keeps_off: it is cut for obstacles just outside of it as well, of which it then keeps as far off, and at least so many m off where a
+    plane can be. Nothing cut: the box itself.
     """
     for solid in obstacles:
         low, high = solid.box()
-        if not (keeps_off or box.meets(low, high)):
+        if keeps_off is None and not box.meets(low, high):
             continue
-        found: list[Box] = []
+        found: list[tuple[float, Box]] = []
         for k in range(3):
             for sign in (1, -1):
                 gap = (low[k] - body.upper[k]) if sign > 0 else (body.lower[k] - high[k])
@@ -83,10 +84,11 @@ def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: bool = Fa
                     upper[k] = min(upper[k], low[k] - KEPT_OFF * gap)
                 else:
                     lower[k] = max(lower[k], high[k] + KEPT_OFF * gap)
-                found.append(Box(lower, upper, box.cut))
+                found.append((KEPT_OFF * gap, Box(lower, upper, box.cut)))
         if not found:
             return None
-        largest = max(found, key=lambda one: one.volume)
+        least = min(keeps_off or 0.0, max(kept for kept, _ in found))
+        largest = max((one for kept, one in found if kept >= least), key=lambda one: one.volume)
         if largest.volume == box.volume:
             continue  # it keeps off already
         box = largest

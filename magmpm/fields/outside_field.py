@@ -29,6 +29,7 @@ __all__ = ["Field", "end_time", "outside_field", "places", "records"]
 Corner = tuple[float, float, float]
 ARCS = 48  # pieces of a coil's wire, each in a box
 NEAREST = 0.5  # of the undeformed body's distance from a magnet: a cloud of dipoles is accurate down to this distance
+FAR_OFF = 0.05  # of the longest side of a box: some seven nodes of the finest table
 SWEPT = 3.0  # times the volume of the body's reach: moving sources that need a larger table become clouds of dipoles
 ROUNDING = 1e-3  # of a map's spacing: tolerance of its planes (measured_map), and so of its margin
 ODD = 0.05  # of grad B: curl or divergence of a measured map from which on there is a warning
@@ -190,17 +191,25 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
 def _tabulated(
     function: Callable[[Array], Array], box: Box, seen: Box, named: list[Solid], options: Tabulation
 ) -> tuple[Box, Array, table.Errors]:
-    """The box of the table, the table and its errors. Beside the edge of a magnet none is exact: then the box keeps off it.
+    """The box of the table, the table and its errors. Beside the edge of a magnet none is exact: then the box keeps off it, and if that
+    is not enough, farther, though it loses more.
 
-    Raises SceneError where that is not enough, or the box is given.
+    Raises SceneError where that is not enough either, or the box is given.
     """
-    try:
-        return box, *table.tabulate(function, box, options.tolerance, _names(named))
-    except SceneError:
-        smaller = None if options.lower is not None else cut_for(box, seen, _arcs(named), keeps_off=True)
-        if smaller is None or smaller is box:
-            raise
-        return smaller, *table.tabulate(function, smaller, options.tolerance, _names(named))
+    boxes: list[Box | None] = [box]
+    if options.lower is None:
+        far = FAR_OFF * float((box.upper - box.lower).max())
+        boxes += [cut_for(box, seen, _arcs(named), keeps_off=off) for off in (0.0, far)]
+    failed: SceneError | None = None
+    for number, tried in enumerate(boxes):
+        if tried is None or any(tried is one for one in boxes[:number]):
+            continue
+        try:
+            return tried, *table.tabulate(function, tried, options.tolerance, _names(named))
+        except SceneError as error:
+            failed = error
+    assert failed is not None
+    raise failed
 
 
 def _table_box(

@@ -306,10 +306,17 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     reach = region.reach(BODY, True)
     beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
     assert region.cut_for(reach, BODY, beside) is reach
-    near = region.cut_for(reach, BODY, beside, keeps_off=True)
+    near = region.cut_for(reach, BODY, beside, keeps_off=0.0)
     assert near is not None
     assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
     assert near.volume > 0.5 * reach.volume
+    aside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 30e-3, 8e-3)}))
+    kept = [region.cut_for(reach, BODY, aside, keeps_off=off) for off in (0.0, 3e-3)]
+    assert kept[0] is not None
+    assert kept[1] is not None
+    low = aside[0].box()[0]
+    assert low[0] - kept[0].upper[0] == pytest.approx(0.25 * (low[0] - BODY.upper[0]))  # the least that a cut loses
+    assert low[1] - kept[1].upper[1] == pytest.approx(0.25 * (low[1] - BODY.upper[1]))  # where more than 3 mm are kept
     far = region.cut_for(region.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
     assert far is not None
     assert not far.cut, "out of reach: nothing to cut"
