@@ -137,7 +137,7 @@ def climb(
         beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
         asymptotic=_asymptotic(falling, convergence(scene).steady(_order(rungs[:-1], "error_finest"))),
-        conclusions=_conclusions(rungs, others),
+        conclusions=[*_conclusions(rungs, others), *_where(scene)],
         failed={name: error.reason for name, error in failed.items()},
     )
 
@@ -212,6 +212,17 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
         verdict = f"would do for {' and for '.join(good)}" if good else f"would not do for {100 * ASKED[0]:g} %"
         said.append(f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}.")
     return said
+
+
+def _where(scene: Scene) -> list[str]:
+    """Of what happens along time: that the grids are compared where it ends."""
+    if not scene.in_time:
+        return []
+    what, proven = "motion", "of the equilibrium that it settles at"
+    if scene.solver.quasi_static is not None:
+        what, proven = "path", "along the path"
+    along = f"with `resolution: {{error: 1 %}}` `magmpm run` proves those {proven}"
+    return [f"All this is of the {what}'s end: on the way there errors may be larger; {along}."]
 
 
 def _error(rung: Rung) -> float | None:

@@ -48,8 +48,9 @@ def load_study(path: Path | str) -> Study:
     except InputError as error:
         raise named_in(error, place(document, "scene")) from None
     check_scene(scene, file, document)
-    asked = scene.resolution if scene.resolution.asked else None
-    if asked is not None:
+    asked = None
+    if scene.resolution.asked:  # of the whole shape, which designs are judged by: a bound for the tip as well
+        asked = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)

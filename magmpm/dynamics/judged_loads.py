@@ -28,6 +28,7 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.resolution import Choice, at_rest, check_possible, choose, nothing
 
 LOOKING = 0.1  # of the time asked for: what may be spent on finding the equilibria with the largest errors
+PROVEN = 2.0  # times the coarsest grid's run: what it takes with the proof of its error, if the rest goes on as it began
 TRIED = 3  # grids on which a path is tried, from the coarsest on
 SETTLES = "a motion is judged at the equilibrium that it settles at"
 TOUCHING = ("ground", "walls", "self_contact")
@@ -121,7 +122,7 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
         raise
     cells = coarse.resolution.cells_across
     loads, times = of_path(scene, seen, cells)
-    beside = _longer(scene, seconds) if timed else nothing
+    beside = _longer(scene, seconds, cells) if timed else nothing
     choice = _chosen(scene, loads, {cells: first} if timed else {}, begun=begun + compiled, beside=beside, coarsest=cells)
     judging = time.perf_counter() - begun - compiled
     if choice.scene.resolution.cells_across == cells and (timed or not in_folder):
@@ -207,7 +208,7 @@ def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene],
         compiled += prepare(coarse)
         run = partial(run, resume=False)  # of several grids, and a checkpoint is that of one
         known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
-        beside = _longer(scene, seconds)
+        beside = _longer(scene, seconds, coarse.resolution.cells_across)
     choice = _chosen(scene, loads, known, begun=begun + compiled, beside=beside)
     cells = choice.scene.resolution.cells_across
     judging = time.perf_counter() - begun - compiled
@@ -234,25 +235,24 @@ def _within(limit: float | None, begun: float, run: Callable[..., Result], coars
         return run(coarse), time.perf_counter() - ran
 
     def watched(step: int, at: float) -> None:
-        if time.perf_counter() - begun > limit:
+        gone = time.perf_counter() - begun
+        if gone > limit:
             done = f", of whose {coarse.duration:g} s {100 * at / coarse.duration:.2g} % were done by then" if at > 0.0 else ""
             raise SceneError(
                 "resolution.seconds",
                 received=f"{limit:g} s",
                 rule=f"must be enough for the coarsest grid, {coarse.resolution.cells_across} cells across{done}",
-                remedy=f"allow {1.5 * limit * coarse.duration / at:.2g} s or more" if at > 0.0 else "allow much more",
+                remedy=f"allow {PROVEN * gone * coarse.duration / at:.2g} s or more" if at > 0.0 else "allow much more",
             )
 
     return run(coarse, on_progress=watched), time.perf_counter() - ran
 
 
-def _longer(scene: Scene, coarsest: float) -> Callable[[int], float]:
-    """Seconds of a run with so many cells across, from those of the coarsest grid.
+def _longer(scene: Scene, coarsest: float, first: int) -> Callable[[int], float]:
+    """Seconds of a run with so many cells across, from those of the run that is done, with `first` cells across.
 
     Along a path they grow as a Newton step does; of a motion with particles and steps together, as the fourth power of the cells at most.
     """
-
-    first = coarsest_cells(scene)
 
     def takes(cells: int) -> float:
         if cells == first:

@@ -91,6 +91,12 @@ class RunFolder:
             _move(waiting, self.path)
             waiting.rmdir()
 
+    def withdraw(self) -> None:
+        """Remove what a motion has written that was refused on its way, and put back what was there before."""
+        if not (self.path / NUMBERS).exists():
+            _remove(self.path)
+        self.put_back()
+
     def save(self, result: Result) -> None:
         """Save a result in place of all that was there."""
         result.save(self.path)

@@ -145,7 +145,9 @@ def _searched(
     search = _Search(Ladder(scene, loads, tell), begun, beside, proven)
     cells: int | None = coarsest or coarsest_cells(scene)
     failure: SolveError | None = None
+    failed = 0
     while cells is not None:
+        failed = cells
         try:
             search.prove(cells)
             failure = None
@@ -159,7 +161,21 @@ def _searched(
     if not search.errors:
         assert failure is not None
         raise failure
+    _check_met(search, failed, failure)
     return search
+
+
+def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None:
+    """Raises SceneError where the search ended without what was asked for: as a finer grid failed, or on grids that tell nothing.
+
+    failed: cells across of the last grid that was tried.
+    """
+    wanted, best = search.scene.resolution.allowed(search.scene.length), min(search.errors.values())
+    if wanted is not None and search.errors[max(search.errors)] > wanted:
+        found = "" if failure is None else f"{failed} cells across found no equilibrium ({failure.reason.split('; ')[0]})"
+        raise _out_of_reach(search, wanted, failed=found)
+    if wanted is None and best > LARGEST * search.scene.length:
+        raise _on_branches(search, f"{search.scene.resolution.seconds:g} s")
 
 
 def at_rest(scene: Scene) -> list[Load]:
@@ -233,35 +249,44 @@ def _next_in_time(search: _Search, finer: list[int]) -> int | None:
     return max((n for n in finer if search.fits(n) and search.takes(n) + search.beside(n) <= RESERVE * (limit - gone)), default=None)
 
 
-def _out_of_reach(search: _Search, wanted: float, cells: int | None = None) -> SceneError:
-    """cells: the grid that would do, but for memory or time."""
+def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, failed: str = "") -> SceneError:
+    """cells: the grid that would do, but for memory or time; failed: what a finer grid failed of."""
     length, tried, law = search.scene.length, max(search.errors), search.law
-    within = [n for n in law.proof if n > tried and search.fits(n) and search.takes(n) <= PATIENCE]
+    received, limits = f"{100 * wanted / length:.3g} % of the length", f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s"
+    if search.errors[tried] > LARGEST * length:
+        return _on_branches(search, received, failed)
+    within = [n for n in law.proof if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed]
     most = max(within, default=tried)
     least = law.foretold(search.errors, most)
-    if cells is None:
+    if failed:
+        why, limits = failed, ""
+    elif cells is None:
         end = max(law.proof)
         off = 100 * law.foretold(search.errors, end) / length
         why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
     else:
         needed, seconds = operations(search.ladder.on(law.proof[cells]))[1], search.takes(cells)
         why = f"{cells} cells across and their proof by {law.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
-    if search.errors[tried] > LARGEST * length:
-        return SceneError(
-            "resolution.error",
-            received=f"{100 * wanted / length:.3g} % of the length",
-            rule=f"the grids must find the same equilibrium: those of {tried} and {law.proof[tried]} cells across are "
-            f"{100 * search.ladder.apart(tried, law.proof[tried]) / length:.2g} % of the length apart, on other branches perhaps",
-            remedy="give `cells_across`, and compare runs; along a path, leave out times near a jump or another critical load",
-        )
     remedy = f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or for {100 * least / length:.2g} %, which {most} cells give if its errors fall as usual"
+    return SceneError("resolution.error", received=received, rule=f"must be within reach{limits}: {why}", remedy=remedy)
+
+
+def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
+    """Where two grids are so far apart that their difference tells no error.
+
+    received: what was asked for; failed: what a finer grid failed of.
+    """
+    tried, length = max(search.errors), search.scene.length
+    key, proof = "seconds" if search.scene.resolution.error is None else "error", search.law.proof[tried]
     return SceneError(
-        "resolution.error",
-        received=f"{100 * wanted / length:.3g} % of the length",
-        rule=f"must be within reach of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s: {why}",
-        remedy=remedy,
+        f"resolution.{key}",
+        received=received,
+        rule=f"the grids must find the same equilibrium: those of {tried} and {proof} cells across are "
+        f"{100 * search.ladder.apart(tried, proof) / length:.2g} % of the length apart, on other branches perhaps"
+        + (f"; {failed}" if failed else ""),
+        remedy="give `cells_across`, and compare runs; along a path, leave out times near a jump or another critical load",
     )
 
 

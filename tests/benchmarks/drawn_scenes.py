@@ -1,4 +1,4 @@
-"""Scenes drawn at random for tests/benchmarks/promised_error.py: catheters, tubes and strips; and bodies of soft and stiff segments."""
+"""Scenes drawn at random for tests/benchmarks/promised_error.py: catheters, tubes and strips; bodies of soft and stiff segments; paths."""
 
 from __future__ import annotations
 
@@ -91,6 +91,33 @@ def jointed(seed: int) -> Scene:
     body |= {"width": width, "thickness": thickness, "plane_strain": True} if flat else {"diameter": thickness}
     content = {"name": f"jointed {seed} ({'strip' if flat else 'catheter'})", "materials": materials, "effects": {"magnetic_torque": {}}}
     return Scene.from_si({**content, "body": {"strip" if flat else "catheter": body}, "field": {"uniform": field.tolist()}})
+
+
+def along_path(seed: int) -> Scene:
+    """The body of the drawn scene with that seed, cut to L/D 4 to 12, along a path: by turns in uniform fields, the scene's own turned and
+    1 to 1/10 as strong, and near a dipole that moves at a distance of 2 to 4 lengths around the tip, as strong as that at 2.5.
+    """
+    draw, plain = np.random.default_rng([78, seed]), drawn(seed)
+    data, thickness = plain.to_si(), plain.thickness
+    length = float(np.clip(plain.length, 4 * thickness, 12 * thickness))
+    shape = next(one for one in data["body"].values() if one is not None)
+    shape["segments"] = [{**segment, "length": segment["length"] * length / plain.length} for segment in shape["segments"]]
+    shape["length"] = length
+    strength = float(np.linalg.norm(data["field"]["uniform"])) * (plain.length / length) ** 2
+    times = np.arange(int(draw.integers(3, 7)), dtype=float)
+    if seed % 2 == 0:
+        frames = [{"time": t, "uniform": (strength * draw.uniform(0.1, 1) * _direction(draw)).tolist()} for t in times]
+        field: dict[str, Any] = {"uniform": frames[0]["uniform"], "over_time": {"keyframes": frames}}
+    else:
+        moment = strength * (2.5 * length) ** 3 * 2 * np.pi / MU0 * _direction(draw)
+        away = [_direction(draw) for _ in times]
+        places = [np.array([length, 0.0, 0.0]) + length * draw.uniform(2, 4) * np.array([abs(d[0]), d[1], d[2]]) for d in away]
+        frames = [{"time": t, "move": place.tolist()} for t, place in zip(times, places, strict=True)]
+        field = {"dipole": {"position": [0.0, 0.0, 0.0], "moment": moment.tolist()}, "over_time": {"keyframes": frames}}
+        data["effects"]["magnetic_force"] = {}
+    share, of = float(np.exp(draw.uniform(np.log(5e-4), np.log(2e-1)))), ("centreline", "tip")[int(draw.random() < 0.5)]
+    solver = {**data["solver"], "quasi_static": {"steps": int(draw.integers(8, 20))}}
+    return Scene.from_si({**data, "field": field, "solver": solver, "resolution": {"error": share, "of": of}, "name": f"path {seed}"})
 
 
 def _direction(draw: np.random.Generator) -> Any:

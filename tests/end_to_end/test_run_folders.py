@@ -275,3 +275,17 @@ def test_pictures_are_not_put_beside_other_results(tmp_path: Path, capsys: pytes
     os.mkfifo(one / "result.json")
     assert main(["render", str(one)]) == 2
     assert "result.json" in capsys.readouterr().err
+
+
+def test_a_time_that_is_refused_on_the_way_leaves_what_was_there(capsys: Said) -> None:
+    """Its path can't be gone on with, so nothing of it stays: it looked like a motion that waits to be resumed."""
+    assert run(RESTING) == 0
+    before = {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()}
+    hurried = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
+    hurried += "solver: {quasi_static: {steps: 50}}\nresolution: {seconds: 0.02 s}\n"
+    assert run(hurried) == 2
+    assert "must be enough for the coarsest grid" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
+    assert not (OUT / EARLIER).exists()
+    assert run(hurried, "--out", "runs/new") == 2
+    assert not any((Path("runs/new") / name).exists() for name in (CHECKPOINT, MOTION, NUMBERS))

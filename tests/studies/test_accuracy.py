@@ -118,3 +118,13 @@ def test_one_size_alone_ends_with_3(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert told["failed"] == kept["failed"] == {"3 cells across": "nothing at 3"}
     assert len(kept["rungs"]) == 1
     assert not (tmp_path / "ladder/accuracy.png").exists(), "there is no error to be drawn"
+
+
+def test_along_a_path_it_is_told_what_the_errors_are_of(tmp_path: Path) -> None:
+    """Its end: `run`, asked for an error, judges the whole path, and may need finer cells."""
+    write_study(tmp_path)
+    data = load_scene(tmp_path / "scene.yaml").to_si()
+    field = {**data["field"], "over_time": {"ramp": {"duration": 1.0}}}
+    ladder = climb(Scene.from_si({**data, "field": field, "solver": {"quasi_static": {"steps": 4}}}), off, (2, 5))
+    assert "of the path's end" in ladder.conclusions[-1]
+    assert not any("of the path's end" in said for said in climb(load_scene(tmp_path / "scene.yaml"), off, (2, 5)).conclusions)

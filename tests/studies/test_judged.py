@@ -87,3 +87,10 @@ def test_another_error_is_another_study(tmp_path: Path) -> None:
 def test_a_time_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not a time"):
         load_study(write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{seconds: 2 s}")))
+
+
+def test_designs_are_judged_by_their_whole_shape(tmp_path: Path) -> None:
+    """The bound of a tip says nothing of a shape, nor of the distance from it."""
+    study = load_study(write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{error: 0.1 mm, of: tip}")))
+    assert study.asked is not None
+    assert (study.asked.of, study.asked.allowed(study.scene.length)) == ("centreline", pytest.approx(1e-4))

@@ -415,3 +415,22 @@ def test_a_path_that_fails_leaves_files_of_one_run(tmp_path: Path) -> None:
         saved = Result.load(tmp_path)
         assert not saved.converged
         assert Motion.load(tmp_path).times[-1] == saved.time
+
+
+def test_an_error_that_no_grid_met_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The coarsest grid does not meet it, and finer ones fail: 185 % of the length was told once, of 1 % asked for, without a word."""
+    solve = Ladder.solve
+
+    def coarse_only(self: Ladder, cells: int) -> object:
+        if cells > 2:
+            raise SolveError("no equilibrium within 60 Newton steps; to try: a weaker load")
+        return solve(self, cells)
+
+    monkeypatch.setattr(Ladder, "solve", coarse_only)
+    with pytest.raises(SceneError, match=r"cells across found no equilibrium \(no equilibrium within 60 Newton steps\)") as told:
+        run(asked(error=2e-4))
+    assert "ask for" in str(told.value)
+    monkeypatch.setattr(resolution._Search, "algebraic", lambda self: LENGTH)  # as if the grids had found different equilibria
+    for wanted in ({"error": 2e-4}, {"seconds": 10.0}):
+        with pytest.raises(SceneError, match="must find the same equilibrium"):
+            run(asked(**wanted))
