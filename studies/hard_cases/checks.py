@@ -36,6 +36,8 @@ FINER = 0.06  # of the length: two or three cells across against one more; error
 ROD = 0.06  # of the length, for L/D >= 10: two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %
 LOCKED = 0.03  # more without anti-locking: 4.1 % for 1.4 % where it is switched off; docs/stability, controls
 STIFFNESS = 0.02  # the error of a body's stiffness at two cells across; docs/accuracy
+BROAD = 0.2  # more for a strip's width over its length, above 1 / SLENDER: of one of L/W 5 that falls to its side (seed 151, 428), finite
+# elements are 0.4 % of the length from the solid, and 7 % from the rod
 SLENDER = 10.0
 SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the mirror image
 # Contact, friction and sorted particles decide by single steps: there a change of the last bit grows at once. So a mirror image that is
@@ -213,15 +215,13 @@ def _finer(scene: Scene, result: Result, found: Checked) -> None:
 
 
 def _rod(scene: Scene, result: Result, found: Checked) -> None:
-    """A slender body is near the rod where the rod holds: no strain beyond the model's limits, no wall below a cell (both warn). A strip
-    is slender by its width: of one with L/W 5, which falls to its side, finite elements are 0.4 % from the solid, and 7 % from the rod."""
-    strip = scene.body.strip
-    widest = scene.thickness if strip is None or strip.plane_strain else max(scene.thickness, strip.width)
-    if scene.body.shape.line is None or scene.length < SLENDER * widest or without_joints(result.warnings) or _soft(result):
+    """A slender body is near the rod where the rod holds: no strain beyond the model's limits, no wall below a cell (both warn)."""
+    if scene.body.shape.line is None or scene.length < SLENDER * scene.thickness or without_joints(result.warnings) or _soft(result):
         return
     if scene.body.shape.clamp != "base" or scene.effects.magnetic_interaction is not None:
         return
     stiff = [scene.region_material(k).shear_modulus for k in range(len(scene.regions()))]
+    strip = scene.body.strip
     wide = strip is not None and strip.bends_as_plate and not strip.plane_strain  # between beam and plate
     if max(stiff) > 20 * min(stiff) or wide:
         return
@@ -232,7 +232,8 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
     found.done.append("rod")
     tip = rod.position[-1] + np.array(scene.body.shape.line.base)
     apart = float(np.linalg.norm(tip - result.tip)) / scene.length
-    known = ROD + (LOCKED if scene.solver.anti_locking == "none" else 0.0)
+    broad = 0.0 if strip is None or strip.plane_strain else max(strip.width / scene.length - 1 / SLENDER, 0.0)
+    known = ROD + BROAD * broad + (LOCKED if scene.solver.anti_locking == "none" else 0.0)
     if apart <= (bound := known + _off_by_cells(scene, result)):
         return
     far = f"rod: tips {apart:.3g} L apart, bound {bound:.3g}"
