@@ -36,8 +36,9 @@ FINER = 0.06  # of the length: two or three cells across against one more; error
 ROD = 0.06  # of the length, for L/D >= 10: two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %
 LOCKED = 0.03  # more without anti-locking: 4.1 % for 1.4 % where it is switched off; docs/stability, controls
 STIFFNESS = 0.02  # the error of a body's stiffness at two cells across; docs/accuracy
-BROAD = 0.2  # more for a strip's width over its length, above 1 / SLENDER: of one of L/W 5 that falls to its side (seed 151, 428), finite
-# elements are 0.4 % of the length from the solid, and 7 % from the rod
+# More for a strip's width over its length, above 1 / SLENDER, if finer cells agree with the answer: of a strip of L/W 5 that falls to its
+# side (seed 151, 428), finite elements are 0.4 % of the length from the solid, and 7 % from the rod.
+BROAD = 0.2
 SLENDER = 10.0
 SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the mirror image
 # Contact, friction and sorted particles decide by single steps: there a change of the last bit grows at once. So a mirror image that is
@@ -232,14 +233,14 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
     found.done.append("rod")
     tip = rod.position[-1] + np.array(scene.body.shape.line.base)
     apart = float(np.linalg.norm(tip - result.tip)) / scene.length
-    broad = 0.0 if strip is None or strip.plane_strain else max(strip.width / scene.length - 1 / SLENDER, 0.0)
-    known = ROD + BROAD * broad + (LOCKED if scene.solver.anti_locking == "none" else 0.0)
+    known = ROD + (LOCKED if scene.solver.anti_locking == "none" else 0.0)
     if apart <= (bound := known + _off_by_cells(scene, result)):
         return
     far = f"rod: tips {apart:.3g} L apart, bound {bound:.3g}"
     finer = _try(scene.with_cells(scene.resolution.cells_across + 2))
     left = np.inf if finer is None else float(np.linalg.norm(tip - finer.tip)) / scene.length
-    if finer is not None and left <= known and _apart(scene, result, finer) <= FINER / 2:
+    broad = 0.0 if strip is None or strip.plane_strain else max(strip.width / scene.length - 1 / SLENDER, 0.0)
+    if finer is not None and left <= known + BROAD * broad and _apart(scene, result, finer) <= FINER / 2:
         found.branches.append(f"{far}; two more cells are {left:.3g} L from it")
     else:
         found.wrong.append(far)
