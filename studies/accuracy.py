@@ -218,11 +218,11 @@ def _where(scene: Scene) -> list[str]:
     """Of what happens along time: that the grids are compared where it ends."""
     if not scene.in_time:
         return []
-    what, proven = "motion", "of the equilibrium that it settles at"
-    if scene.solver.quasi_static is not None:
-        what, proven = "path", "along the path"
-    along = f"with `resolution: {{error: 1 %}}` `magmpm run` proves those {proven}"
-    return [f"All this is of the {what}'s end: on the way there errors may be larger; {along}."]
+    if scene.solver.quasi_static is None or scene.body.shape.line is None:
+        what = "motion" if scene.solver.dynamic is not None else "path"
+        return [f"All this is of the {what}'s end: on the way there errors may be larger."]
+    along = "with `resolution: {error: 1 %}` `magmpm run` proves those along the path"
+    return [f"All this is of the path's end: on the way there errors may be larger; {along}."]
 
 
 def _error(rung: Rung) -> float | None:

@@ -267,10 +267,16 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, fail
     else:
         needed, seconds = operations(search.ladder.on(law.proof[cells]))[1], search.takes(cells)
         why = f"{cells} cells across and their proof by {law.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
-    remedy = f"ask for {100 * search.errors[tried] / length:.2g} % or more, which {tried} cells give"
+    remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or for {100 * least / length:.2g} %, which {most} cells give if its errors fall as usual"
     return SceneError("resolution.error", received=received, rule=f"must be within reach{limits}: {why}", remedy=remedy)
+
+
+def _up(number: float) -> float:
+    """Rounded up to two digits, so that asking for it is enough."""
+    digit = 10.0 ** (np.floor(np.log10(number)) - 1)
+    return float(np.ceil(number / digit) * digit)
 
 
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:

@@ -289,3 +289,16 @@ def test_a_time_that_is_refused_on_the_way_leaves_what_was_there(capsys: Said) -
     assert not (OUT / EARLIER).exists()
     assert run(hurried, "--out", "runs/new") == 2
     assert not any((Path("runs/new") / name).exists() for name in (CHECKPOINT, MOTION, NUMBERS))
+
+
+def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -> None:
+    """A motion that waits to be resumed stays where it is: nothing was written over it."""
+    waiting = SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms")
+    assert run(waiting, "--time-limit", "2") == 3
+    before = {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()}
+    assert (OUT / CHECKPOINT).exists()
+    grounded = waiting.replace("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}, ground: {point: [0 mm, 0 mm, -20 mm]}}")
+    for options in ((), ("--resume",)):
+        assert run(grounded.replace("{cells_across: 2}", "{seconds: 60 s}"), *options) == 2
+        assert "with ground that is not known" in capsys.readouterr().err
+        assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
