@@ -46,7 +46,7 @@ class RunFolder:
     def __init__(self, path: Path | str, scene: Scene, scene_file: Path | str) -> None:
         self.path, self.scene = Path(path), scene
         self.scene_file = Path(scene_file).resolve()
-        self._begun = False  # whether a motion of this run writes there
+        self.begun = False  # whether a motion of this run writes there
 
     def claim(self, overwrite: bool = False) -> None:
         """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
@@ -82,7 +82,7 @@ class RunFolder:
             _move(self.path, waiting)
         else:
             _remove(self.path)
-        self._begun = True
+        self.begun = True
         self._sign()
 
     def put_back(self) -> None:
@@ -94,10 +94,9 @@ class RunFolder:
             waiting.rmdir()
 
     def withdraw(self) -> None:
-        """Remove what this run's motion has written, if it has begun, and put back what was there before: it was refused on its way."""
-        if self._begun:
-            _remove(self.path)
-            self.put_back()
+        """Remove what this run's motion has written, which was refused on its way, and put back what was there before."""
+        _remove(self.path)
+        self.put_back()
 
     def save(self, result: Result) -> None:
         """Save a result in place of all that was there."""
