@@ -125,7 +125,7 @@ def simulated(
         choice = choose_effects(scene)
         return replace(on_grid(choice.scene, start=start), effects_chosen=choice.told)
     if scene.resolution.asked and scene.in_time:
-        from magmpm.dynamics.judged_loads import resolved  # equilibria need neither it nor HDF5
+        from magmpm.dynamics.judged_run import resolved  # equilibria need neither it nor HDF5
 
         return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), in_folder=folder is not None)
     if start is not None and scene.in_time:

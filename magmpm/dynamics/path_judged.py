@@ -58,7 +58,7 @@ class PathSeen:
                 first -= 1
             begins = times[first] if first < len(times) and times[first] < jump else jump
             step = max((b - a for a, b in pairwise(times) if a <= jump <= b), default=0.0)
-            spans.append((begins, jump + max(jump - begins, step)))
+            spans.append((begins, min(jump + max(jump - begins, step), times[-1])))
         return spans
 
     def soft_at(self) -> float | None:
@@ -85,7 +85,7 @@ class PathSeen:
         """
         times = sorted(differs)
         beside = [-np.inf, *(differs[t] for t in times), -np.inf]
-        peaks = {t for k, t in enumerate(times) if differs[t] >= max(beside[k], beside[k + 2])}
+        peaks = {t for k, t in enumerate(times) if beside[k] < differs[t] >= beside[k + 2]}  # of equal ones the first
         chosen = self._unlike(2, ALIKE)
         bends = dict(zip(self.grids, self.bends, strict=True))
         unknown = [t for t in self._unlike(JUDGED, ALIKE) if t not in differs]

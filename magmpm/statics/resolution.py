@@ -269,7 +269,7 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, fail
         why = f"{cells} cells across and their proof by {law.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     if most > tried:
-        remedy += f", or for {100 * least / length:.2g} %, which {most} cells give if its errors fall as usual"
+        remedy += f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its errors fall as they should"
     return SceneError("resolution.error", received=received, rule=f"must be within reach{limits}: {why}", remedy=remedy)
 
 

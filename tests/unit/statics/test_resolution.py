@@ -232,7 +232,7 @@ def test_a_search_keeps_blas_on_one_thread() -> None:
 
 def test_an_error_out_of_reach_is_answered_with_one_in_reach() -> None:
     """What the coarsest grid gives, and what finer ones should."""
-    with pytest.raises(SceneError, match=r"ask for .* % or more, which \d+ cells give, or for .* %, which \d+ cells give if"):
+    with pytest.raises(SceneError, match=r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"):
         run(asked(error=2e-6))
 
 
@@ -340,6 +340,8 @@ def test_where_a_path_jumps_no_error_is_told() -> None:
     assert judged[-1] == 1.0
     assert 0.3 in [round(t, 3) for t in judged]  # the softest away from the jump
     assert not any(begins <= t <= ends for t in judged)
+    seen.jumps = [0.95]
+    assert seen.near_jumps()[0][1] == 1.0  # nothing is told of times after the path
     seen.jumps = []
     assert seen.soft_at() == pytest.approx(0.4)
 
@@ -358,6 +360,8 @@ def test_a_path_is_judged_where_another_grid_differs_most() -> None:
     assert seen.judged(differs) == [2.0, 3.0, 4.0, 5.0, 6.0, 8.0]  # the last, the softest, the peak, and the largest of the rest
     differs[7.0] = 0.4
     assert seen.judged(differs) == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]  # a small peak counts before the rest
+    differs.update({1.0: np.inf, 2.0: np.inf, 3.0: 1.9})
+    assert seen.judged(differs) == [1.0, 2.0, 4.0, 6.0, 7.0, 8.0]  # of equal neighbors the first is the peak, the next is one of the rest
 
 
 @pytest.mark.parametrize("of", ["centreline", "tip"])
