@@ -38,6 +38,7 @@ from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.resolution import choose
 from magmpm.statics.stability import on_the_brink
+from magmpm.statics.unnamed_weight import missed_weight
 
 if TYPE_CHECKING:
     from magmpm.dynamics.quasi_static import PathState
@@ -127,7 +128,7 @@ def simulated(
     if scene.resolution.asked and scene.in_time:
         from magmpm.dynamics.judged_run import resolved  # equilibria need neither it nor HDF5
 
-        return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), in_folder=folder is not None)
+        return resolved(scene, on_grid, partial(prepare_kernels, uses=(SOLVE, PROOFS)), folder=folder, on_begin=on_begin)
     if start is not None and scene.in_time:
         raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
     if scene.static:
@@ -137,7 +138,8 @@ def simulated(
             return _path(scene, folder, resume, on_progress, on_begin, on_state)
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin)
-        return _at_rest(scene, start, on_progress)[0]
+        result, found = _at_rest(scene, start, on_progress)
+        return result if start is not None else replace(result, warnings=[*result.warnings, *missed_weight(scene, found)])
 
 
 def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | RodShape | None = None) -> Sensitivities:

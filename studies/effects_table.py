@@ -19,7 +19,7 @@ from magmpm.model import build
 from magmpm.results.readable import fixed, significant
 from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, variants, verdict
 from magmpm.rod.cosserat import rod_model, solve_rod
-from magmpm.rod.shifts import RodAnswers, Shift, is_rod
+from magmpm.rod.shifts import RodAnswers, Shift, flat_stiffening, is_cantilever, is_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects, run
@@ -110,11 +110,13 @@ def _mm(way: float | None) -> str:
 
 
 class Estimates:
-    """A scene's body, by its rod where it is straight, else by a coarse static run (magmpm.effects.base.RestEstimate)."""
+    """A scene's body, by its rod where it is straight and not held at both ends, else by a coarse static run
+    (magmpm.effects.base.RestEstimate)."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.line = scene.body.shape.line
+        free = scene.body.shape.clamp == "none"  # of which nothing is told at rest
+        self.line = scene.body.shape.line if free or is_cantilever(scene) else None  # of its rod
         self._found: dict[str, Array] = {}
 
     def rest(self, scene: Scene) -> Array:
@@ -157,7 +159,7 @@ class Estimates:
 
     @property
     def half(self) -> float:
-        """From the axis to the surface, m."""
+        """From the points that stand for the body to its surface, m."""
         return self.scene.thickness / 2 if self.line is not None else 0.0
 
 
@@ -187,7 +189,11 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         named = getattr(scene.effects, key) is not None
         at_rest_m, says = _judged(scene, body, key, kind) if is_rod(scene) or not scene.in_time else (None, "none of its parts is a rod")
         found = judge(scene, key, answers, error) if is_rod(scene) else _coarse(scene, key, at_rest_m, says, error)
+        if found.shift is None and at_rest_m and key not in ONLY_IN_MOTION:
+            found = _by_rest(scene, key, at_rest_m, found, error)
         moving = found.shift if scene.in_time else None
+        if at_rest_m is not None and body.line is not None:
+            at_rest_m /= 1.0 + flat_stiffening(scene)
         if not scene.in_time and at_rest_m is None:
             at_rest_m = found.shift
         why = f"{found.why}; {says}" if key in SETTLING and found.shift is not None else found.why
@@ -210,6 +216,12 @@ def _coarse(scene: Scene, key: str, moved: float | None, says: str, error: float
     if moved is None or (scene.in_time and (key in ONLY_IN_MOTION or named)):
         return unknown(key, named, f"a motion of such a body takes a run; {MEASURE}" if scene.in_time else says)
     return verdict(scene, key, Shift(moved, moved * (1.0 if scene.in_time else 0.2)), error)
+
+
+def _by_rest(scene: Scene, key: str, at_rest_m: float, found: Judgment, error: float) -> Judgment:
+    """Where the shift in motion is not to be had: the one at rest tells the advice, as uncertain as itself."""
+    told = verdict(scene, key, Shift(at_rest_m, at_rest_m), error)
+    return replace(told, shift=None, uncertainty=None, why=f"at rest {told.why}; in motion {found.why}")
 
 
 def _refuse_bad_beginning(scene: Scene) -> None:

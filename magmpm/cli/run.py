@@ -62,10 +62,8 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
             _tell_waiting(folder)
             raise TimeOver(f"{error.reason}; `--resume` goes on from its last frame in {folder}", error.state) from None
         _end(kept, error, options)
-    except BaseException as error:
-        if kept.begun and isinstance(error, InputError) and scene.resolution.seconds is not None:  # too few, and nothing to go on from
-            kept.withdraw()
-        elif not (folder / CHECKPOINT).exists():  # nothing to resume from
+    except BaseException:
+        if not (folder / CHECKPOINT).exists():  # nothing to resume from
             kept.put_back()
         else:
             _tell_waiting(folder)

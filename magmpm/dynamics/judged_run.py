@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from magmpm.dynamics.judged_loads import at_its_rest, of_motion, of_path, refuse
 from magmpm.dynamics.path_judged import PathSeen
 from magmpm.errors import SceneError, SolveError, TimeOver
 from magmpm.results import measures
+from magmpm.results.file_names import forget_motion
 from magmpm.results.result import Result
+from magmpm.results.tried_grids import tried_grids
 from magmpm.scene import Scene, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.joints import without_joints
@@ -28,16 +31,29 @@ PROVEN = 2.0  # times the coarsest grid's run: what it takes with the proof of i
 TRIED = 3  # grids on which a path is tried, from the coarsest on
 
 
-def resolved(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], *, in_folder: bool) -> Result:
+def resolved(
+    scene: Scene,
+    run: Callable[..., Result],
+    prepare: Callable[[Scene], float],
+    *,
+    folder: Path | str | None,
+    on_begin: Callable[[], None] | None,
+) -> Result:
     """A path or a motion on the grid that is chosen for the error that its scene asks for, with that error.
 
-    run: computes it on a grid (simulate.simulated); in_folder: whether it writes to a folder; prepare: loads a scene's kernels, and returns
-    the seconds it took. Raises SceneError, and as both do.
+    run: computes it on a grid, and writes to the folder (simulate.simulated, which tells on_begin); prepare: loads a scene's kernels, and
+    returns the seconds it took. Raises SceneError, and as both do.
     """
     check_possible(scene)
-    if scene.solver.quasi_static is None:
-        return _motion(scene, run, prepare)
-    return _path(scene, run, prepare, in_folder)
+    if scene.resolution.seconds is None or folder is None:
+        return _on_grids(scene, run, prepare, folder is not None)
+    with tried_grids(folder, on_begin) as apart:  # several grids are run in all, and one is the answer
+        on_grid = partial(run, folder=apart, resume=False, on_begin=partial(forget_motion, apart))
+        return _on_grids(scene, on_grid, prepare, True)
+
+
+def _on_grids(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], in_folder: bool) -> Result:
+    return _motion(scene, run, prepare) if scene.solver.quasi_static is None else _path(scene, run, prepare, in_folder)
 
 
 def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], float], in_folder: bool) -> Result:
@@ -47,8 +63,6 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
     second run of the same grid would take too much.
     """
     begun, timed = time.perf_counter(), scene.resolution.seconds is not None
-    if timed:
-        run = partial(run, resume=False)  # of several grids, and a checkpoint is that of one
     aside = run if timed or not in_folder else partial(run, folder=None, resume=False, on_begin=None)
     try:
         compiled, coarse, seen, first, seconds = _coarse_path(scene, aside, prepare, begun)
@@ -151,7 +165,6 @@ def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene],
     beside: Callable[[int], float] = nothing
     if scene.resolution.seconds is not None:  # the coarsest grid's run tells what finer ones take, and is the answer if none fits
         compiled += prepare(coarse)
-        run = partial(run, resume=False)  # of several grids, and a checkpoint is that of one
         known[coarse.resolution.cells_across], seconds = _within(scene.resolution.seconds, begun + compiled, run, coarse)
         beside = _longer(scene, seconds, coarse.resolution.cells_across)
     choice = _chosen(scene, loads, known, begun=begun + compiled, beside=beside)

@@ -9,7 +9,7 @@ MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.c
 STEPS, JUMPS = "steps.csv", "jumps.csv"  # of equilibria along time
 CHECKPOINT = "checkpoint.npz"
 PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
-OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
+OWNER, EARLIER, FAILED, TRYING = "scene-file.json", "earlier", "failed", "trying"
 
 OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
 OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, STEPS, JUMPS, ABOUT)

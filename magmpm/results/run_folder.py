@@ -31,6 +31,7 @@ from magmpm.results.file_names import (
 )
 from magmpm.results.folder_lock import LOCK
 from magmpm.results.result import Result
+from magmpm.results.tried_grids import forget_tried
 from magmpm.results.whole_file import write_json
 from magmpm.scene import Scene
 
@@ -46,7 +47,6 @@ class RunFolder:
     def __init__(self, path: Path | str, scene: Scene, scene_file: Path | str) -> None:
         self.path, self.scene = Path(path), scene
         self.scene_file = Path(scene_file).resolve()
-        self.begun = False  # whether a motion of this run writes there
 
     def claim(self, overwrite: bool = False) -> None:
         """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
@@ -82,7 +82,6 @@ class RunFolder:
             _move(self.path, waiting)
         else:
             _remove(self.path)
-        self.begun = True
         self._sign()
 
     def put_back(self) -> None:
@@ -92,11 +91,6 @@ class RunFolder:
             _remove(self.path)
             _move(waiting, self.path)
             waiting.rmdir()
-
-    def withdraw(self) -> None:
-        """Remove what this run's motion has written, which was refused on its way, and put back what was there before."""
-        _remove(self.path)
-        self.put_back()
 
     def save(self, result: Result) -> None:
         """Save a result in place of all that was there."""
@@ -131,6 +125,7 @@ class RunFolder:
 
     def _recover(self) -> None:
         """Put back what is kept if nothing was written in its place: a run was killed early."""
+        forget_tried(self.path)
         if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
             self.put_back()
 

@@ -11,6 +11,7 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
+from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import FOLLOWED, RodShape, rod_model, segment_counts, solve_rod
 from magmpm.rod.kernels import derivatives, factor, solve
 from magmpm.rod.motion import move_rod
@@ -36,8 +37,27 @@ class Shift:
 
 def is_rod(scene: Scene) -> bool:
     """Whether the scene's body can be taken as a rod."""
+    return isinstance(scene.body.shape, StraightBody) and (scene.solver.dynamic is not None or is_cantilever(scene))
+
+
+def is_cantilever(scene: Scene) -> bool:
+    """Whether the scene's body is straight and held at its base alone: its rest can be taken as a rod's."""
     shape = scene.body.shape
-    return isinstance(shape, StraightBody) and (scene.solver.dynamic is not None or shape.clamp == "base")
+    return isinstance(shape, StraightBody) and shape.clamp == "base"
+
+
+def flat_stiffening(scene: Scene) -> float:
+    """By what part a strip that is much wider than thick is stiffer than its rod, about. 0 for other bodies.
+
+    Near the clamp, which keeps its width, it bends like a plate, with E / (1 - nu^2): over w / (w + L) of the whole, for widths w of a
+    tenth to twice the length L (measured: docs/effects.md, "How sure").
+    """
+    strip = scene.body.strip
+    if strip is None or not strip.bends_as_plate or strip.plane_strain:
+        return 0.0
+    used = [scene.materials[region.material_name] for region in scene.regions()]
+    nu = float(np.mean([poisson_ratio(m.shear_modulus, m.shear_modulus * m.bulk_to_shear) for m in used]))
+    return nu**2 / (1 - nu**2) * strip.width / (strip.width + strip.length)
 
 
 class RodAnswers:
@@ -53,10 +73,15 @@ class RodAnswers:
         if self.quick:
             apart = self._apart(scene, other, self.coarser)
             followed = 2 * QUICK_CLOSE * scene.length if scene.field.varies else 0.0
-            return Shift(apart, QUICK * apart + followed)
+            return self._of_body(apart, QUICK * apart + followed)
         apart = self._apart(scene, other, 0)
         coarse = self._apart(scene, other, 1)
-        return Shift(apart, abs(apart - coarse) + MODEL * apart)
+        return self._of_body(apart, abs(apart - coarse) + MODEL * apart)
+
+    def _of_body(self, apart: float, uncertainty: float) -> Shift:
+        """A rod's shift, and what the body's width makes of it."""
+        stiffer = flat_stiffening(self.scene)
+        return Shift(apart / (1.0 + stiffer), uncertainty + stiffer * apart)
 
     @property
     def coarser(self) -> int:

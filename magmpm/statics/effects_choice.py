@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from magmpm.errors import MagmpmError, SceneError, SolveError
@@ -25,7 +25,8 @@ def choose_effects(scene: Scene) -> Choice:
     """The effects that move the answer of a scene with `effects: auto` by more than the error it asks for, and what was found of each.
 
     Each is tried against a scene with all that can act; what is left out has to be settings, such as a wall's, that only a user can give.
-    Where the body is no rod there is no estimate, and everything that can act without settings of its own is chosen, self_contact apart.
+    So is all that is left out, together: small shifts may add up. Where the body is no rod there is no estimate, and everything that can
+    act without settings of its own is chosen, self_contact apart.
     """
     bare = scene.with_effects(auto=None)
     possible, found = [], {}
@@ -39,6 +40,7 @@ def choose_effects(scene: Scene) -> Choice:
     full, judged = _judged(bare, every, possible)
     found.update(judged)
     chosen = [key for key in possible if found[key].advice in ("keep", "add")]
+    chosen += _together(full, [key for key in possible if key not in chosen], found, allowed_error(bare))
     if "magnetic_force" in chosen and "magnetic_torque" not in chosen and "magnetic_torque" in possible:
         chosen.append("magnetic_torque")  # the two have one energy
     one_energy = scene.static and full.field.varies and "magnetic_torque" in chosen and "magnetic_force" in possible
@@ -49,6 +51,29 @@ def choose_effects(scene: Scene) -> Choice:
         for key, one in sorted(found.items(), key=lambda item: list(bare.effects.every()).index(item[0]))
     ]
     return Choice(bare.with_effects(**{key: {} for key in chosen}), told)
+
+
+def _together(full: Scene, left: list[str], found: dict[str, Judgment], error: float) -> list[str]:
+    """Of effects that are left out one by one, those to choose after all, where all of them together move the answer by more than it may.
+
+    From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
+    """
+    left = sorted((key for key in left if getattr(full.effects, key) is not None), key=lambda key: -(found[key].shift or 0.0))
+    if len(left) < 2 or not is_rod(full):
+        return []
+    answers, chosen = RodAnswers(full), []
+    while left:
+        without = full.model_copy(update={"effects": full.effects.model_copy(update=dict.fromkeys(left))})
+        try:
+            moved = answers.shift(full, without).value
+        except MagmpmError:  # where they act there is a rest and without them none, say: then nothing tells that they matter
+            break
+        if moved <= error:
+            break
+        key, share = left.pop(0), f"{100 * moved / full.length:.2g} % of its length"
+        found[key] = replace(found[key], why=f"{found[key].why}; but with what else was left out, by {share}")
+        chosen.append(key)
+    return chosen
 
 
 def _judged(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Scene, dict[str, Judgment]]:

@@ -20,7 +20,7 @@ from test_import import robot_file
 from magmpm.cli import main
 from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
-from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE
+from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE, TRYING
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
@@ -289,6 +289,43 @@ def test_a_time_that_is_refused_on_the_way_leaves_what_was_there(capsys: Said) -
     assert not (OUT / EARLIER).exists()
     assert run(hurried, "--out", "runs/new") == 2
     assert not any((Path("runs/new") / name).exists() for name in (CHECKPOINT, MOTION, NUMBERS))
+
+
+def test_a_time_that_is_refused_keeps_a_motion_that_waits_beside_earlier_results(capsys: Said) -> None:
+    """Both: the motion, which --resume goes on with, and what it will replace. The motion was deleted once."""
+    assert run(RESTING) == 0
+    assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
+    before = {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()}
+    assert (OUT / CHECKPOINT).exists()
+    assert (OUT / EARLIER / NUMBERS).exists()
+    hurried = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
+    hurried += "solver: {quasi_static: {steps: 50}}\nresolution: {seconds: 0.02 s}\n"
+    for options in ((), ("--resume",)):
+        assert run(hurried, *options) == 2
+        assert "must be enough for the coarsest grid" in capsys.readouterr().err
+        assert {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("first", [None, RESTING], ids=["empty", "with a result"])
+def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_resume(first: str | None, capsys: Said) -> None:
+    """What it tried first is no earlier result, and no checkpoint of it can be gone on from."""
+    if first is not None:
+        assert run(first) == 0
+    before = {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()}
+    capsys.readouterr()
+    timed = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
+    timed += "solver: {quasi_static: {steps: 400}}\nresolution: {seconds: 500 s}\n"
+    assert run(timed, "--time-limit", "4") == 3
+    said = capsys.readouterr().err
+    assert "--resume" not in said
+    assert "earlier results are in" not in said
+    saved = OUT / FAILED if first else OUT
+    assert not Result.load(saved).converged
+    assert not (saved / CHECKPOINT).exists()
+    assert not (OUT / TRYING).exists()
+    assert not (OUT / EARLIER).exists()
+    if first:
+        assert {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()} == before
 
 
 def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm.errors import Collapsed, LeftField, SolveError, TimeOver, Torn
+from magmpm.errors import BudgetError, Collapsed, LeftField, SolveError, TimeOver, Torn
 from magmpm.scene import Scene
 from magmpm.scene.remedies import remedies
 from magmpm.simulate import run
@@ -42,12 +42,15 @@ def test_motions_get_shorter_steps_or_end_before_the_trouble() -> None:
     scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
     data = scene.to_si()
     moving = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.5}}})
-    found = remedies(moving, SolveError("broken", Reached(0.2)))
+    found = remedies(moving, SolveError("step 3: energy appeared from nothing: more of it", Reached(0.2)))
     assert [remedy.applied(moving).solver.dynamic.safety for remedy in found[:2]] == [0.4, 0.1]
     assert found[-1].applied(moving).duration == pytest.approx(0.18)
+    flown = remedies(moving, SolveError("a particle left the box", Reached(0.2)))  # as it would at shorter steps
+    assert [remedy.words for remedy in flown] == [remedy.words for remedy in (found[-1], *found[:2])]
     at_once = remedies(moving, SolveError("broken"))  # there is no time up to which it went well
-    assert [remedy.words.split(",")[0] for remedy in at_once[2:]] == ["a weaker field"] * 2
+    assert [remedy.words.split(",")[0] for remedy in at_once[:2]] == ["a weaker field"] * 2
     assert not any("solver.dynamic.duration" in remedy.words for remedy in at_once)
+    assert remedies(moving, BudgetError("a full disk: raise max_disk", Reached(0.2))) == ()  # it says what to raise
     [only] = remedies(moving, LeftField("inside", Reached(0.1)))
     assert only.applied(moving).duration == pytest.approx(0.09)
 
@@ -110,10 +113,10 @@ def test_equilibria_along_time_that_fail_at_once_get_a_weaker_load() -> None:
     """There is no time up to which it went well."""
     data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
     path = Scene.from_si({**data, "solver": {"quasi_static": {"steps": 4, "duration": 1.0}}})
-    first, *weaker = remedies(path, SolveError("no equilibrium", None))
-    assert len(first.applied(path).path_times()) == 17
+    *weaker, finer = remedies(path, SolveError("no equilibrium", None))
+    assert len(finer.applied(path).path_times()) == 17
     assert [remedy.words.split(",")[0] for remedy in weaker] == ["a weaker field"] * 2
-    [_, later] = remedies(path, SolveError("no equilibrium", Reached(0.5)))
+    [later, _] = remedies(path, SolveError("no equilibrium", Reached(0.5)))
     assert later.applied(path).duration == pytest.approx(0.45)
     begun = Reached(0.5, load_share=0.6)  # a first equilibrium, of a later time, of which a part of the load was borne
     for error in (SolveError("no equilibrium", begun), TimeOver("late", begun)):
@@ -121,10 +124,10 @@ def test_equilibria_along_time_that_fail_at_once_get_a_weaker_load() -> None:
 
 
 def test_a_path_out_of_time_takes_no_more_steps_than_it_took() -> None:
-    """A shorter path of as many steps would run out of time again. One that failed otherwise gets finer steps."""
+    """A shorter path of as many steps would run out of time again. One that failed otherwise gets as many."""
     scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
     along = Scene.from_si({**scene.to_si(), "solver": {"quasi_static": {"steps": 10, "duration": 1.0}}})
     [late] = remedies(along, TimeOver("the time is over", Reached(0.5)))
     assert len(late.applied(along).path_times()) == 5  # of 0.45 s, the first among them
-    finer = remedies(along, SolveError("broken", Reached(0.5)))[-1].applied(along)
+    finer = remedies(along, SolveError("broken", Reached(0.5)))[0].applied(along)
     assert len(finer.path_times()) > 10

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
@@ -13,6 +15,10 @@ from magmpm.model import build
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import missed_effects, run
 from magmpm.statics.effects_choice import choose_effects
+from magmpm.statics.energy import Energy
+from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
+from magmpm.statics.unnamed_weight import weight_shift
 
 TEXT = """
 name: small
@@ -71,3 +77,46 @@ def test_effects_named_beside_auto_are_refused(tmp_path: Path) -> None:
         written(tmp_path, "{auto: true, gravity: {}}")
     with pytest.raises(InputError, match="effects must be named"):
         build(written(tmp_path, "auto"))
+
+
+def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None:
+    """A strip that is held at both ends: by the factors of its solve, to first order as two solves say; not where it is silenced."""
+    halves = [{"magnetization": [sign, 0.0, 0.0], "length": 15e-3} for sign in (1.0, -1.0)]
+    data: dict[str, Any] = {
+        "name": "bridge",
+        "materials": {"m": {"shear_modulus": 1e6, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
+        "body": {"strip": {"length": 30e-3, "width": 5e-3, "thickness": 1e-3, "material": "m", "clamp": "both", "segments": halves}},
+        "effects": {"magnetic_torque": {}},
+        "field": {"uniform": [0.0, 0.0, 1e-3]},
+        "resolution": {"cells_across": 2},
+    }
+    scene = Scene.from_si(data)
+    model, of = static_model(build(scene)), lambda one: solve_static(static_model(build(one))).point
+    found = solve_static(model)
+    assert isinstance(found.energy, Energy)
+    little = 1e-3 * 9.81
+    apart = of(scene.with_effects(gravity={"acceleration": [0.0, 0.0, -little]})).grid - found.point.grid
+    shift = weight_shift(found.energy, (0.0, 0.0, -little))
+    assert float(np.abs(shift).max()) == pytest.approx(float(np.abs(apart).max()), rel=0.1)  # coefficients bound their spline's values
+    material = data["materials"]["m"]
+    softer = {shear: Scene.from_si({**data, "materials": {"m": {**material, "shear_modulus": shear}}}) for shear in (1e5, 1e7)}
+    told = {shear: [one for one in run(one).warnings if "gravity is not named" in one] for shear, one in softer.items()}
+    assert [len(told[shear]) for shear in (1e5, 1e7)] == [1, 0]  # soft, it sags by more than a hundredth of its length
+    scene = softer[1e5]
+    assert not any("gravity" in one for one in run(scene.model_copy(update={"advice": "off"})).warnings)
+    assert not any("gravity" in one for one in run(scene.with_effects(gravity={})).warnings)
+
+
+def test_small_effects_that_add_up_are_not_left_out_together(tmp_path: Path) -> None:
+    """Torque and weight move a stiff catheter by 0.9 % of its length each, to the same side: with neither it would be 1.8 % off."""
+    path = tmp_path / "scene.yaml"
+    stiff = TEXT.replace("EFFECTS", "auto").replace("FIELD", "-3.5 mT").replace("120 kPa", "5500 kPa")
+    path.write_text(stiff)
+    choice = choose_effects(load_scene(path))
+    told = {one["effect"]: one for one in choice.told}
+    assert told["magnetic_torque"]["shift_m"] < 0.4e-3
+    assert told["gravity"]["shift_m"] < 0.4e-3
+    assert set(choice.scene.effects.named()) == {"magnetic_torque"}
+    assert "with what else was left out, by 1.8 %" in told["magnetic_torque"]["why"]
+    path.write_text(stiff.replace("-3.5 mT", "3.5 mT"))  # to opposite sides: both may be left out
+    assert not choose_effects(load_scene(path)).scene.effects.named()
