@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 import sys
@@ -33,8 +34,8 @@ def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     tell(outcome): called before remedies are tried, with what is known until then.
     The outcome has `ended`, one of
     converged: an answer that the independent checks do not refute; `checks` names them, `branches` where another equilibrium was found;
-    stopped: SolveError or BudgetError, with `reason`, `saved` (whether a last good state was there, saved and read back), `remedies` that
-    were tried in turn, and `answered`, the one that brought an answer ("" if none did);
+    stopped: SolveError, BudgetError, or an error asked for that no grid reaches, with `reason`, `saved` (whether a last good state was
+    there, saved and read back), `remedies` tried in turn, and `answered`, the one that brought an answer ("" if none did);
     wrong: an answer that a check refutes; `reason` says which;
     refused: InputError: the scene was not valid, a fault of the generator or of a rule;
     traceback: any other exception.
@@ -42,7 +43,8 @@ def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     begun = process_time()
     try:
         scene = load_scene(path)
-        prepare_kernels(scene)
+        if not (scene.resolution.asked or scene.effects.auto):  # which choose what they need
+            prepare_kernels(scene)
         begun = process_time()
         out_of_time(limit)
         found = _solved(scene, folder, int(path.stem), limit, tell)
@@ -66,6 +68,10 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
     try:
         with limited(OWN_SHARE * limit, process_time):
             result = run(scene, folder=folder)
+    except InputError as error:
+        if not (scene.resolution.asked and "resolution." in str(error).splitlines()[0]):
+            raise
+        return _out_of_reach(scene, error, limit)
     except SolveError as error:
         found: Outcome = {"ended": STOPPED, "kind": type(error).__name__, "reason": error.reason, "saved": _kept(error.state, folder)}
         found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}
@@ -78,6 +84,30 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
     shutil.rmtree(folder)
     found = {"warnings": result.warnings, "checks": done.done, "branches": done.branches, "solver": result.formulation}
     return {"ended": WRONG if done.wrong else CONVERGED, "reason": "; ".join(done.wrong), **found}
+
+
+def _out_of_reach(scene: Scene, error: InputError, limit: float) -> Outcome:
+    """An error or a time that no grid meets: known only once grids are solved, so it is no fault of the scene. Nothing is saved of it.
+
+    Its remedy names what can be had, or to give `cells_across`.
+    """
+    reason = str(error)
+    remedy = reason.splitlines()[-1].strip()
+    found: Outcome = {"ended": STOPPED, "kind": "out of reach", "reason": reason, "saved": False, "remedies": [remedy]}
+    data, share, seconds = scene.to_si(), re.search(r"ask for ([\d.e+-]+) %", reason), re.search(r"allow ([\d.e+-]+) s", reason)
+    if share:
+        data["resolution"]["error"] = float(share[1]) / 100
+    elif seconds:
+        data["resolution"]["seconds"] = float(seconds[1])
+    else:
+        data["resolution"] = {"cells_across": 3}
+    out_of_time(limit)
+    try:
+        with limited(OWN_SHARE * limit, process_time):
+            run(Scene.from_si(data))
+    except (SolveError, InputError):
+        return found | {"answered": ""}
+    return found | {"answered": remedy}
 
 
 class _Late(Exception):

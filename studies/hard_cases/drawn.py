@@ -17,12 +17,14 @@ from magmpm.bodies.surface_mesh import Mesh, pack_mesh
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from studies.hard_cases import drawn_fields as fields
+from studies.hard_cases.drawn_more import widen
 
 STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
 KINDS = (STATIC, QUASI_STATIC, DYNAMIC)
 SHARES = (0.6, 0.18, 0.22)  # of the scenes
 COMBINATIONS, RENEWED = 4, 400  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
 MOST_STEPS = 5000  # of a motion, by an estimate
+WIDER = 1  # of the numbers that draw what is less usual
 FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
 Content = dict[str, Any]
 
@@ -91,6 +93,7 @@ def drawn(seed: int, number: int) -> Content:
     content["resolution"] = {"cells_across": cells, "particles_per_cell": int(rng.choice([2, 3], p=[0.95, 0.05]))}
     if "parts" in body:  # wide sections: three cells across would take minutes along a path
         content["resolution"] = {"cells_across": 2}
+    widen(np.random.default_rng([seed, number, WIDER]), content, sizes, kind, end)
     return content
 
 
