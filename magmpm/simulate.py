@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,8 +19,8 @@ from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
 from magmpm.precompile import DERIVATIVES, PROOFS, SOLVE, prepare_kernels
 from magmpm.results import measures
-from magmpm.results.file_names import CHECKPOINT, OF_EQUILIBRIUM, forget_motion
-from magmpm.results.folder_lock import folder_lock
+from magmpm.results.file_names import OF_EQUILIBRIUM, forget_motion
+from magmpm.results.folder_lock import folder_lock, written_folder
 from magmpm.results.result import Result
 from magmpm.results.sensitivities import Sensitivities
 from magmpm.results.strain import Strain, strain_of
@@ -32,7 +31,8 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.joints import without_joints
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
-from magmpm.statics.effects_choice import choose_effects, missed
+from magmpm.statics.effects_choice import choose_effects
+from magmpm.statics.effects_choice import missed_effects as missed_effects
 from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.linearized import Linearized
@@ -83,7 +83,11 @@ def run(
             raise ValueError("resume: received True without a folder; give the folder that holds the motion and its checkpoint")
         return simulated(scene, start=start, on_progress=on_progress, on_begin=on_begin)
 
+    begun = resume
+
     def begin() -> None:
+        nonlocal begun
+        begun = True
         for name in OF_EQUILIBRIUM:  # of an earlier run: not this motion's
             (Path(folder) / name).unlink(missing_ok=True)
         if on_begin is not None:
@@ -94,17 +98,22 @@ def run(
             result = simulated(scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=begin)
         except SolveError as error:
             if scene.in_time and error.state is not None:
-                if error.state.load_share < 1.0:  # of a path without an equilibrium: it takes the place of what was there
-                    forget_motion(folder)
-                try:
-                    error.state.save(folder)
-                except OSError as trouble:  # a full disk, say: why the motion failed matters more
-                    raise error from trouble
+                _save_last(error, folder, begun)
             raise
         if not scene.in_time:
             forget_motion(folder)
         result.save(folder)
     return result
+
+
+def _save_last(error: SolveError, folder: Path | str, begun: bool) -> None:
+    """Save the last good state of what runs along time; begun: whether its frames are there already."""
+    if not begun or error.state.load_share < 1.0:  # no equilibrium of it was written: it takes the place of what was there
+        forget_motion(folder)
+    try:
+        error.state.save(folder)
+    except OSError as trouble:  # a full disk, say: why the motion failed matters more
+        raise error from trouble
 
 
 def simulated(
@@ -118,9 +127,7 @@ def simulated(
     on_state: Callable[[PathState], None] | None = None,
 ) -> Result:
     """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does.
-
-    on_state(state): called after each equilibrium of a path.
-    """
+    on_state(state): called after each equilibrium of a path."""
     on_grid = partial(simulated, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.effects.auto:
         choice = choose_effects(scene)
@@ -171,11 +178,6 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
     return Sensitivities(result, wanted, Linearized(found, wanted))
 
 
-def missed_effects(scene: Scene) -> list[str]:
-    """Warnings of effects that a scene does not name but calls for at the error it asks for: statics.effects_choice.missed."""
-    return missed(scene)
-
-
 def _at_rest(
     scene: Scene, start: Result | RodShape | Following | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
 ) -> tuple[Result, Equilibrium]:
@@ -193,9 +195,7 @@ def _at_rest(
         following = start if isinstance(start, Following) else None
         found = solve_static(model, correction=_neighbor(model, start), rod=rod, on_step=on_progress, following=following)
     except SolveError as error:
-        seconds = {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
-        state = _result(model, error.state, seconds, error.reason) if isinstance(error.state, Equilibrium) else None
-        raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
+        raise _kept(error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}) from None
     return _sound(_result(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
 
 
@@ -205,11 +205,22 @@ def _resolved(scene: Scene, start: object, on_progress: Progress | None, uses: S
         raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
     begun = time.perf_counter()
     compiled = prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(*uses, PROOFS))
-    choice = choose(scene, on_step=on_progress)
+    try:
+        choice = choose(scene, on_step=on_progress)
+    except SolveError as error:
+        raise _kept(error, {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}) from None
     told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.told}
     seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
     result = _result(choice.models[-1], choice.found[-1], seconds)
     return _sound(replace(result, warnings=without_joints(result.warnings), **told)), choice.found[-1]
+
+
+def _kept(error: SolveError, seconds: dict[str, float]) -> SolveError:
+    """The error with its last good equilibrium as a Result, if that is known and finite; else with none."""
+    last, state = error.state, None
+    if isinstance(last, Equilibrium) and last.model is not None:
+        state = _result(last.model, last, seconds, error.reason)
+    return type(error)(error.reason, None if state is None or state.not_finite() else state)
 
 
 def _sound(result: Result) -> Result:
@@ -220,15 +231,6 @@ def _sound(result: Result) -> Result:
             "remedy: check the units of sizes, loads and materials; what is smallest and largest may be too far apart for the grid"
         )
     return result
-
-
-@contextmanager
-def _in_folder(folder: Path | str | None, resume: bool, on_begin: Callable[[], None] | None) -> Iterator[None]:
-    """What runs along time writes into its folder alone; on_begin is called unless it goes on from a checkpoint."""
-    with nullcontext() if folder is None else folder_lock(folder):
-        if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
-            on_begin()
-        yield
 
 
 def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
@@ -248,7 +250,7 @@ def _motion(
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
     try:
-        with _in_folder(folder, resume, on_begin):
+        with written_folder(folder, resume, on_begin):
             moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=_by_time(on_progress))
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
@@ -272,7 +274,7 @@ def _path(
         return _path_result(state, seconds, failure)
 
     try:
-        with _in_folder(folder, resume, on_begin), memory.within(scene):
+        with written_folder(folder, resume, on_begin), memory.within(scene):
             state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=on_state)
     except SolveError as error:
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None

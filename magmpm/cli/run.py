@@ -52,7 +52,7 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     resume = options.resume and moving and (folder / CHECKPOINT).exists()
     if options.resume and not resume:
         _say_afresh(folder, moving)
-    replaced = "" if resume else kept.holding()
+    kept.written, replaced = resume, "" if resume else kept.holding()
     try:
         result = _simulated(scene, options, kept)
     except SolveError as error:

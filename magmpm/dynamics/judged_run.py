@@ -76,7 +76,7 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
     cells = coarse.resolution.cells_across
     loads, times = of_path(scene, seen, cells)
     beside = _longer(scene, seconds, cells) if timed else nothing
-    choice = _chosen(scene, loads, {cells: first} if timed else {}, begun=begun + compiled, beside=beside, coarsest=cells)
+    choice = _chosen(scene, loads, {cells: first}, begun=begun + compiled, beside=beside, coarsest=cells)
     judging = time.perf_counter() - begun - compiled
     if choice.scene.resolution.cells_across == cells and (timed or not in_folder):
         result, judging = first, judging - seconds  # told as those of the run

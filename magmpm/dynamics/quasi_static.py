@@ -152,6 +152,7 @@ def follow(
     if on_state is not None:
         on_state(state)
     for time in times[state.frame + 1 :]:
+        last = state.time, state.branch, None if state.branch is None else state.branch.now
         try:
             jumps = _go_on(state, time, on_step)
             state.frame += 1
@@ -159,6 +160,10 @@ def follow(
             if files is not None:
                 files.write(state, found)
         except SolveError as error:
+            if state.time == last[0]:  # the branch may have stopped on its way, where a body that is fed has another length
+                state.branch = last[1]
+                if state.branch is not None and last[2] is not None:
+                    state.branch.now = last[2]
             raise type(error)(f"equilibrium at t = {time:.6g} s: {error.reason}", state) from None
         if on_state is not None:
             on_state(state)

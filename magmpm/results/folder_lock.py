@@ -10,13 +10,14 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
 
 from magmpm.errors import InputError, report
+from magmpm.results.file_names import CHECKPOINT
 
 LOCK = ".lock"
 PATIENCE = 2.0  # s: a process that has just been killed may need a moment to go
@@ -63,6 +64,15 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
             del _held[key]
             with suppress(OSError):
                 (folder / LOCK).unlink()
+
+
+@contextmanager
+def written_folder(folder: Path | str | None, resume: bool, on_begin: Callable[[], None] | None) -> Iterator[None]:
+    """What runs along time writes into its folder alone; on_begin is called unless it goes on from a checkpoint. None: nowhere."""
+    with nullcontext() if folder is None else folder_lock(folder):
+        if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
+            on_begin()
+        yield
 
 
 def refuse_unwritable(folder: Path) -> None:

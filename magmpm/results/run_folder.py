@@ -47,6 +47,7 @@ class RunFolder:
     def __init__(self, path: Path | str, scene: Scene, scene_file: Path | str) -> None:
         self.path, self.scene = Path(path), scene
         self.scene_file = Path(scene_file).resolve()
+        self.written = False  # whether a motion of this run is there: one that began, or goes on
 
     def claim(self, overwrite: bool = False) -> None:
         """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
@@ -82,6 +83,7 @@ class RunFolder:
             _move(self.path, waiting)
         else:
             _remove(self.path)
+        self.written = True
         self._sign()
 
     def put_back(self) -> None:
@@ -105,7 +107,7 @@ class RunFolder:
 
     def save_failed(self, result: Result) -> Path:
         """The last good state of a run that failed, marked as such. Returns the folder it is in."""
-        moving, waiting = result.formulation != "static", (self.path / EARLIER).is_dir()
+        moving, waiting = result.formulation != "static" and self.written, (self.path / EARLIER).is_dir()
         if not moving and waiting and not (self.path / CHECKPOINT).exists():
             self.put_back()
         if waiting if moving else _worth_keeping(self.path):

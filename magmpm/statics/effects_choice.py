@@ -94,7 +94,7 @@ def _judged(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Sc
     return full, {key: judge(full, key, answers, error) for key in possible}
 
 
-def missed(scene: Scene) -> list[str]:
+def missed_effects(scene: Scene) -> list[str]:
     """Warnings, one for each effect that the scene does not name and that would move its answer by more than the error it asks for."""
     if scene.advice == "off" or scene.effects.auto:
         return []

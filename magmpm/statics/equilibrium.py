@@ -82,7 +82,8 @@ class Equilibrium:
     point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
     shape, in the rod's frames, a start for a neighboring design; warnings: what a user should know; load_share: share of the load
     in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its panels with the last factors;
-    stability: smallest eigenvalue of the tangent over the unloaded body's (statics.stability), None where the solve failed.
+    stability: smallest eigenvalue of the tangent over the unloaded body's (statics.stability), None where the solve failed; model: whose
+    it is, where the solve failed.
     """
 
     point: Point
@@ -93,6 +94,7 @@ class Equilibrium:
     load_share: float = 1.0
     energy: Energy | InteractingEnergy | None = None
     stability: float | None = None
+    model: StaticModel | None = None
 
 
 def solve_static(
@@ -123,6 +125,7 @@ def solve_static(
     if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
         lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
         raise ValueError(f"start: {lengths}; give a rod of its length")
+    asked = model
     model, of = arranged(model)
     with one_blas_thread():
         try:
@@ -132,7 +135,7 @@ def solve_static(
             return restored(model, replace(found, stability=stability(found.energy, found.point, known) if judged else None), of)
         except SolveError as error:
             state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
-            raise type(error)(error.reason, restored(model, state, of)) from None
+            raise type(error)(error.reason, replace(restored(model, state, of), model=asked)) from None
 
 
 def _unloaded(model: StaticModel) -> Equilibrium:

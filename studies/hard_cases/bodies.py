@@ -23,6 +23,7 @@ BASE, ARM, WIDE, THICK = 4.0, 20.0, 4.0, 2.0  # mm, of the robot made of parts
 NEARLY = 200.0  # K/G
 KINKED = 0.1e-3  # m, wall of a tube that is bent too far
 WALL = 0.04e-3  # m, of the thin tube: a fiftieth of a cell
+PRECISION = np.float64  # in which particles are kept whose order is changed
 
 
 def _from_rod(scene: Scene) -> float:
@@ -109,7 +110,8 @@ def _permuted(scene: Scene) -> float:
     p, noise = made.particles, np.random.default_rng(1)
     first = p.cell_first
     order = np.concatenate([a + noise.permutation(b - a) for a, b in itertools.pairwise(first)])
-    mixed = replace(p, position=p.position[order], volume=p.volume[order], segment=p.segment[order], cell=p.cell[order])
+    position = p.position[order].astype(PRECISION).astype(np.float64)
+    mixed = replace(p, position=position, volume=p.volume[order], segment=p.segment[order], cell=p.cell[order])
     last = p.position[:, 0] > 0.98 * scene.length
     tips = []
     for particles in (p, mixed):

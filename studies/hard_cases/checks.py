@@ -30,7 +30,7 @@ from studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
 # motion is sqrt(1e-11 / stability) of what the load has moved it; ten times that, for loads whose energy is a hundred times the body's.
 SOLVED = 1e-4
 SAME_ENERGY = 1e-6  # of an equilibrium and the same one sought more closely
-CLOSER = 1e3  # times: what is an equilibrium stays where it is
+CLOSER, CLOSEST = 1e3, 1e-14  # times, and the closest that there is: what is an equilibrium stays where it is
 TABLE = 0.02  # more where magnets or coils are on a table, whose error is 0.002 of the field, about another box
 BRINK = 0.02  # of stability: below, runs warn that a small change may move the body far, and nothing is compared
 FINER = 0.06  # of the length: two or three cells across against one more; errors at two cells are 1 to 2 % (docs/accuracy)
@@ -189,7 +189,7 @@ def _closer(scene: Scene) -> Scene:
     if scene.solver.quasi_static is not None:
         data["solver"]["quasi_static"] = {"duration": scene.duration, "steps": 2 * (len(scene.path_times()) - 1)}
     else:
-        data["solver"]["static"]["tolerance"] /= CLOSER
+        data["solver"]["static"]["tolerance"] = max(data["solver"]["static"]["tolerance"] / CLOSER, CLOSEST)
     return Scene.from_si(data)
 
 

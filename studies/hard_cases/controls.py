@@ -1,7 +1,7 @@
 """Controls of the hard cases: each case again, with the remedy switched off that it is about. It must then fail.
 
-A case that a weak code would pass as well tells nothing. The switches are no keys of scenes: they replace a function or a constant of the
-solver for as long as the control runs.
+A case that a weak code would pass as well tells nothing. A switch replaces a function or a constant of the solver for as long as the
+control runs, or changes the scene, where the remedy has a key there.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import numpy as np
 from magmpm.bodies.catheter import Catheter
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import time_loop
-from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.apic import MARGIN, UpdatedMotion
 from magmpm.errors import SolveError
 from magmpm.results.motion_tables import GrowingTable
 from magmpm.scene import Scene
 from magmpm.statics import branch, equilibrium, newton
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.rod_start import straight
-from studies.hard_cases import motions, stepping
+from studies.hard_cases import bodies, motions, stepping
 from studies.hard_cases.case import Control
 
 
@@ -42,9 +42,20 @@ def _refuse(*_: Any, **__: Any) -> Any:
     raise SolveError("switched off")
 
 
-def _stops_at_the_edge(motion: UpdatedMotion) -> None:
-    """A grid that stays where it was ends here: going on, particles would write outside of its memory."""
-    raise SolveError("the body has come to the edge of its box")
+@contextmanager
+def _box_stays() -> Iterator[None]:
+    """The box is fitted as long as the body is within the one that it began in: beyond, particles would write outside of its memory."""
+    fitted = UpdatedMotion.sort
+
+    def within(motion: UpdatedMotion) -> None:
+        grid, x = motion.model.grid, motion.particles()[0]
+        low, high = grid.origin - MARGIN * grid.spacing, grid.origin + (np.array(grid.cells) + MARGIN) * grid.spacing
+        if (x < low).any() or (x > high).any():
+            raise SolveError("the body has come to the edge of its box")
+        fitted(motion)
+
+    with put(UpdatedMotion, "sort", within):
+        yield
 
 
 def _full_step(energy: Any, point: Any, direction: Any, *_: Any) -> Any:
@@ -68,6 +79,19 @@ def _no_way_from_the_rod() -> Iterator[None]:
     """Statics begins with the straight body and the whole load, and takes full Newton steps."""
     at_once = put(equilibrium, "_ramp", _at_once)
     with put(equilibrium, "solve_rod", _refuse), at_once, put(newton, "_search", _full_step), put(newton, "_along_mode", _stay):
+        yield
+
+
+@contextmanager
+def _stops_short() -> Iterator[None]:
+    """A solve keeps a thousandth of what it began from."""
+    solved = equilibrium.minimize
+
+    def short(energy: Energy, begin: Array, **options: Any) -> newton.Minimum:
+        found = solved(energy, begin, **options)
+        return replace(found, point=energy.at(0.999 * found.point.grid + 0.001 * begin))
+
+    with put(equilibrium, "minimize", short):
         yield
 
 
@@ -146,14 +170,13 @@ def off(owner: Any, name: str, value: Any) -> Callable[[], AbstractContextManage
 
 TWICE = Control("a step below the bound: here twice the bound", off(motions, "FACTOR", 2.5))
 LOCKS = Control("anti-locking (F-bar)", scene=_scene(lambda data: data["solver"].update(anti_locking="none")))
-LOOSE = Control("a tolerance of 1e-11: here 1e-2", scene=_scene(lambda data: data["solver"]["static"].update(tolerance=1e-2)))
 FROM_STRAIGHT = Control("start from the rod, load ramp and line search", _no_way_from_the_rod)
 
 CONTROLS = {  # by the beginning of a case's name
     "antiparallel field through buckling": Control("leaving equilibria that are not minima", _stays_where_it_is),
     "twist about the long axis": Control("the torque as a stress that is not symmetric", scene=_no_effect("magnetic_torque")),
     "K/G from 20 to 500": LOCKS,
-    "no load, begun from a loaded neighbor": LOOSE,
+    "no load, begun from a loaded neighbor": Control("steps to the minimum: here a thousandth of the way is left", _stops_short),
     "loaded and unloaded, total": Control("the grid in the undeformed body", scene=_formulation("updated")),
     "loaded and unloaded, updated": Control("drift correction", _no_drift_correction),
     "field switched on at once": TWICE,
@@ -191,9 +214,9 @@ CONTROLS = {  # by the beginning of a case's name
         "velocities in checkpoints", lambda: put(motions.TotalMotion, "restore", _without_velocity)
     ),
     "frames lost": Control("tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)),
-    "permuted particles": LOOSE,
+    "permuted particles": Control("particles in double precision: here in single", off(bodies, "PRECISION", np.float32)),
     "ramp past a bifurcation": Control("leaving equilibria that are not minima", _stays_where_it_is),
-    "body that crosses its box": Control("a box that follows the body", off(UpdatedMotion, "sort", _stops_at_the_edge)),
+    "body that crosses its box": Control("a box that follows the body", _box_stays),
 }
 
 

@@ -30,7 +30,8 @@ from magmpm.results import measures
 from magmpm.results.trajectory import Motion
 from magmpm.rod.advice import allowed_error, variants
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import missed_effects, run
+from magmpm.simulate import run
+from magmpm.statics.effects_choice import missed_effects
 from studies.effects_costs import counted
 from studies.effects_table import survey
 

@@ -339,3 +339,25 @@ def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -
         assert run(grounded.replace("{cells_across: 2}", "{seconds: 60 s}"), *options) == 2
         assert "with ground that is not known" in capsys.readouterr().err
         assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
+
+
+def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_was_there(
+    monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    """Nothing of it was written: earlier results stay, be they a result or a motion that waits, and the state goes to FOLDER/failed."""
+    asked = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
+    asked += "solver: {quasi_static: {steps: 3}}\nresolution: {error: 1 %}\n"
+
+    def fails(*_: Any, **__: Any) -> Any:
+        raise SolveError("no grid", None)
+
+    monkeypatch.setattr("magmpm.dynamics.judged_run.choose", fails)
+    assert run(asked, "--out", "runs/new") == 3
+    assert not Result.load("runs/new").converged
+    assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
+    before = {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()}
+    assert CHECKPOINT in before
+    assert run(asked) == 3
+    assert not Result.load(OUT / FAILED).converged
+    assert {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()} == before
+    assert not (OUT / FAILED / CHECKPOINT).exists()

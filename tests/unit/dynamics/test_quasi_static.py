@@ -18,6 +18,7 @@ from magmpm.rod.cosserat import rod_model
 from magmpm.rod.kernels import frames_of, relax
 from magmpm.simulate import simulated
 from magmpm.statics import equilibrium
+from magmpm.statics.branch import Branch, Jump
 from magmpm.statics.newton import Minimum, minimize
 
 SHEAR, RATIO, REMANENCE = 120e3, 20.0, 138e-3
@@ -185,6 +186,25 @@ def test_what_is_fed_is_the_equilibrium_of_the_part_outside_the_guide() -> None:
     np.testing.assert_allclose(x[held], result.particle_reference[held] + [10.8e-3, 0, 0], atol=1e-15)
     np.testing.assert_allclose(result.particle_det_F[held], 1.0)
     assert result.centreline[-1, 1:] == pytest.approx(result.tip, abs=2e-5)  # the axis at the end, and the mean of the end's face
+
+
+def test_a_fed_path_that_stops_between_two_equilibria_keeps_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stops where another length is outside, whose grid is not that of the last: its state once could not be told (171: 94)."""
+    advance, path = Branch.advance, fed(at=[0.5, 0.6, 0.9])
+
+    def stops(branch: Branch, until: float) -> list[Jump]:
+        if until > 0.8:
+            advance(branch, 0.75)  # on its way
+            raise SolveError("switched off")
+        return advance(branch, until)
+
+    monkeypatch.setattr(Branch, "advance", stops)
+    with pytest.raises(SolveError, match=r"t = 0\.9 s") as failed:
+        run(path)
+    assert isinstance(failed.value.state, Result)
+    assert failed.value.state.time == 0.6
+    whole = run(fed(at=[0.5, 0.6]))
+    np.testing.assert_array_equal(failed.value.state.particle_position, whole.particle_position)
 
 
 def test_the_particles_of_a_fed_part_move_as_its_own_do() -> None:

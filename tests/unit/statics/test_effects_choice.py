@@ -13,8 +13,8 @@ from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import missed_effects, run
-from magmpm.statics.effects_choice import choose_effects
+from magmpm.simulate import run
+from magmpm.statics.effects_choice import choose_effects, missed_effects
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model

@@ -236,6 +236,18 @@ def test_an_error_out_of_reach_is_answered_with_one_in_reach() -> None:
         run(asked(error=2e-6))
 
 
+def test_a_solve_that_fails_keeps_its_last_good_state() -> None:
+    """With an error asked for as with cells given: the last equilibrium of its ramp, as a Result."""
+    data = asked(error=0.01).to_si()
+    data["solver"]["static"] = {"max_steps": 2, "field_steps": 4}
+    data["field"]["uniform"] = [40.0 * b for b in data["field"]["uniform"]]
+    for grid in ({"error": 0.01}, {"cells_across": 2}):
+        with pytest.raises(SolveError) as failed:
+            run(Scene.from_si({**data, "resolution": grid}))
+        assert isinstance(failed.value.state, Result)
+        assert not failed.value.state.converged
+
+
 def hinged(**cells: object) -> Scene:
     """A plane strip of two stiff and two soft segments, whose moduli differ 167 times, across a field."""
     lengths, stiff = (7.2e-3, 2.1e-3, 5.37e-3, 5.33e-3), (True, False, True, False)
