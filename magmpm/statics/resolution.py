@@ -219,6 +219,9 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     order = observed_order(search.errors)
     hoped = law.fastest if order is None else min(max(order, law.least) + HOPE, law.fastest)
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
+        # Two coarse grids far apart may be too coarse, rather than on other branches: then how far they are apart foretells nothing.
+        if tried < FIRST_LEAP and search.errors[tried] > LARGEST * search.scene.length:
+            return min(law.proof[tried], FIRST_LEAP)
         raise _out_of_reach(search, wanted)
     if order is None:  # one grid says little of how errors fall here: no leap on its word
         finer = [n for n in finer if n <= FIRST_LEAP]

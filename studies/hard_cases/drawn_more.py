@@ -59,7 +59,8 @@ def _motion(rng: np.random.Generator, content: Content, sizes: Any, end: float) 
     if "ground" in effects and rng.random() < 0.4:
         _tilt(rng, effects["ground"], sizes)
     if "walls" in effects and rng.random() < 0.6:
-        effects["walls"]["tube"]["path"] = _bent(rng, sizes)
+        tube = effects["walls"]["tube"]
+        tube["path"] = _bent(rng, sizes, 1e-3 * float(tube["radius"].split()[0]))
 
 
 def _feed(rng: np.random.Generator, sizes: Any, end: float) -> Content:
@@ -79,10 +80,10 @@ def _tilt(rng: np.random.Generator, ground: Content, sizes: Any) -> None:
     ground |= {"point": [f"{1e3 * x:.9g} mm" for x in lowest * n], "normal": [float(x) for x in n]}
 
 
-def _bent(rng: np.random.Generator, sizes: Any) -> list[list[str]]:
+def _bent(rng: np.random.Generator, sizes: Any, radius: float) -> list[list[str]]:
     """A tube's path: straight around the body, then turned by up to 40 degrees, in one or two bends."""
     length, around = sizes.length, rng.uniform(0, 2 * math.pi)
-    points, way = [np.array([-0.5 * length, 0.0, 0.0]), np.array([1.2 * length, 0.0, 0.0])], 0.0
+    points, way = [np.array([-0.5 * length, 0.0, 0.0]), np.array([1.2 * length + radius, 0.0, 0.0])], 0.0
     for _ in range(int(rng.integers(1, 3))):
         way += math.radians(float(rng.uniform(5, 20)))
         ahead = np.array([math.cos(way), math.sin(way) * math.cos(around), math.sin(way) * math.sin(around)])
