@@ -98,7 +98,7 @@ def _effects(commands: Commands) -> argparse.ArgumentParser:
         "to a time step.",
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
-    parser.add_argument("--quick", action="store_true", help="leave out the costs, which are measured (and compiled for, once)")
+    parser.add_argument("--quick", action="store_true", help="leave out the costs, which are counted")
     _json(parser)
     return parser
 
