@@ -162,7 +162,7 @@ def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(
 
 @pytest.mark.slow
 def test_the_walking_strip_of_the_gallery(measure: ModuleType, tmp_path: Path) -> None:
-    walks(measure, tmp_path, 6, 0.01)  # 0.001 measured
+    walks(measure, tmp_path, 6, 0.01)  # 0.0098 measured, with steps that still grow from the second cycle to the third
 
 
 def test_the_walking_field_is_what_its_script_writes(tmp_path: Path) -> None:
