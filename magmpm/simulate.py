@@ -19,7 +19,7 @@ from magmpm.inputs.yaml_document import of_file
 from magmpm.model import Model, build
 from magmpm.precompile import DERIVATIVES, PROOFS, SOLVE, prepare_kernels
 from magmpm.results import measures
-from magmpm.results.file_names import OF_EQUILIBRIUM, forget_motion
+from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock, written_folder
 from magmpm.results.result import Result
 from magmpm.results.sensitivities import Sensitivities
@@ -107,7 +107,9 @@ def run(
 
 
 def _save_last(error: SolveError, folder: Path | str, begun: bool) -> None:
-    """Save the last good state of what runs along time; begun: whether its frames are there already."""
+    """Save the last good state of what runs along time; begun: whether its frames are there already. A motion that waits there stays."""
+    if not begun and (Path(folder) / CHECKPOINT).exists() and not (Path(folder) / NUMBERS).exists():
+        return
     if not begun or error.state.load_share < 1.0:  # no equilibrium of it was written: it takes the place of what was there
         forget_motion(folder)
     try:
@@ -126,8 +128,7 @@ def simulated(
     on_begin: Callable[[], None] | None = None,
     on_state: Callable[[PathState], None] | None = None,
 ) -> Result:
-    """As `run`, for who saves the result: folder takes the frames and checkpoints of a motion, nothing else. Raises as `run` does.
-    on_state(state): called after each equilibrium of a path."""
+    """As `run`, for who saves the result: folder takes frames and checkpoints, nothing else. on_state(state): after each of a path."""
     on_grid = partial(simulated, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.effects.auto:
         choice = choose_effects(scene)

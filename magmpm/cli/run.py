@@ -49,14 +49,16 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     from magmpm.simulate import missed_effects  # what solves, after the file is read
 
     folder, moving = kept.path, scene.in_time
-    resume = options.resume and moving and (folder / CHECKPOINT).exists()
+    timed = scene.resolution.seconds is not None  # of several grids, and a checkpoint is that of one
+    resume = options.resume and moving and not timed and (folder / CHECKPOINT).exists()
     if options.resume and not resume:
-        _say_afresh(folder, moving)
+        _say_afresh(folder, moving, timed)
     kept.written, replaced = resume, "" if resume else kept.holding()
     try:
         result = _simulated(scene, options, kept)
     except SolveError as error:
-        if isinstance(error, TimeOver) and moving and (resume or error.state is not None) and (folder / CHECKPOINT).exists():
+        waits = kept.written and (resume or error.state is not None) and (folder / CHECKPOINT).exists()
+        if isinstance(error, TimeOver) and waits:
             if error.state is not None:
                 _tell_failure(error, folder, options)
             _tell_waiting(folder)
@@ -110,7 +112,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
             else:  # in thousandths, of which the time left is guessed
                 progress.at(int(1000 * number / scene.duration), 1000, f"step {step}, t = {number:.4g} s")
 
-        return simulated(scene, folder=kept.path, resume=options.resume, on_progress=tell, on_begin=kept.set_aside)
+        return simulated(scene, folder=kept.path, resume=kept.written, on_progress=tell, on_begin=kept.set_aside)
 
 
 def _warn(result: Result) -> None:
@@ -131,9 +133,11 @@ def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -
         print(json.dumps(summary))
 
 
-def _say_afresh(folder: Path, moving: bool) -> None:
+def _say_afresh(folder: Path, moving: bool, timed: bool) -> None:
     """--resume, but there is nothing to continue."""
-    if moving:
+    if moving and timed:
+        print("magmpm: --resume: a run with resolution.seconds begins at the start", file=sys.stderr)
+    elif moving:
         print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
     else:
         print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)

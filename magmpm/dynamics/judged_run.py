@@ -192,7 +192,11 @@ def _within(limit: float | None, begun: float, run: Callable[..., Result], coars
     if limit is None:
         return run(coarse), time.perf_counter() - ran
 
+    tell = getattr(run, "keywords", {}).get("on_progress")  # of a partial
+
     def watched(step: int, at: float) -> None:
+        if tell is not None:
+            tell(step, at)
         gone = time.perf_counter() - begun
         if gone > limit:
             done = f", of whose {coarse.duration:g} s {100 * at / coarse.duration:.2g} % were done by then" if at > 0.0 else ""

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, OF_MOTION, TRYING, forget_motion
 
 
 @contextmanager
 def tried_grids(folder: Path | str, on_begin: Callable[[], None] | None) -> Iterator[Path]:
-    """A folder in `folder` for motions of several grids. The last one moves to `folder` when all is done, or when it has failed with a
-    state; in between, and after a refusal or an interruption, `folder` is as it was.
+    """A folder in `folder` for motions of several grids. The last one moves to `folder` when all is done; in between, and after a refusal,
+    a failure or an interruption, `folder` is as it was.
 
     Without its checkpoint: what is asked for is a time, which a run that goes on has no share of. on_begin(): called before it moves.
     """
@@ -23,11 +22,6 @@ def tried_grids(folder: Path | str, on_begin: Callable[[], None] | None) -> Iter
     apart.mkdir(parents=True)
     try:
         yield apart
-    except SolveError as failed:
-        if failed.state is not None:
-            _move(apart, Path(folder), on_begin)
-        raise
-    else:
         _move(apart, Path(folder), on_begin)
     finally:
         forget_tried(folder)

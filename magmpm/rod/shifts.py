@@ -24,6 +24,7 @@ STATIONS = 81  # along the axis, at which shapes are compared
 MOMENTS = 9  # along equilibria in time, at equal parts; and where the load is strongest
 QUICK_CLOSE = 1e-3  # of the length, to which quick rods follow a field that varies in space
 QUICK = 0.2  # of a shift that was found by few elements
+EDGEWISE = 0.01  # of the length: a wide strip that goes farther along its width topples, in a rod, before its clamp lets it
 MODEL = 0.05  # of a shift: what rod and body differ by, from tests/benchmarks/advice.py
 
 
@@ -73,14 +74,18 @@ class RodAnswers:
         if self.quick:
             apart = self._apart(scene, other, self.coarser)
             followed = 2 * QUICK_CLOSE * scene.length if scene.field.varies else 0.0
-            return self._of_body(apart, QUICK * apart + followed)
+            return self._of_body(scene, other, apart, QUICK * apart + followed)
         apart = self._apart(scene, other, 0)
         coarse = self._apart(scene, other, 1)
-        return self._of_body(apart, abs(apart - coarse) + MODEL * apart)
+        return self._of_body(scene, other, apart, abs(apart - coarse) + MODEL * apart)
 
-    def _of_body(self, apart: float, uncertainty: float) -> Shift:
-        """A rod's shift, and what the body's width makes of it."""
+    def _of_body(self, scene: Scene, other: Scene, apart: float, uncertainty: float) -> Shift:
+        """A rod's shift, and what the body's width makes of it. One that a wide strip goes along its width, or twisted, is hardly known."""
         stiffer = flat_stiffening(self.scene)
+        if stiffer > 0.0:
+            aside = max(float(np.ptp(self.shapes(one, self.coarser)[..., 1], axis=1).max()) for one in (scene, other))
+            if aside > EDGEWISE * self.scene.length:
+                uncertainty += apart
         return Shift(apart / (1.0 + stiffer), uncertainty + stiffer * apart)
 
     @property

@@ -306,6 +306,22 @@ def test_a_time_that_is_refused_keeps_a_motion_that_waits_beside_earlier_results
         assert {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()} == before
 
 
+def test_a_time_that_is_stopped_keeps_a_motion_that_waits_beside_earlier_results(capsys: Said) -> None:
+    """Its last good state goes to FOLDER/failed, from one grid alone; what waits can be resumed."""
+    assert run(RESTING) == 0
+    assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
+    before = {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()}
+    timed = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
+    timed += "solver: {quasi_static: {steps: 400}}\nresolution: {seconds: 500 s}\n"
+    capsys.readouterr()
+    assert run(timed, "--resume", "--time-limit", "4") == 3
+    assert "with resolution.seconds begins at the start" in capsys.readouterr().err
+    assert not Result.load(OUT / FAILED).converged
+    kept = {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file() and path.parent.name != FAILED}
+    assert kept == before
+    assert not (OUT / FAILED / MOTION).exists()
+
+
 @pytest.mark.parametrize("first", [None, RESTING], ids=["empty", "with a result"])
 def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_resume(first: str | None, capsys: Said) -> None:
     """What it tried first is no earlier result, and no checkpoint of it can be gone on from."""

@@ -18,7 +18,7 @@ from magmpm.statics.effects_choice import choose_effects, missed_effects
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from magmpm.statics.unnamed_weight import weight_shift
+from magmpm.statics.unnamed_weight import _stretched, weight_shift
 
 TEXT = """
 name: small
@@ -105,6 +105,17 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
     scene = softer[1e5]
     assert not any("gravity" in one for one in run(scene.model_copy(update={"advice": "off"})).warnings)
     assert not any("gravity" in one for one in run(scene.with_effects(gravity={})).warnings)
+    body = {**data["body"]["strip"], "length": 40e-3, "width": 2e-3, "thickness": 0.2e-3}
+    body["segments"] = [{**half, "length": 20e-3} for half in halves]
+    stiff = {"m": {**material, "shear_modulus": 16e6}}
+    thin = {**data, "field": {"uniform": [0.0, 0.0, 1e-9]}, "body": {"strip": body}, "materials": stiff}
+    first = solve_static(static_model(build(Scene.from_si(thin))))
+    assert isinstance(first.energy, Energy)
+    sag = float(np.linalg.norm(weight_shift(first.energy, (0.0, 0.0, -9.81)), axis=1).max())
+    bare, heavy = (run(Scene.from_si(thin).with_effects(gravity=one)).particle_position for one in (None, {}))
+    true = float(np.linalg.norm(heavy - bare, axis=1).max())
+    assert sag > 2.0 * true  # to first order; its longer axis holds it
+    assert _stretched(sag, 0.2e-3) == pytest.approx(true, rel=0.05)
 
 
 def test_small_effects_that_add_up_are_not_left_out_together(tmp_path: Path) -> None:
