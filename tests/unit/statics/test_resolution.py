@@ -395,11 +395,19 @@ def test_differences_along_a_path_are_those_of_the_finer_grid(of: str) -> None:
 
 
 def test_grids_on_different_branches_are_refused_with_that_reason() -> None:
-    """At 0.802 s the coarsest grid has not snapped yet, and finer ones have."""
+    """At 0.802 s 6 and 8 cells have snapped, and coarser grids have not: 6 are the answer. At 0.8002 s only 8 have, and nothing is told."""
     data = load_scene(SCENES / "snap_through.yaml").to_si()
-    data["solver"]["quasi_static"] = {"at": [0.0, 0.4, 0.79, 0.802]}
+    snapped, between = (
+        Scene.from_si({**data, "solver": {"quasi_static": {"at": [0.0, 0.4, 0.79, end]}}, "resolution": {"error": 0.02}})
+        for end in (0.802, 0.8002)
+    )
+    result = run(snapped)
+    assert result.resolution is not None
+    assert result.resolution["cells_across"] == 6
+    assert largest_distance(result, run(snapped.with_cells(8)).centreline) < (result.error_estimate or 0.0)
+    assert result.tip[2] < 0.0
     with pytest.raises(SceneError, match="must find the same equilibrium"):
-        run(Scene.from_si({**data, "resolution": {"error": 0.02}}))
+        run(between)
 
 
 def test_a_path_whose_error_is_refused_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
