@@ -60,7 +60,7 @@ def seconds(scene: Scene) -> float:
 
 
 def _three_dimensions(scene: Scene, answers: RodAnswers, error: float, cost: float) -> Need:
-    """A rod would do where what it is off by is less than the error"""
+    """A rod would do where what it is off by is less than the error."""
     question = "three dimensions"
     if not is_rod(scene):
         return Need(question, True, 0.0, None, "the body is no rod")
