@@ -44,7 +44,7 @@ $(BIN)/python:
 	  { rm -rf $(VENV); echo "no virtual environment can be made here; install one with: apt-get install python3-venv"; exit 1; }
 
 setup: $(VENV)/.ready
-$(VENV)/.ready: setup.cfg pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.ready: setup.py setup.cfg pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[render,magnets,cmaes,dashboard]'
 	@touch $@
 
@@ -55,10 +55,13 @@ $(VENV)/.ready-test: $(VENV)/.ready
 design: $(VENV)/.ready
 	$(BIN)/magmpm design data/studies/s_shape.yaml
 
+# mypy and import-linter read packages where they are installed (setup.py): studies and viz inside magmpm.
+TREE := $(VENV)/tree
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+	@rm -rf $(TREE) && mkdir -p $(TREE)/magmpm && ln -s $(CURDIR)/magmpm/* $(CURDIR)/studies $(CURDIR)/viz $(TREE)/magmpm/
+	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/setup.cfg
+	cd $(TREE) && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/setup.cfg
 
 test: lint
 	$(BIN)/python -m pytest -m "not slow" $(WORKERS)

@@ -16,7 +16,7 @@ from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.statics.error_estimate import ALGEBRAIC, Convergence, convergence
 from magmpm.statics.ladder import operations
-from studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
+from magmpm.studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
 
 LADDER = (2, 3, 4, 5, 6, 8)
 ASKED = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from magmpm.errors import InputError, report
-from studies.judge import Judge
-from studies.storage import Store, must_exist, shown_url, storage_faults
+from magmpm.studies.judge import Judge
+from magmpm.studies.storage import Store, must_exist, shown_url, storage_faults
 
 
 def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:

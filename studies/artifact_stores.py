@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from magmpm.errors import InputError, report
-from studies.storage_url import shown_url
+from magmpm.studies.storage_url import shown_url
 
 if TYPE_CHECKING:
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore

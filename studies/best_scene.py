@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from magmpm.inputs.settings import read_yaml
-from studies.file_paths import from_folder, mended
-from studies.scene_edits import Edits
-from studies.search_space import SearchSpace
+from magmpm.studies.file_paths import from_folder, mended
+from magmpm.studies.scene_edits import Edits
+from magmpm.studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
-    from studies.definition import Study
+    from magmpm.studies.definition import Study
 
 SCENE = "scene.yaml"
 STEPS = 10  # equilibria from one shape of a schedule to the next

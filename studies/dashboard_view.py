@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
-from studies.objectives import NAMES
-from studies.report import feasible, refused
+from magmpm.studies.objectives import NAMES
+from magmpm.studies.report import feasible, refused
 
 if TYPE_CHECKING:
     import optuna
@@ -169,7 +169,7 @@ class Notes:
             pause.wait(PERIOD)
 
     def _report(self) -> dict[str, Any]:
-        from studies.report import REPORT
+        from magmpm.studies.report import REPORT
 
         try:
             found = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))

@@ -23,10 +23,17 @@ from magmpm.inputs.settings import validate
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.coarsest import coarsest_cells
-from studies.sampler_names import SAMPLERS, check_sampler_name
-from studies.study import Keyframe, Study
-from studies.study_checks import check_file_name, check_numbers, check_scene, check_target, named_in, place
-from studies.study_file import Match, StudyFile
+from magmpm.studies.sampler_names import SAMPLERS, check_sampler_name
+from magmpm.studies.study import Keyframe, Study
+from magmpm.studies.study_checks import (
+    check_file_name,
+    check_numbers,
+    check_scene,
+    check_target,
+    named_in,
+    place,
+)
+from magmpm.studies.study_file import Match, StudyFile
 
 __all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
 

@@ -23,9 +23,9 @@ from magmpm.rod.shifts import RodAnswers, Shift, flat_stiffening, is_cantilever,
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects, run
-from studies.beyond_effects import Need, needs
-from studies.effects_costs import counted
-from studies.field_moment import stopped
+from magmpm.studies.beyond_effects import Need, needs
+from magmpm.studies.effects_costs import counted
+from magmpm.studies.field_moment import stopped
 
 Progress = Callable[[int, int, str], None]
 STILL = 1e-12  # s, a step in which nothing moves

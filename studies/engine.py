@@ -18,23 +18,23 @@ from typing import TYPE_CHECKING
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
-from studies import records, report
-from studies.artifact_stores import whole_place
-from studies.definition import Study
-from studies.insertion import Insertion
-from studies.judge import FAILURES, Judge, Judged, Picture, trial_of
-from studies.linear_model import Differentiate, needs_derivatives
-from studies.objectives import trial_values
-from studies.opened import STARTS, OpenStudy
-from studies.report import StudyReport
-from studies.samplers import check_available, check_suits, check_workers, make_sampler
-from studies.search_space import SearchSpace
-from studies.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder, shown_url, storage_url
-from studies.trial import Solve, Trial, constraints
-from studies.well_posed import check_search
-from studies.workers.per_trial import READY, PerTrial
-from studies.workers.pool import Pool
-from studies.workers.sessions import Session, remembered, uninterrupted
+from magmpm.studies import records, report
+from magmpm.studies.artifact_stores import whole_place
+from magmpm.studies.definition import Study
+from magmpm.studies.insertion import Insertion
+from magmpm.studies.judge import FAILURES, Judge, Judged, Picture, trial_of
+from magmpm.studies.linear_model import Differentiate, needs_derivatives
+from magmpm.studies.objectives import trial_values
+from magmpm.studies.opened import STARTS, OpenStudy
+from magmpm.studies.report import StudyReport
+from magmpm.studies.samplers import check_available, check_suits, check_workers, make_sampler
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder, shown_url, storage_url
+from magmpm.studies.trial import Solve, Trial, constraints
+from magmpm.studies.well_posed import check_search
+from magmpm.studies.workers.per_trial import READY, PerTrial
+from magmpm.studies.workers.pool import Pool
+from magmpm.studies.workers.sessions import Session, remembered, uninterrupted
 
 if TYPE_CHECKING:
     import optuna
@@ -175,7 +175,7 @@ class _Run(OpenStudy):
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
-                from studies.projected import FieldsByRod
+                from magmpm.studies.projected import FieldsByRod
 
                 return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
             return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)

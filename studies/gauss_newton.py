@@ -31,8 +31,8 @@ import optuna
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
-from studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number, Step
-from studies.running import others_running
+from magmpm.studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number, Step
+from magmpm.studies.running import others_running
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 

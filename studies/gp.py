@@ -20,10 +20,10 @@ from optuna.trial import FrozenTrial, TrialState
 from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
-from studies.blocks import Direction, FieldVector
-from studies.running import others_running
-from studies.search_space import SearchSpace
-from studies.shape_model import ShapeModel, layout_of
+from magmpm.studies.blocks import Direction, FieldVector
+from magmpm.studies.running import others_running
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.shape_model import ShapeModel, layout_of
 
 ALIKE = 2  # trials before there is a model
 BEST, RANDOM = 2, 6  # starts of the search for the next design: the best so far, and random ones

@@ -35,15 +35,15 @@ from magmpm.errors import SolveError
 from magmpm.results.measures import centreline_at
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from studies.linear_model import Sensitive
-from studies.path import Path
-from studies.push import write_push
-from studies.rod_path import RodPath, directions_of, search
-from studies.rod_trajectory import RodDesign
-from studies.search_space import SearchSpace
-from studies.study import Study
-from studies.trajectory import Trajectory
-from studies.trial import Solve
+from magmpm.studies.linear_model import Sensitive
+from magmpm.studies.path import Path
+from magmpm.studies.push import write_push
+from magmpm.studies.rod_path import RodPath, directions_of, search
+from magmpm.studies.rod_trajectory import RodDesign
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study import Study
+from magmpm.studies.trajectory import Trajectory
+from magmpm.studies.trial import Solve
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result

@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from studies.insertion import Insertion, shapes_of
-from studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
-from studies.schedule import Schedule
-from studies.search_space import SearchSpace
-from studies.study import Study
-from studies.trial import Outcome, Solve, Trial, attributes, evaluate, penalty
+from magmpm.studies.insertion import Insertion, shapes_of
+from magmpm.studies.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
+from magmpm.studies.schedule import Schedule
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study import Study
+from magmpm.studies.trial import Outcome, Solve, Trial, attributes, evaluate, penalty
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import MagmpmError
 from magmpm.scene import Scene
-from studies.shape_distance import gaps, root_mean_square
+from magmpm.studies.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
     from magmpm.results.result import Result
-    from studies.study import Study
+    from magmpm.studies.study import Study
 
 MOST = 5  # designs that are judged
 

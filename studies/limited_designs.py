@@ -9,8 +9,8 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
-from studies.blocks import Direction
-from studies.search_space import SearchSpace
+from magmpm.studies.blocks import Direction
+from magmpm.studies.search_space import SearchSpace
 
 ELEMENTS = 40
 MOST_SOLVES = 1500  # a second and a half of rods for each start

@@ -20,10 +20,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
-from studies.robust import Scatter, deviations, kinds
-from studies.search_space import SearchSpace, VariableLike
-from studies.shape_distance import gap_derivatives, gaps
-from studies.study import Study
+from magmpm.studies.robust import Scatter, deviations, kinds
+from magmpm.studies.search_space import SearchSpace, VariableLike
+from magmpm.studies.shape_distance import gap_derivatives, gaps
+from magmpm.studies.study import Study
 
 DIGITS = 9
 MOST_NUMBERS = 3600  # in a Jacobian: of at most 18 characters each

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from studies.blocks import FieldVector, Parameters
-from studies.search_space import SearchSpace
+from magmpm.studies.blocks import FieldVector, Parameters
+from magmpm.studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

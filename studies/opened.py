@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from magmpm.errors import SolveError
-from studies import records, report
-from studies.best_scene import write_best_scene
-from studies.insertion import Insertion
-from studies.judge import Judge
-from studies.judged import judged
-from studies.limited_designs import improved
-from studies.objectives import pareto_report
-from studies.reach import findings
-from studies.report import StudyReport
-from studies.rod_designs import rod_starts
-from studies.samplers import settings
-from studies.storage import Store, must_exist, must_hold, open_study, shown_url
+from magmpm.studies import records, report
+from magmpm.studies.best_scene import write_best_scene
+from magmpm.studies.insertion import Insertion
+from magmpm.studies.judge import Judge
+from magmpm.studies.judged import judged
+from magmpm.studies.limited_designs import improved
+from magmpm.studies.objectives import pareto_report
+from magmpm.studies.reach import findings
+from magmpm.studies.report import StudyReport
+from magmpm.studies.rod_designs import rod_starts
+from magmpm.studies.samplers import settings
+from magmpm.studies.storage import Store, must_exist, must_hold, open_study, shown_url
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

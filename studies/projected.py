@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import optuna
 
-from studies.blocks import Direction
+from magmpm.studies.blocks import Direction
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
     from optuna.trial import FrozenTrial
 
-    from studies.insertion import Insertion
+    from magmpm.studies.insertion import Insertion
 
 
 class FieldsByRod(optuna.samplers.BaseSampler):

@@ -1,6 +1,6 @@
 """The push of a design through its guide, as a motion: the dynamic scene of an insertion, and how far it is from the equilibria.
 
-    python -m studies.push runs/insertion_s          runs the scene of the best design, and compares
+    python -m magmpm.studies.push runs/insertion_s          runs the scene of the best design, and compares
 
 The scene is OUT/best/scene.yaml. Its catheter is longer than the study's by a plain piece that stays in the guide; `feed` pushes it at one
 speed, and the field passes from each depth's to the next's evenly. It begins one diameter out, without a field.
@@ -20,13 +20,13 @@ import yaml
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.inputs.settings import read_yaml
-from studies.best_scene import SCENE
-from studies.file_paths import mended
+from magmpm.studies.best_scene import SCENE
+from magmpm.studies.file_paths import mended
 
 if TYPE_CHECKING:
     from magmpm.scene import Scene
-    from studies.search_space import SearchSpace
-    from studies.study import Study
+    from magmpm.studies.search_space import SearchSpace
+    from magmpm.studies.study import Study
 
 SPEED = 10e-3  # m/s: the slowest free swing of a 56 mm catheter takes half a second, in which it advances by two diameters
 DAMPING = 30.0  # 1/s
@@ -49,7 +49,7 @@ def write_push(folder: Path, study: Study, space: SearchSpace, params: Mapping[s
     head = (
         f"# The best design of the study {study.name}, pushed through its guide while the field passes from depth to depth.\n"
         f"# `magmpm design` writes it anew when a trial is better: copy it before you change it.\n#\n#   magmpm run {path} --render\n"
-        f"#   python -m studies.push {folder.parent}        runs it and compares it with the equilibria of the study\n\n"
+        f"#   python -m magmpm.studies.push {folder.parent}        runs it and compares it with the equilibria of the study\n\n"
     )
     text = head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
     part = path.with_suffix(".part")

@@ -11,7 +11,7 @@ from optuna.distributions import BaseDistribution
 from optuna.samplers import QMCSampler
 from optuna.trial import FrozenTrial
 
-from studies.search_space import SearchSpace
+from magmpm.studies.search_space import SearchSpace
 
 
 class SobolSampler(QMCSampler):

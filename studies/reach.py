@@ -21,13 +21,13 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model
 from magmpm.scene import Scene
-from studies.blocks import Block, Direction, FieldVector, Number
-from studies.gauss_newton import LEAST_GAIN, PLAN, RADIUS
-from studies.report import best_trial
-from studies.rod_designs import rod_designs
-from studies.samplers import gauss_newton_blocks
-from studies.search_space import SearchSpace
-from studies.study import Study
+from magmpm.studies.blocks import Block, Direction, FieldVector, Number
+from magmpm.studies.gauss_newton import LEAST_GAIN, PLAN, RADIUS
+from magmpm.studies.report import best_trial
+from magmpm.studies.rod_designs import rod_designs
+from magmpm.studies.samplers import gauss_newton_blocks
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study import Study
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 from magmpm.inputs.regular_file import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
-from studies.artifact_stores import ARTIFACTS, artifact_store
-from studies.judge import PICTURES
-from studies.storage import StorageError, storage_faults
+from magmpm.studies.artifact_stores import ARTIFACTS, artifact_store
+from magmpm.studies.judge import PICTURES
+from magmpm.studies.storage import StorageError, storage_faults
 
 if TYPE_CHECKING:
     import optuna

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from magmpm.results.whole_file import whole_file
-from studies.file_names import REPORT
+from magmpm.studies.file_names import REPORT
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

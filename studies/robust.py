@@ -33,8 +33,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 
 if TYPE_CHECKING:
-    from studies.search_space import VariableLike
-    from studies.study_file import Robust
+    from magmpm.studies.search_space import VariableLike
+    from magmpm.studies.study_file import Robust
 
 NARROW = 1e-7  # relative variance of rms^2 below which rounding would spoil the difference of moments
 SIGMAS = 2.0  # of the rms, above its mean, in the measure

@@ -21,8 +21,8 @@ from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from studies.blocks import Direction, FieldVector
-from studies.search_space import SearchSpace
+from magmpm.studies.blocks import Direction, FieldVector
+from magmpm.studies.search_space import SearchSpace
 
 STARTS = 64
 ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body

@@ -19,8 +19,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
-from studies.path import Path
-from studies.rod_trajectory import Depth, RodDesign, RodTrajectory, State, depth_of
+from magmpm.studies.path import Path
+from magmpm.studies.rod_trajectory import Depth, RodDesign, RodTrajectory, State, depth_of
 
 STEPS = 48  # of the whole length: the way's steps are as long, or shorter
 FEWEST = 4  # steps from one depth to the next

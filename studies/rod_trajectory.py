@@ -21,7 +21,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from studies.path import Path
+from magmpm.studies.path import Path
 
 ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
 FEWEST = 10

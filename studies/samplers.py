@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import InputError, report
-from studies.blocks import Direction, FieldVector, Number
-from studies.sampler_names import HEED_NO_CONSTRAINTS, ONE_OBJECTIVE, TAKE_CHOICES, check_sampler_name
-from studies.search_space import SearchSpace
+from magmpm.studies.blocks import Direction, FieldVector, Number
+from magmpm.studies.sampler_names import HEED_NO_CONSTRAINTS, ONE_OBJECTIVE, TAKE_CHOICES, check_sampler_name
+from magmpm.studies.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
-    from studies.gauss_newton_steps import Coordinates
-    from studies.study import Study
+    from magmpm.studies.gauss_newton_steps import Coordinates
+    from magmpm.studies.study import Study
 
 POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
 MOST_WORKERS = 256  # processes of one session
@@ -84,13 +84,13 @@ def check_workers(workers: int | None, time_limit: float | None = None) -> None:
 def settings(name: str) -> dict[str, Any]:
     """A sampler's settings. They belong to the study's definition, because other settings give other trials."""
     if name == "tpe":
-        from studies.tpe import Settings
+        from magmpm.studies.tpe import Settings
 
         return dataclasses.asdict(Settings())
     if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
         return {"population": POPULATION}
     if name == "gp":
-        from studies.gp import SETTINGS
+        from magmpm.studies.gp import SETTINGS
 
         return dict(SETTINGS)
     return {}
@@ -113,7 +113,7 @@ def make_sampler(
 
 
 def _tpe(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from studies.tpe import DirectionTPE
+    from magmpm.studies.tpe import DirectionTPE
 
     return DirectionTPE(space, seed, finished)
 
@@ -124,13 +124,13 @@ def _number(seed: int, finished: int) -> int:
 
 
 def _gp(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from studies.gp import ShapeSampler
+    from magmpm.studies.gp import ShapeSampler
 
     return ShapeSampler(space, seed, finished)
 
 
 def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from studies.cmaes_sampler import DataOnlyCmaEsSampler
+    from magmpm.studies.cmaes_sampler import DataOnlyCmaEsSampler
 
     return DataOnlyCmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
 
@@ -166,13 +166,13 @@ def _optuna_gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
 
 
 def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from studies.quasi_random import SobolSampler
+    from magmpm.studies.quasi_random import SobolSampler
 
     return SobolSampler(space, seed, finished)
 
 
 def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, float]], goal: float) -> BaseSampler:
-    from studies.gauss_newton import GaussNewtonSampler
+    from magmpm.studies.gauss_newton import GaussNewtonSampler
 
     blocks = gauss_newton_blocks(space).blocks
     return GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
@@ -180,7 +180,7 @@ def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, f
 
 def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
     """The blocks of a study as those of the Gauss-Newton sampler, which knows nothing of studies; with the same coordinates."""
-    from studies import gauss_newton_steps as gn
+    from magmpm.studies import gauss_newton_steps as gn
 
     blocks: list[gn.Block] = []
     for block in space.blocks:

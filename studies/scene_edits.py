@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
-from studies.blocks import Number
-from studies.vary import Vary
+from magmpm.studies.blocks import Number
+from magmpm.studies.vary import Vary
 
 MOST_ORDERS = 1000
 

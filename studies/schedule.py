@@ -22,14 +22,14 @@ from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from studies.linear_model import Sensitive
-from studies.path import Path
-from studies.rod_path import RodPath, search
-from studies.rod_trajectory import ELEMENTS, Depth, RodTrajectory
-from studies.search_space import SearchSpace
-from studies.shape_distance import gap_derivatives, gaps
-from studies.study import Study
-from studies.trajectory import Trajectory
+from magmpm.studies.linear_model import Sensitive
+from magmpm.studies.path import Path
+from magmpm.studies.rod_path import RodPath, search
+from magmpm.studies.rod_trajectory import ELEMENTS, Depth, RodTrajectory
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.shape_distance import gap_derivatives, gaps
+from magmpm.studies.study import Study
+from magmpm.studies.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result

@@ -1,6 +1,6 @@
 """A schedule that a study has found, run as equilibria along time and as a motion, against the shapes it was found for.
 
-    python -m studies.schedule_check STUDY [OUT]       # OUT: the study's folder, runs/NAME unless given
+    python -m magmpm.studies.schedule_check STUDY [OUT]       # OUT: the study's folder, runs/NAME unless given
 
 Equilibria along time begin each from the one before (solver.quasi_static), where the study's began from no load; the motion
 (solver.dynamic) has inertia, and the losses that the scene names. Both begin at rest without a field. The runs are in OUT/schedule,
@@ -25,10 +25,10 @@ from magmpm.results.measures import axis_of_particles
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from studies.best_scene import SCENE
-from studies.definition import load_study
-from studies.records import BEST, DESIGN, read_design
-from studies.study import Study
+from magmpm.studies.best_scene import SCENE
+from magmpm.studies.definition import load_study
+from magmpm.studies.records import BEST, DESIGN, read_design
+from magmpm.studies.study import Study
 
 FINEST = 1000  # frames of a motion: times that need more are met by the nearest frame
 

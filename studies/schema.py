@@ -1,6 +1,6 @@
 """Writes the JSON schema by which editors complete and explain study files.
 
-python -m studies.schema             # rewrites studies/study.schema.json
+python -m magmpm.studies.schema             # rewrites studies/study.schema.json
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.inputs.settings import json_schema, write_json_schema
-from studies.study_file import StudyFile
+from magmpm.studies.study_file import StudyFile
 
 PATH = Path(__file__).with_name("study.schema.json")
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
-from studies.blocks import (
+from magmpm.studies.blocks import (
     FIELD,
     Block,
     Choice,
@@ -39,14 +39,14 @@ from studies.blocks import (
     distributions,
     from_azimuth,
 )
-from studies.limits import Makeable
-from studies.scene_edits import Edits, arrangement, kept_total, numbers_of, orders
+from magmpm.studies.limits import Makeable
+from magmpm.studies.scene_edits import Edits, arrangement, kept_total, numbers_of, orders
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
-    from studies.study import Study
-    from studies.study_file import Limits
+    from magmpm.studies.study import Study
+    from magmpm.studies.study_file import Limits
 
 __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 

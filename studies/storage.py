@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from magmpm.errors import InputError, MagmpmError, report
 from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import naming
-from studies.definition import Study, definition_hash, differences
-from studies.file_names import DATABASE, OWNER, REPORT
-from studies.objectives import NAMES
-from studies.storage_url import (
+from magmpm.studies.definition import Study, definition_hash, differences
+from magmpm.studies.file_names import DATABASE, OWNER, REPORT
+from magmpm.studies.objectives import NAMES
+from magmpm.studies.storage_url import (
     GRPC,
     grpc_address,
     is_server,
@@ -244,7 +244,7 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
         proxy.wait_server_ready(timeout=CONNECTING)
     except ConnectionError:
         rule = f"no gRPC proxy answers there within {CONNECTING:g} s"
-        remedy = f"start one where the database is: python -m studies.workers.grpc_proxy --port {port}"
+        remedy = f"start one where the database is: python -m magmpm.studies.workers.grpc_proxy --port {port}"
         raise StorageError(report(url, rule=rule, remedy=remedy)) from None
     return proxy
 

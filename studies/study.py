@@ -13,9 +13,9 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.scene import Scene
 from magmpm.scene.options import Resolution
-from studies.sampler_names import check_sampler_name
-from studies.study_file import MOST_TRIALS, Limits, Robust
-from studies.vary import Vary
+from magmpm.studies.sampler_names import check_sampler_name
+from magmpm.studies.study_file import MOST_TRIALS, Limits, Robust
+from magmpm.studies.vary import Vary
 
 
 @dataclass(frozen=True)

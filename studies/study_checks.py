@@ -12,11 +12,11 @@ from magmpm.errors import InputError, NotThereYet, dotted, report
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
-from studies.path import Path as Curve
-from studies.sampler_names import TAKE_CHOICES
-from studies.scene_edits import MOST_ORDERS, numbers_of
-from studies.search_space import SearchSpace
-from studies.study_file import StudyFile
+from magmpm.studies.path import Path as Curve
+from magmpm.studies.sampler_names import TAKE_CHOICES
+from magmpm.studies.scene_edits import MOST_ORDERS, numbers_of
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study_file import StudyFile
 
 FEWEST_POINTS = 2  # of a target, beyond the base
 AS_LONG, FINE = 0.05, 1001  # how far s_mm may be from the length of a path's curve, counted on so many points

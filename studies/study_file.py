@@ -8,8 +8,8 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema,
 
 from magmpm.inputs.settings import Key, Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis
-from studies.sampler_names import NAMES, known_sampler
-from studies.vary import Vary
+from magmpm.studies.sampler_names import NAMES, known_sampler
+from magmpm.studies.vary import Vary
 
 MOST_TRIALS = 1_000_000
 MOST_DEPTHS = 200

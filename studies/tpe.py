@@ -25,9 +25,9 @@ from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
-from studies.objectives import ranked
-from studies.running import others_running
-from studies.search_space import SearchSpace
+from magmpm.studies.objectives import ranked
+from magmpm.studies.running import others_running
+from magmpm.studies.search_space import SearchSpace
 
 
 @dataclass(frozen=True)

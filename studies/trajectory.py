@@ -21,11 +21,11 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from studies.linear_model import Differentiate, Sensitive, stored
-from studies.rod_path import RodPath, directions_of
-from studies.search_space import SearchSpace
-from studies.study import Study
-from studies.trial import Outcome, Solve, penalty
+from magmpm.studies.linear_model import Differentiate, Sensitive, stored
+from magmpm.studies.rod_path import RodPath, directions_of
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study import Study
+from magmpm.studies.trial import Outcome, Solve, penalty
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result

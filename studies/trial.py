@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from magmpm.errors import SolveError
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from studies.shape_distance import gaps, residuals, root_mean_square
+from magmpm.studies.shape_distance import gaps, residuals, root_mean_square
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result

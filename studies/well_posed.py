@@ -13,9 +13,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, SolveError, report
 from magmpm.rod.cosserat import solve_rod
-from studies.blocks import Block, Choice, Direction, FieldVector
-from studies.search_space import SearchSpace
-from studies.study import Study
+from magmpm.studies.blocks import Block, Choice, Direction, FieldVector
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study import Study
 
 DESIGNS, SEED, ELEMENTS = 3, 20_24, 20
 STATIONS = 13  # of each depth of an insertion

@@ -16,10 +16,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from magmpm.results import readable
-from viz import style
-from viz.camera import View, in_view
-from viz.layout import Layout, Panel, Views
-from viz.snapshot import Snapshot
+from magmpm.viz import style
+from magmpm.viz.camera import View, in_view
+from magmpm.viz.layout import Layout, Panel, Views
+from magmpm.viz.snapshot import Snapshot
 
 # Circles and slanted lines are drawn this many times larger and averaged down; Pillow does not smooth them.
 _OVERSAMPLING = 4

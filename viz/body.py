@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 from magmpm.bodies.assembly import Parts
 from magmpm.scene import Scene
-from viz import style
-from viz.binding import Binding
-from viz.meshes import Surface, bar, creased, refined, tube
-from viz.particle_surface import around_particles, connected_components, spacing
+from magmpm.viz import style
+from magmpm.viz.binding import Binding
+from magmpm.viz.meshes import Surface, bar, creased, refined, tube
+from magmpm.viz.particle_surface import around_particles, connected_components, spacing
 
 MOST_ARROWS = 16
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from viz.snapshot import Obstacle, Plane, Snapshot
+from magmpm.viz.snapshot import Obstacle, Plane, Snapshot
 
 # Directions the main view may be seen from: the base on the left, the axis to the right, from a little above and never face on, so
 # that depth is read; and rather from the tip's side, where the clamp is behind the body, than from the clamp's.

@@ -11,11 +11,11 @@ from typing import Protocol
 
 import numpy as np
 
-from viz import style
-from viz.annotations import compass_arrows, field_arrow, written
-from viz.camera import Framing, View
-from viz.layout import Layout, Panel, Views
-from viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz import style
+from magmpm.viz.annotations import compass_arrows, field_arrow, written
+from magmpm.viz.camera import Framing, View
+from magmpm.viz.layout import Layout, Panel, Views
+from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
 
 THIN = 2e-3  # of the body's length: a step between flat layers; closer ones would fight for one depth
 

@@ -11,16 +11,16 @@ from PIL import Image
 
 from magmpm.results import readable
 from magmpm.results.whole_file import whole_file
-from viz import style
-from viz.annotations import Page, Sign, field_arrow, field_text, signs, varies
-from viz.camera import Framing, View
-from viz.layout import Views, bare
-from viz.movies import MOST_FRAMES, Movie, chosen, frames_movie
-from viz.snapshot import Snapshot, seconds
-from viz.worker import Renderer
+from magmpm.viz import style
+from magmpm.viz.annotations import Page, Sign, field_arrow, field_text, signs, varies
+from magmpm.viz.camera import Framing, View
+from magmpm.viz.layout import Views, bare
+from magmpm.viz.movies import MOST_FRAMES, Movie, chosen, frames_movie
+from magmpm.viz.snapshot import Snapshot, seconds
+from magmpm.viz.worker import Renderer
 
 if TYPE_CHECKING:
-    from viz.from_motion import MotionRenderer
+    from magmpm.viz.from_motion import MotionRenderer
 
 # Moments wider than this many times their height are stacked; panels are no narrower than this.
 _STACKED, _TALLEST = 2.8, 0.6

@@ -11,8 +11,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from viz import style
-from viz.plots import LOOK, saved
+from magmpm.viz import style
+from magmpm.viz.plots import LOOK, saved
 
 _COLORS = ("#0077BB", "#CC3311", "#009988", "#EE7733", "#33BBEE", "#AA3377", "#999933", "#882255", "#555555")
 _MARKS = "osD^vPX<>"

@@ -11,11 +11,11 @@ import numpy as np
 from magmpm.errors import MagmpmError
 from magmpm.fields.magnets import frame_of
 from magmpm.scene import Scene
-from viz.body import Body
-from viz.camera import Framing, best_direction, extremes
-from viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
-from viz.process import RenderError
-from viz.snapshot import History, Obstacle, Snapshot
+from magmpm.viz.body import Body
+from magmpm.viz.camera import Framing, best_direction, extremes
+from magmpm.viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
+from magmpm.viz.process import RenderError
+from magmpm.viz.snapshot import History, Obstacle, Snapshot
 
 LOOKS = 60  # frames looked at to place the camera
 STANDS = 0.06  # of the duration: how long it is said that a body has jumped

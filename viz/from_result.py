@@ -10,13 +10,13 @@ import numpy as np
 
 from magmpm.fields.schedule import end_time
 from magmpm.scene import Scene
-from viz import style
-from viz.binding import gradients
-from viz.body import Body
-from viz.from_motion import MotionRenderer, gravity_of, scene_of
-from viz.meshes import Surface
-from viz.obstacles import REACH, in_reach, sources, standing
-from viz.snapshot import Particles, Snapshot
+from magmpm.viz import style
+from magmpm.viz.binding import gradients
+from magmpm.viz.body import Body
+from magmpm.viz.from_motion import MotionRenderer, gravity_of, scene_of
+from magmpm.viz.meshes import Surface
+from magmpm.viz.obstacles import REACH, in_reach, sources, standing
+from magmpm.viz.snapshot import Particles, Snapshot
 
 MAX_PARTICLES = 40_000
 

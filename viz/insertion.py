@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from viz import style
-from viz.from_motion import gravity_of, scene_of
-from viz.from_result import segment_arrows
-from viz.meshes import Surface, swept
-from viz.snapshot import Obstacle, Snapshot
+from magmpm.viz import style
+from magmpm.viz.from_motion import gravity_of, scene_of
+from magmpm.viz.from_result import segment_arrows
+from magmpm.viz.meshes import Surface, swept
+from magmpm.viz.snapshot import Obstacle, Snapshot
 
 LUMEN = 1.6  # of the catheter's diameter: that of the tube drawn around the path, where no walls are named
 SHOWN = 4  # depths in a trial's picture

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from viz import style
-from viz.camera import Framing, View
+from magmpm.viz import style
+from magmpm.viz.camera import Framing, View
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
-from viz import style
-from viz.camera import View
-from viz.drawing import BODY, Layer, outward
-from viz.layout import Panel
-from viz.meshes import Surface
-from viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz import style
+from magmpm.viz.camera import View
+from magmpm.viz.drawing import BODY, Layer, outward
+from magmpm.viz.layout import Panel
+from magmpm.viz.meshes import Surface
+from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
 
 _POINTS_PER_INCH = 72.0
 _DPI = 100.0

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from viz import style
-from viz.camera import Framing
-from viz.process import RenderError
-from viz.snapshot import Snapshot
-from viz.worker import Renderer
+from magmpm.viz import style
+from magmpm.viz.camera import Framing
+from magmpm.viz.process import RenderError
+from magmpm.viz.snapshot import Snapshot
+from magmpm.viz.worker import Renderer
 
 if TYPE_CHECKING:
-    from viz.from_motion import MotionRenderer
+    from magmpm.viz.from_motion import MotionRenderer
 
 NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install -e '.[render]' in the checkout of magmpm."
 

@@ -16,9 +16,9 @@ from magmpm.fields.magnets import Solid, frame_of, polarization, taken, wires
 from magmpm.fields.schedule import places
 from magmpm.fields.sources import FieldSource
 from magmpm.scene import Scene
-from viz import style
-from viz.meshes import Surface, ball, bar, circle, creased, refined, swept, tube
-from viz.snapshot import Obstacle, Plane
+from magmpm.viz import style
+from magmpm.viz.meshes import Surface, ball, bar, circle, creased, refined, swept, tube
+from magmpm.viz.snapshot import Obstacle, Plane
 
 AROUND = 48
 REACH = 2.5  # how far from the body, in its lengths, a source may be to be in view

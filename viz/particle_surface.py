@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from viz.meshes import Surface
+from magmpm.viz.meshes import Surface
 
 
 def around_particles(reference: np.ndarray, volume: np.ndarray, part: np.ndarray) -> Surface:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from magmpm.results.whole_file import whole_file
-from viz import style
+from magmpm.viz import style
 
 LOOK: Any = {
     "font.size": 9.0,

@@ -18,6 +18,7 @@ from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
+import magmpm
 from magmpm.errors import MagmpmError
 
 # Which of VTK's windows to use; its classes that need no display are EGL's and OSMesa's.
@@ -39,8 +40,8 @@ class Worker:
         """window: the class of VTK's window, for backend "pyvista"."""
         self._ready = False
         self._pipe, theirs = Pipe()
-        root = str(Path(__file__).resolve().parent.parent)
-        start = f"import sys; sys.path.insert(0, {root!r}); from viz.worker_main import main; main(sys.argv)"
+        root = str(Path(magmpm.__file__).resolve().parents[1])
+        start = f"import sys; sys.path.insert(0, {root!r}); from magmpm.viz.worker_main import main; main(sys.argv)"
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", start, str(theirs.fileno()), backend],

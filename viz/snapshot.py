@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from magmpm.results import readable
-from viz import style
-from viz.meshes import Surface
+from magmpm.viz import style
+from magmpm.viz.meshes import Surface
 
 
 def _no_points() -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.results.whole_file import whole_file
-from viz.from_result import deformed_surface
+from magmpm.viz.from_result import deformed_surface
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])  # binary STL, 50 bytes
 

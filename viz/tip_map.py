@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from viz import style
+from magmpm.viz import style
 
 SHOWN = {  # marks of fields that are not sure: symbol, color
     "two shapes": ("o", "#0033CC"),

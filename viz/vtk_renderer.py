@@ -27,12 +27,12 @@ from vtkmodules.vtkRenderingCore import (
     vtkRenderWindow,
 )
 
-from viz import style
-from viz.camera import View
-from viz.drawing import Layer, outward
-from viz.layout import Panel
-from viz.meshes import normals
-from viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz import style
+from magmpm.viz.camera import View
+from magmpm.viz.drawing import Layer, outward
+from magmpm.viz.layout import Panel
+from magmpm.viz.meshes import normals
+from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
 
 # Camera shifts in pixels: the centers of the four quarters of a pixel, or of two opposite ones.
 _FOUR = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyvista as pv
 
-from viz import style
+from magmpm.viz import style
 
 PAUSE = 40  # ms between two looks at what is to be done
 MOST_SLIDERS = 9  # that have room

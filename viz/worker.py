@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import InputError, report
-from viz.camera import Framing
-from viz.layout import Layout, page_of
-from viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
-from viz.snapshot import Snapshot
-from viz.worker_main import draw
+from magmpm.viz.camera import Framing
+from magmpm.viz.layout import Layout, page_of
+from magmpm.viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
+from magmpm.viz.snapshot import Snapshot
+from magmpm.viz.worker_main import draw
 
 Size = tuple[int, int]
 BACKENDS = ("pyvista", "matplotlib")

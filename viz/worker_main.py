@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.results.whole_file import FULL, REFUSED, explained, whole_file
-from viz import style
-from viz.camera import Framing
-from viz.layout import PAGE, Layout
-from viz.meshes import tube
-from viz.snapshot import Snapshot
+from magmpm.viz import style
+from magmpm.viz.camera import Framing
+from magmpm.viz.layout import PAGE, Layout
+from magmpm.viz.meshes import tube
+from magmpm.viz.snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from viz.drawing import Canvas
+    from magmpm.viz.drawing import Canvas
 
 _canvas: Canvas | None = None
 
@@ -66,7 +66,7 @@ def draw(snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: La
     """Draw in this process: into the PNG file `path`, which is then whole or not there, or return the image (h, w, 3) uint8."""
     if _canvas is None:
         raise RuntimeError("no renderer is open in this process; use viz.worker.Renderer")
-    from viz import drawing  # Pillow stays out of the caller, which imports this file as well
+    from magmpm.viz import drawing  # Pillow stays out of the caller, which imports this file as well
 
     image = drawing.draw(_canvas, snapshot, framing, size, layout)
     if path is None:
@@ -81,12 +81,12 @@ def draw(snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: La
 def _opened(backend: str) -> Canvas:
     """A canvas of a backend; imports it."""
     if backend == "matplotlib":
-        from viz.matplotlib_renderer import MatplotlibCanvas
+        from magmpm.viz.matplotlib_renderer import MatplotlibCanvas
 
         return MatplotlibCanvas()
     # PyVista imports mypy where it finds it, for a plugin nobody uses here: 20 MB.
     sys.modules["mypy"] = None  # type: ignore[assignment]
-    from viz.vtk_renderer import VtkCanvas
+    from magmpm.viz.vtk_renderer import VtkCanvas
 
     return VtkCanvas()
 

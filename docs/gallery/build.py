@@ -30,9 +30,9 @@ from magmpm.cli import main as magmpm
 from magmpm.errors import InputError
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
-from viz.figure_panels import beside, composed, figure, save
-from viz.from_motion import MotionRenderer
-from viz.worker import Renderer
+from magmpm.viz.figure_panels import beside, composed, figure, save
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.worker import Renderer
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

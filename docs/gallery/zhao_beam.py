@@ -17,7 +17,7 @@ from typing import Any
 
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from viz.plots import Series, compare
+from magmpm.viz.plots import Series, compare
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/gallery/zhao_beam.md"

@@ -19,7 +19,7 @@ def command(options: argparse.Namespace) -> int:
     answer."""
     scene = load_scene(options.scene)
     from magmpm.simulate import run  # what solves, after the file is read
-    from studies.accuracy import LADDER, climb, save
+    from magmpm.studies.accuracy import LADDER, climb, save
 
     cells = _cells(options.cells) or LADDER
     folder = options.out or results_folder(scene.name)
@@ -29,7 +29,9 @@ def command(options: argparse.Namespace) -> int:
         kept.claim(options.overwrite)
         with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):
             ladder = climb(scene, run, cells, progress.at, motion=options.motion)
-        from viz.plots import accuracy  # matplotlib takes 0.4 s to import: after the work that may fail
+        from magmpm.viz.plots import (
+            accuracy,  # matplotlib takes 0.4 s to import: after the work that may fail
+        )
 
         files = [*save(ladder, folder)]
         if len(ladder.rungs) > 1:  # one alone has no error to be drawn

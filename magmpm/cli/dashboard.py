@@ -31,7 +31,7 @@ class _Quiet(WSGIRequestHandler):
 
 def _url(saved: str, option: str | None) -> str:
     """The storage of a study. Raises InputError where its password is not known."""
-    from studies.storage_url import VARIABLE, known_url
+    from magmpm.studies.storage_url import VARIABLE, known_url
 
     url = known_url(saved, option, os.environ)
     if url is None:
@@ -44,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
-    from studies.file_names import REPORT
+    from magmpm.studies.file_names import REPORT
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
@@ -60,11 +60,11 @@ def command(options: argparse.Namespace) -> int:
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
 
-    from studies.artifact_stores import artifact_store
-    from studies.dashboard_page import page
-    from studies.dashboard_view import DashboardView, Notes
-    from studies.storage import must_exist, open_storage
-    from studies.storage_url import shown_url
+    from magmpm.studies.artifact_stores import artifact_store
+    from magmpm.studies.dashboard_page import page
+    from magmpm.studies.dashboard_view import DashboardView, Notes
+    from magmpm.studies.storage import must_exist, open_storage
+    from magmpm.studies.storage_url import shown_url
 
     saved = saved_report(folder)
     url = _url(saved["storage"], options.storage)

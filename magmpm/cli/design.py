@@ -24,10 +24,10 @@ from magmpm.results.folder_lock import folder_lock
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
-    from studies.report import StudyReport
-    from studies.study import Study
-    from studies.trial import Trial
-    from viz.worker import Renderer
+    from magmpm.studies.report import StudyReport
+    from magmpm.studies.study import Study
+    from magmpm.studies.trial import Trial
+    from magmpm.viz.worker import Renderer
 
 MOST_SHAPES = 8  # in the movie of the best shapes
 
@@ -36,14 +36,14 @@ def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from contextlib import nullcontext
 
-    from studies.definition import load_study
+    from magmpm.studies.definition import load_study
 
     study, smooth = load_study(options.study), options.style == SURFACE
     from magmpm.precompile import fill_cache  # what solves, searches and draws, after the file is read
     from magmpm.simulate import run, sensitivities
-    from studies.engine import check_study, kernel_uses, run_study
-    from studies.storage_url import given_url
-    from viz.worker import Renderer
+    from magmpm.studies.engine import check_study, kernel_uses, run_study
+    from magmpm.studies.storage_url import given_url
+    from magmpm.viz.worker import Renderer
 
     if options.trial is not None:
         return _again(options, study)
@@ -84,10 +84,10 @@ def command(options: argparse.Namespace) -> int:
 def _again(options: argparse.Namespace, study: Study) -> int:
     """Solve one trial again, and compare it with what is stored."""
     from magmpm.simulate import run, sensitivities
-    from studies.again import solved_again
-    from studies.judge import Judge
-    from studies.storage import OUTAGE, TIMEOUT, Store, storage_url
-    from studies.storage_url import given_url
+    from magmpm.studies.again import solved_again
+    from magmpm.studies.judge import Judge
+    from magmpm.studies.storage import OUTAGE, TIMEOUT, Store, storage_url
+    from magmpm.studies.storage_url import given_url
 
     out = options.out or Path("runs") / study.name
     store = Store(storage_url(out, given_url(options.storage, os.environ)), TIMEOUT, OUTAGE, lambda line: _advise([line]))
@@ -135,7 +135,7 @@ class TrialPicture:
     def __call__(self, result: Result, path: Path, trial: Trial) -> list[Path]:
         """The files: picture, deformed surface (STL, mm), centreline (CSV)."""
         from magmpm.inputs.csv_tables import write_centreline
-        from viz.stl import write_stl
+        from magmpm.viz.stl import write_stl
 
         table = path.with_suffix(".csv")
         picture = self._drawn(result, path, trial)
@@ -144,13 +144,13 @@ class TrialPicture:
 
     def _drawn(self, result: Result, path: Path, trial: Trial) -> Path:
         if self._renderer is None:
-            from viz.worker import Renderer
+            from magmpm.viz.worker import Renderer
 
             self._renderer = Renderer()
         if trial.shapes:
             scene = self._study.scene.to_si()
             return self._renderer.render(of_insertion(self._study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m), path)
-        from viz.from_result import trial_snapshot
+        from magmpm.viz.from_result import trial_snapshot
 
         snapshot = trial_snapshot(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=self._smooth)
         return self._renderer.render(snapshot, path)
@@ -158,10 +158,10 @@ class TrialPicture:
 
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
-    from studies.best_scene import SCENE
-    from studies.judged import said
-    from studies.records import BEST
-    from studies.search_space import FIELD
+    from magmpm.studies.best_scene import SCENE
+    from magmpm.studies.judged import said
+    from magmpm.studies.records import BEST
+    from magmpm.studies.search_space import FIELD
 
     refused = f", {report.refused} refused: less stable than the margin" if report.refused else ""
     lines = [
@@ -204,14 +204,14 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
 def is_study(folder: Path) -> bool:
     """Whether a folder holds a study, or what one left that was ended before its first report."""
-    from studies.file_names import DATABASE, OWNER, REPORT
+    from magmpm.studies.file_names import DATABASE, OWNER, REPORT
 
     return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
 
 
 def refuse_study(folder: Path) -> None:
     """Raises InputError where a folder that a run wants belongs to a study."""
-    from studies.file_names import OWNER
+    from magmpm.studies.file_names import OWNER
 
     if is_study(folder) or (folder / OWNER).exists():
         rule = "a study has a folder of its own: a run's result would mix with its designs"
@@ -223,7 +223,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list
 
     smooth: bodies are drawn by their surface in place of their particles.
     """
-    from viz.worker import Renderer
+    from magmpm.viz.worker import Renderer
 
     report = saved_report(folder)
     with Renderer() as renderer:
@@ -232,7 +232,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list
 
 def saved_report(folder: Path) -> dict[str, Any]:
     """What a study's folder says of it. Raises InputError."""
-    from studies.file_names import REPORT
+    from magmpm.studies.file_names import REPORT
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
@@ -273,12 +273,12 @@ def draw_study(
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.inputs.csv_tables import write_centreline
     from magmpm.results.result import Result
-    from studies.records import BEST, DESIGN, IMPROVEMENTS, read_design
-    from viz import plots
-    from viz.from_result import trial_snapshot
-    from viz.movies import best_shapes_movie
-    from viz.snapshot import Snapshot
-    from viz.style import FINAL_SIZE
+    from magmpm.studies.records import BEST, DESIGN, IMPROVEMENTS, read_design
+    from magmpm.viz import plots
+    from magmpm.viz.from_result import trial_snapshot
+    from magmpm.viz.movies import best_shapes_movie
+    from magmpm.viz.snapshot import Snapshot
+    from magmpm.viz.style import FINAL_SIZE
 
     out = out or folder
     if target is not None:

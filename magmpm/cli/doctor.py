@@ -259,7 +259,7 @@ def _room() -> Iterator[Check]:
 
 _OPENGL = """
 import json
-from viz.worker import Renderer
+from magmpm.viz.worker import Renderer
 with Renderer() as renderer:
     renderer.wait_ready()
     print(json.dumps([renderer.backend, renderer.note]))

@@ -13,7 +13,7 @@ from magmpm.scene import load_scene
 def command(options: argparse.Namespace) -> int:
     """Print the table of effects. Returns the exit status."""
     scene = load_scene(options.scene)
-    from studies.effects_table import survey  # and what solves, after the file is read
+    from magmpm.studies.effects_table import survey  # and what solves, after the file is read
 
     with Progress(f"effects of {scene.name}") as progress, of_file(options.scene):
         table = survey(scene, measure=not options.quick, on_progress=progress.at)

@@ -25,7 +25,7 @@ def command(options: argparse.Namespace) -> int:
 
     asked = _numbers(options)
     scene = load_scene(options.scene)
-    from studies.fitting import Refused, doubtful_fields, fit, read_tables, summary, text
+    from magmpm.studies.fitting import Refused, doubtful_fields, fit, read_tables, summary, text
 
     measured = read_tables(options.measured, scene)
     for doubt in doubtful_fields(measured, scene):
@@ -52,8 +52,8 @@ def command(options: argparse.Namespace) -> int:
 def _saved(folder: Path, found: Any, source: Path) -> list[Path]:
     """The report, the residuals, the fitted scene and the picture."""
     from magmpm.results.whole_file import whole_file, write_json
-    from studies.fitting import fitted_scene, residuals_table, shown, summary
-    from viz.fit_plot import fitted
+    from magmpm.studies.fitting import fitted_scene, residuals_table, shown, summary
+    from magmpm.viz.fit_plot import fitted
 
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / REPORT, summary(found), indent=1)

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from viz.snapshot import Snapshot
-    from viz.worker import Renderer
+    from magmpm.viz.snapshot import Snapshot
+    from magmpm.viz.worker import Renderer
 
 MOVIE = "insertion.mp4"
 
 
 def design_snapshot(name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]) -> Snapshot | None:
     """The picture of a design's insertion, from what is stored of it; None where it is none. path: rows [s, x, y, z], (m, 4) m."""
-    from studies.insertion import shapes_of
+    from magmpm.studies.insertion import shapes_of
 
     shapes = shapes_of(known)
     if not shapes or path is None:
@@ -30,17 +30,17 @@ def trial_snapshot(
     name: str, scene: Mapping[str, Any], path: np.ndarray, shapes: tuple[Mapping[str, Any], ...], trial: int, rms: float
 ) -> Snapshot:
     """The picture of a trial."""
-    from viz.insertion import Insertion
+    from magmpm.viz.insertion import Insertion
 
     return Insertion(name, scene, path).trial(shapes, trial=trial, rms=rms)
 
 
 def draw_movie(folder: Path, out: Path, name: str, renderer: Renderer) -> list[Path]:
     """The movie of the best design in `folder`, into `out`; nothing where its frames are not there."""
-    from studies.insertion import MOVIE as FRAMES
-    from viz.camera import Framing
-    from viz.insertion import Insertion
-    from viz.movies import frames_movie
+    from magmpm.studies.insertion import MOVIE as FRAMES
+    from magmpm.viz.camera import Framing
+    from magmpm.viz.insertion import Insertion
+    from magmpm.viz.movies import frames_movie
 
     if not (folder / FRAMES).exists():
         return []

@@ -17,7 +17,7 @@ from magmpm.results.run_folder import holds_run, read_mapping
 if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
-    from viz.worker import Renderer
+    from magmpm.viz.worker import Renderer
 
 
 def command(options: argparse.Namespace) -> int:
@@ -79,7 +79,7 @@ def render_run(
     frames of the movie a second; style: how an equilibrium is drawn, by its surface unless given. Motions are always drawn by it.
     Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
     """
-    from viz.worker import Renderer
+    from magmpm.viz.worker import Renderer
 
     motion = motion_of(folder)
     if motion is None and (frames is not None or fps is not None):
@@ -101,8 +101,8 @@ def render_run(
 
 def draw_result(result: Result, path: Path, renderer: Renderer, style: str | None = None) -> Path:
     """The picture of an equilibrium: the body's surface with what stands around it, or its particles, also from the top and the side."""
-    from viz.from_result import Still, trial_snapshot
-    from viz.style import FINAL_SIZE
+    from magmpm.viz.from_result import Still, trial_snapshot
+    from magmpm.viz.style import FINAL_SIZE
 
     if style == PARTICLES:
         return renderer.render(trial_snapshot(result), path, size=FINAL_SIZE)
@@ -127,9 +127,9 @@ def motion_of(folder: Path) -> Motion | None:
 def _render_motion(
     motion: Motion, out: Path, renderer: Renderer, frames: str | None, fps: float | None
 ) -> tuple[list[Path], str]:
-    from viz import movies, plots
-    from viz.figure_panels import figure
-    from viz.from_motion import MotionRenderer
+    from magmpm.viz import movies, plots
+    from magmpm.viz.figure_panels import figure
+    from magmpm.viz.from_motion import MotionRenderer
 
     if len(motion) == 0:
         raise InputError(

@@ -19,7 +19,7 @@ from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import whole_file
 
 if TYPE_CHECKING:
-    from viz.sheet import Pictures
+    from magmpm.viz.sheet import Pictures
 
 PAGE, PDF = "report.html", "report.pdf"
 MOVIES = {
@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         rule = "a report lies beside the study it tells of, or in a folder without results"
         raise InputError(worded(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"))
-    from studies.storage_url import known_url
+    from magmpm.studies.storage_url import known_url
 
     report = saved_report(folder)
     storage = known_url(report["storage"], options.storage, os.environ)
@@ -56,8 +56,8 @@ def command(options: argparse.Namespace) -> int:
 def write(folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | None, quick: bool, pdf: bool) -> dict[str, Any]:
     """Gather, draw, write OUT/report.html and, where it can be printed, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`."""
     from magmpm.simulate import run, sensitivities
-    from studies.sheet import gather
-    from viz.sheet import PrintError, page, printed
+    from magmpm.studies.sheet import gather
+    from magmpm.viz.sheet import PrintError, page, printed
 
     facts = gather(folder, report, run=run, differentiate=sensitivities, storage=storage, quick=quick)
     with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
@@ -76,13 +76,13 @@ def write(folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | 
 
 def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mapping[str, Any]) -> Pictures:
     """The study's pictures; drawn now where it was run without them."""
-    from studies.records import IMPROVEMENTS, PICTURES
-    from viz.sheet import Pictures
+    from magmpm.studies.records import IMPROVEMENTS, PICTURES
+    from magmpm.viz.sheet import Pictures
 
     at, wanted = folder, report["rms_m"] or report.get("best")
     if wanted and not (folder / "convergence.png").exists():
         try:
-            from viz.worker import Renderer
+            from magmpm.viz.worker import Renderer
 
             with Renderer() as renderer:
                 target = saved_target(folder)

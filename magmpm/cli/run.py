@@ -29,7 +29,7 @@ def command(options: argparse.Namespace) -> int:
     """Simulate a scene file, save the result, and draw it if asked. Returns the exit status."""
     scene = load_scene(options.scene)
     if options.render:
-        from viz.worker import forced_backend
+        from magmpm.viz.worker import forced_backend
 
         forced_backend()  # before the run, whose pictures it would fail to draw
     if options.style == PARTICLES and scene.in_time:

@@ -9,7 +9,7 @@ from pathlib import Path
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError, report
-from studies.hard_cases import (
+from magmpm.studies.hard_cases import (
     BROKEN,
     CASES,
     Outcome,

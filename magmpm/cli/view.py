@@ -16,7 +16,7 @@ from magmpm.results.folder_lock import refuse_unwritable
 from magmpm.scene import Scene, load_scene
 
 if TYPE_CHECKING:
-    from viz.page import PageServer
+    from magmpm.viz.page import PageServer
 
 
 def command(options: argparse.Namespace) -> int:
@@ -50,7 +50,7 @@ def command(options: argparse.Namespace) -> int:
 def _asked(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, str]:
     """The scene to view, its file, the target (m, 4) m or None, and what it is called. A study is viewed as its scene and target."""
     if "scene" in read_yaml(path):
-        from studies.definition import load_study
+        from magmpm.studies.definition import load_study
 
         study = load_study(path)
         assert study.scene_file is not None  # studies of files have one
@@ -69,7 +69,7 @@ def _asked(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, s
 def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     """The rows of a CSV table, or the target of a study, (m, 4) m; and what it is called."""
     from magmpm.inputs.csv_tables import read_centreline
-    from studies.definition import load_study
+    from magmpm.studies.definition import load_study
 
     rows = read_centreline(path) if path.suffix.lower() not in (".yaml", ".yml") else load_study(path).target
     if scene.body.shape.line is None:
@@ -85,7 +85,7 @@ def _fits_motion(options: argparse.Namespace) -> None:
 
 def _at_rest(scene: Scene, cells: int | None) -> Scene:
     """The scene with its effects chosen and its cells counted, as it is solved again and again. Raises InputError."""
-    from studies.live import ready
+    from magmpm.studies.live import ready
 
     return ready(scene, cells)
 
@@ -108,14 +108,14 @@ def _refuse_no_window() -> None:
 
 def _window(view: Any) -> int:
     """Open the window, and stay until it is closed."""
-    from viz.window import MotionWindow, ShapeWindow
+    from magmpm.viz.window import MotionWindow, ShapeWindow
 
     (MotionWindow if view.scene.in_time else ShapeWindow)(view).show()
     return 0
 
 
 def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:
-    from viz.page import PageServer
+    from magmpm.viz.page import PageServer
 
     with PageServer(view.routes(), options.host, options.port) as server:
         _tell(server, path, options)

@@ -16,7 +16,7 @@ from magmpm.errors import InputError, MagmpmError
 from magmpm.results.file_names import MOTION
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
-from viz.page import MotionStage, Routes, about_scene, packed
+from magmpm.viz.page import MotionStage, Routes, about_scene, packed
 
 
 class MotionView:

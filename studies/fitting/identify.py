@@ -10,10 +10,10 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError, report
 from magmpm.scene import Scene
-from studies.fitting.constants import Constant
-from studies.fitting.prediction import Prediction
-from studies.fitting.solve import Minimum
-from studies.fitting.table import Measured, Readings
+from magmpm.studies.fitting.constants import Constant
+from magmpm.studies.fitting.prediction import Prediction
+from magmpm.studies.fitting.solve import Minimum
+from magmpm.studies.fitting.table import Measured, Readings
 
 FLAT = 1e-6  # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
 FLAT_OF_DIFFERENCES = 1e-3  # likewise, of slopes by differences

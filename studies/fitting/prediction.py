@@ -16,8 +16,8 @@ from magmpm.results.measures import axis_of_particles, region_means
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.simulate import run, sensitivities
-from studies.fitting.constants import Constant, applied, chain
-from studies.fitting.table import Measured, Readings
+from magmpm.studies.fitting.constants import Constant, applied, chain
+from magmpm.studies.fitting.table import Measured, Readings
 
 STEP = 0.01  # of x, for the central differences of motions: 1 % of a modulus
 AXES = "xyz"

@@ -9,7 +9,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
-from studies.fitting.solve import Minimum, Model, least_squares
+from magmpm.studies.fitting.solve import Minimum, Model, least_squares
 
 PARABOLIC = 0.1  # share by which the rise at the linear interval's ends may differ from the parabola's
 NEAR = 0.01  # of the quantile: accuracy of an end on the profile

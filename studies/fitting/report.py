@@ -10,11 +10,11 @@ import numpy as np
 import yaml
 
 from magmpm.inputs.settings import read_yaml
-from studies.file_paths import mended
-from studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, directions
-from studies.fitting.prediction import Label
-from studies.fitting.search import Fit, Fitted
-from studies.fitting.table import Measured
+from magmpm.studies.file_paths import mended
+from magmpm.studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, directions
+from magmpm.studies.fitting.prediction import Label
+from magmpm.studies.fitting.search import Fit, Fitted
+from magmpm.studies.fitting.table import Measured
 
 MOST_SERIES = 9  # in the picture
 

@@ -20,12 +20,12 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError, report
 from magmpm.scene import Scene
-from studies.fitting.constants import Constant, constants_of, with_known
-from studies.fitting.identify import Refused, check_apart, refuse_twins
-from studies.fitting.prediction import Label, Prediction
-from studies.fitting.profile import Interval, interval_of
-from studies.fitting.solve import Minimum, least_squares
-from studies.fitting.table import Measured
+from magmpm.studies.fitting.constants import Constant, constants_of, with_known
+from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
+from magmpm.studies.fitting.prediction import Label, Prediction
+from magmpm.studies.fitting.profile import Interval, interval_of
+from magmpm.studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.table import Measured
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
 

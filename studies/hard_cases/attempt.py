@@ -19,7 +19,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
 from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
-from studies.hard_cases.checks import checked
+from magmpm.studies.hard_cases.checks import checked
 
 CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"
 OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself

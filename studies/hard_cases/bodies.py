@@ -15,9 +15,9 @@ from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from studies.hard_cases.case import Case
-from studies.hard_cases.drawn import block
-from studies.hard_cases.scenes import DENSITY, DIAMETER, LENGTH, REMANENCE, G, X, bending_field, rod
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.drawn import block
+from magmpm.studies.hard_cases.scenes import DENSITY, DIAMETER, LENGTH, REMANENCE, G, X, bending_field, rod
 
 BASE, ARM, WIDE, THICK = 4.0, 20.0, 4.0, 2.0  # mm, of the robot made of parts
 NEARLY = 200.0  # K/G

@@ -11,8 +11,8 @@ from magmpm.fields.dipole import MU0
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from studies.hard_cases.case import Case
-from studies.hard_cases.scenes import (
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.scenes import (
     DENSITY,
     LENGTH,
     RATIO,

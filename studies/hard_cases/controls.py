@@ -23,8 +23,8 @@ from magmpm.scene import Scene
 from magmpm.statics import branch, equilibrium, newton
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.rod_start import straight
-from studies.hard_cases import bodies, motions, stepping
-from studies.hard_cases.case import Control
+from magmpm.studies.hard_cases import bodies, motions, stepping
+from magmpm.studies.hard_cases.case import Control
 
 
 @contextmanager

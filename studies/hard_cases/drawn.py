@@ -16,8 +16,8 @@ import numpy as np
 from magmpm.bodies.surface_mesh import Mesh, pack_mesh
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
-from studies.hard_cases import drawn_fields as fields
-from studies.hard_cases.drawn_more import widen
+from magmpm.studies.hard_cases import drawn_fields as fields
+from magmpm.studies.hard_cases.drawn_more import widen
 
 STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
 KINDS = (STATIC, QUASI_STATIC, DYNAMIC)

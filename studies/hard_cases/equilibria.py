@@ -7,8 +7,8 @@ import numpy as np
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from studies.hard_cases.case import Case
-from studies.hard_cases.scenes import LENGTH, bending_field, rod, twisting_field
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.scenes import LENGTH, bending_field, rod, twisting_field
 
 X_SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))  # magnetizations that bend and twist
 EULER = np.pi**2 / 4  # critical load of theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0

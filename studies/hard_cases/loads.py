@@ -12,9 +12,9 @@ from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from studies.hard_cases.case import Case
-from studies.hard_cases.motions import advance, at_rest, energy, last_cells
-from studies.hard_cases.scenes import DENSITY, DIAMETER, RATIO, REMANENCE, G, bending_field, rod
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells
+from magmpm.studies.hard_cases.scenes import DENSITY, DIAMETER, RATIO, REMANENCE, G, bending_field, rod
 
 SHORT = 20e-3  # m
 FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1

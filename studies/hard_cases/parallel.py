@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from studies.hard_cases.case import Case, Outcome
+from magmpm.studies.hard_cases.case import Case, Outcome
 
 THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 Done = Callable[[int, int, str], None]
@@ -42,7 +42,7 @@ def _outcome(case: Case, controls: bool) -> Outcome:
 
 def _run(name: str, controls: bool) -> Outcome:
     """What a process does: cases hold functions without a name, so they go by theirs."""
-    from studies.hard_cases import CASES  # which imports this module
+    from magmpm.studies.hard_cases import CASES  # which imports this module
 
     return _outcome(next(case for case in CASES if case.name == name), controls)
 

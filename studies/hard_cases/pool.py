@@ -17,7 +17,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from studies.hard_cases.attempt import HUNG, TRACEBACK, Outcome, attempt
+import magmpm
+from magmpm.studies.hard_cases.attempt import HUNG, TRACEBACK, Outcome, attempt
 
 PATIENCE = 20.0
 COMPILING = 1200.0  # s more that a process may take: it compiles before its limit of processor time begins
@@ -53,9 +54,9 @@ class _Process:
 
     def _start(self) -> None:
         self.pipe, theirs = Pipe()
-        root = str(Path(__file__).resolve().parents[2])
+        root = str(Path(magmpm.__file__).resolve().parents[1])
         given = f"{theirs.fileno()}, {self.limit}"
-        code = f"import sys; sys.path.insert(0, {root!r}); from studies.hard_cases.pool import serve; serve({given})"
+        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.studies.hard_cases.pool import serve; serve({given})"
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", code], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

@@ -13,9 +13,9 @@ from typing import Any
 import yaml
 
 from magmpm.errors import InputError
-from studies.hard_cases.attempt import CONVERGED, HUNG, REFUSED, STOPPED, TRACEBACK, WRONG, Outcome
-from studies.hard_cases.drawn import drawn
-from studies.hard_cases.pool import solved
+from magmpm.studies.hard_cases.attempt import CONVERGED, HUNG, REFUSED, STOPPED, TRACEBACK, WRONG, Outcome
+from magmpm.studies.hard_cases.drawn import drawn
+from magmpm.studies.hard_cases.pool import solved
 
 OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
 FIRST = 20  # scenes by which another version of the generator is noticed

@@ -14,9 +14,9 @@ from magmpm.effects.self_contact import gap
 from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.scene import Scene
-from studies.hard_cases.case import Case
-from studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
-from studies.hard_cases.scenes import DENSITY, G, bending_field, folding_strip, opening_strip, rod
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
+from magmpm.studies.hard_cases.scenes import DENSITY, G, bending_field, folding_strip, opening_strip, rod
 
 SHORT = 20e-3  # m
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6

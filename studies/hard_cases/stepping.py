@@ -17,9 +17,9 @@ from magmpm.errors import InputError, SolveError
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from studies.hard_cases.case import Case
-from studies.hard_cases.motions import Motion, advance, at_rest, energy, last_cells, spin, throw
-from studies.hard_cases.scenes import G, bending_field, rod
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.motions import Motion, advance, at_rest, energy, last_cells, spin, throw
+from magmpm.studies.hard_cases.scenes import G, bending_field, rod
 
 STEPS = 100_000
 SHORT = 4 * 4e-3  # m

@@ -15,10 +15,10 @@ from magmpm.errors import InputError
 from magmpm.results.file_names import CHECKPOINT, ENERGIES
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from studies.hard_cases.case import Case
-from studies.hard_cases.motions import advance, at_rest, energy, spin, throw
-from studies.hard_cases.scenes import bending_field, rod
-from studies.hard_cases.stepping import _shaken
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.motions import advance, at_rest, energy, spin, throw
+from magmpm.studies.hard_cases.scenes import bending_field, rod
+from magmpm.studies.hard_cases.stepping import _shaken
 
 MILLION = 1_000_000
 SHORT = 8e-3  # m

@@ -15,8 +15,8 @@ import yaml
 from magmpm.inputs.settings import read_yaml
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
-from studies.best_scene import mended
-from studies.live.sliders import AXES, SOURCES, Control, Values, angles, turned
+from magmpm.studies.best_scene import mended
+from magmpm.studies.live.sliders import AXES, SOURCES, Control, Values, angles, turned
 
 Data = dict[str, Any]
 

@@ -13,14 +13,15 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import magmpm
 from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.simulate import simulated
 from magmpm.statics.equilibrium import Following
-from studies.neighbors import Neighbors
-from studies.shape_distance import gaps, root_mean_square
+from magmpm.studies.neighbors import Neighbors
+from magmpm.studies.shape_distance import gaps, root_mean_square
 
 MOST = 400  # solves that are remembered, the last ones
 PATIENCE = 0.4  # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so that shapes keep coming
@@ -51,8 +52,8 @@ class Solver:
 
     def _start(self) -> None:
         self._pipe, theirs = Pipe()
-        root = str(Path(__file__).resolve().parents[2])
-        code = f"import sys; sys.path.insert(0, {root!r}); from studies.live.solver import serve; serve({theirs.fileno()})"
+        root = str(Path(magmpm.__file__).resolve().parents[1])
+        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.studies.live.solver import serve; serve({theirs.fileno()})"
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", code], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,

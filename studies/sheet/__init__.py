@@ -1,5 +1,5 @@
 """What a report says of a study, gathered from its folder and its storage: plain data, which viz.sheet draws and writes."""
 
-from studies.sheet.facts import gather
+from magmpm.studies.sheet.facts import gather
 
 __all__ = ["gather"]

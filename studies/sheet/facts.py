@@ -19,16 +19,16 @@ from magmpm.inputs.regular_file import read_regular
 from magmpm.results.result import Result
 from magmpm.results.versions import versions
 from magmpm.scene import Scene, load_scene
-from studies import records
-from studies.best_scene import SCENE
-from studies.definition import definition_hash, load_study
-from studies.samplers import settings
-from studies.search_space import SearchSpace
-from studies.sheet import trials as of_trials
-from studies.sheet.finer import judged, last_equilibrium
-from studies.sheet.tolerances import SHARE, allowed, together
-from studies.storage import must_exist, open_storage, storage_faults
-from studies.study import Study
+from magmpm.studies import records
+from magmpm.studies.best_scene import SCENE
+from magmpm.studies.definition import definition_hash, load_study
+from magmpm.studies.samplers import settings
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.sheet import trials as of_trials
+from magmpm.studies.sheet.finer import judged, last_equilibrium
+from magmpm.studies.sheet.tolerances import SHARE, allowed, together
+from magmpm.studies.storage import must_exist, open_storage, storage_faults
+from magmpm.studies.study import Study
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+import magmpm
 from magmpm.effects import acting
 from magmpm.errors import MagmpmError
 from magmpm.model import build
@@ -25,7 +26,7 @@ from magmpm.scene import Scene
 from magmpm.statics.axis import tip
 from magmpm.statics.equilibrium import Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
-from studies.neighbors import Neighbors
+from magmpm.studies.neighbors import Neighbors
 
 Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
 
@@ -67,8 +68,8 @@ class _Process:
 
     def _start(self) -> None:
         self.pipe, theirs = Pipe()
-        root = str(Path(__file__).resolve().parents[2])
-        code = f"import sys; sys.path.insert(0, {root!r}); from studies.tip_map.processes import serve; serve({theirs.fileno()})"
+        root = str(Path(magmpm.__file__).resolve().parents[1])
+        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.studies.tip_map.processes import serve; serve({theirs.fileno()})"
         env = {**os.environ, "OMP_NUM_THREADS": str(self._threads), "NUMBA_NUM_THREADS": str(self._threads)}
         with theirs:
             self.process = subprocess.Popen(

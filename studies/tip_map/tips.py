@@ -19,9 +19,9 @@ from magmpm.errors import InputError, report
 from magmpm.precompile import prepare_kernels
 from magmpm.results.whole_file import whole_file, write_json
 from magmpm.scene import Scene
-from studies.tip_map.fields import Fields
-from studies.tip_map.processes import solved
-from studies.tip_map.rods import rod_tips
+from magmpm.studies.tip_map.fields import Fields
+from magmpm.studies.tip_map.processes import solved
+from magmpm.studies.tip_map.rods import rod_tips
 
 BRINK = 0.02  # of the unloaded body's least stiffness, as `magmpm run` warns: a shape below is as good as unstable
 LEFT = 0.1  # of the length, between the tips of solve and rod: they are two shapes

@@ -1,6 +1,6 @@
 """Serves a database of trials to sessions on other machines by Optuna's gRPC proxy: they need neither its driver nor its password.
 
-    MAGMPM_STORAGE=postgresql://user:password@host/name python -m studies.workers.grpc_proxy --port 13000
+    MAGMPM_STORAGE=postgresql://user:password@host/name python -m magmpm.studies.workers.grpc_proxy --port 13000
 
 gRPC is not encrypted here, and asks for no password: bind it to an address that only your own machines reach.
 """
@@ -15,13 +15,13 @@ import warnings
 from collections.abc import Sequence
 
 from magmpm.errors import MagmpmError
-from studies.storage import CONNECTING, Store, open_storage
-from studies.storage_url import GRPC_PORT, VARIABLE, given_url, shown_url, storage_url
+from magmpm.studies.storage import CONNECTING, Store, open_storage
+from magmpm.studies.storage_url import GRPC_PORT, VARIABLE, given_url, shown_url, storage_url
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGTERM or Ctrl-C. Returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m studies.workers.grpc_proxy", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="python -m magmpm.studies.workers.grpc_proxy", description=__doc__, allow_abbrev=False)
     parser.add_argument("--storage", metavar="URL", help=f"the database [the variable {VARIABLE}]")
     parser.add_argument("--host", default="localhost", help="address to listen on [localhost: this machine alone]")
     parser.add_argument("--port", type=int, default=GRPC_PORT, help=f"port to listen on [{GRPC_PORT}]")

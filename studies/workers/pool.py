@@ -20,8 +20,9 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
+import magmpm
 from magmpm.errors import MagmpmError, report
-from studies.judge import Judge, Judged
+from magmpm.studies.judge import Judge, Judged
 
 TRIES = 2  # processes that a design may end before it counts as failed
 STARTS = 3  # processes in a row that may end before they are ready
@@ -140,8 +141,8 @@ class _Worker:
         self.pipe, theirs = Pipe()
         self.job: tuple[int, dict[str, Any]] | None = None
         self.ready, self.tries, self.since = False, 0, time.monotonic()  # since: when its design, or its start, began
-        root = str(Path(__file__).resolve().parents[2])
-        code = f"import sys; sys.path.insert(0, {root!r}); from studies.workers.process import main; main(sys.argv)"
+        root = str(Path(magmpm.__file__).resolve().parents[1])
+        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.studies.workers.process import main; main(sys.argv)"
         env = {name: value for name, value in os.environ.items() if name not in SECRETS}
         env |= dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), str(threads))
         with theirs:

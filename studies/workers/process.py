@@ -51,7 +51,7 @@ def _send(pipe: Any, kind: str, error: Exception) -> None:
 
 
 def _judge(payload: bytes) -> Any:
-    from studies.judge import Judge
+    from magmpm.studies.judge import Judge
 
     return Judge(*pickle.loads(payload))  # from the session that started this process
 

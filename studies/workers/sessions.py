@@ -25,9 +25,9 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import report
-from studies.storage import StorageError, Store
-from studies.storage_url import is_server
-from studies.workers.per_trial import AGAIN, SESSION
+from magmpm.studies.storage import StorageError, Store
+from magmpm.studies.storage_url import is_server
+from magmpm.studies.workers.per_trial import AGAIN, SESSION
 
 if TYPE_CHECKING:
     import optuna

@@ -144,7 +144,7 @@ def seconds() -> Figures:
 def _ladder() -> dict[str, Any]:
     from magmpm.scene import load_scene
     from magmpm.simulate import run
-    from studies.accuracy import climb
+    from magmpm.studies.accuracy import climb
 
     return climb(load_scene(ROOT / ACCURACY_SCENE), run).summary()
 
@@ -203,7 +203,7 @@ def promised() -> Figures:
 
 def effects_costs() -> Figures:
     """What each effect is counted to cost a catheter in motion, %."""
-    from studies.effects_costs import counted
+    from magmpm.studies.effects_costs import counted
 
     return {name: round(percent) for name, percent in counted(importlib.import_module("advice").drawn(2)).items()}
 
@@ -213,8 +213,8 @@ def insertion() -> Figures:
     import tempfile
 
     from magmpm.simulate import run, sensitivities
-    from studies.definition import load_study
-    from studies.engine import run_study
+    from magmpm.studies.definition import load_study
+    from magmpm.studies.engine import run_study
 
     found: Figures = {}
     for name, file in (("planar", "insertion_s"), ("spatial", "insertion_spatial")):
@@ -252,8 +252,8 @@ def sampler() -> Figures:
     from dataclasses import replace
 
     from magmpm.simulate import run
-    from studies.definition import load_study
-    from studies.engine import run_study
+    from magmpm.studies.definition import load_study
+    from magmpm.studies.engine import run_study
 
     found: Figures = {}
     for name, letter in (("c_shape", "C"), ("s_shape", "S")):
@@ -292,8 +292,8 @@ def stability_quick() -> Figures:
 
 
 def _cases(slow: bool) -> Figures:
-    from studies.hard_cases import CASES
-    from studies.hard_cases.parallel import outcomes
+    from magmpm.studies.hard_cases import CASES
+    from magmpm.studies.hard_cases.parallel import outcomes
 
     cases, found = [case for case in CASES if case.slow == slow], {}
     for case, outcome in zip(cases, outcomes(cases), strict=True):
@@ -337,7 +337,7 @@ def drawn() -> Path:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
-    from viz.plots import accuracy as plot
+    from magmpm.viz.plots import accuracy as plot
 
     path, rungs = ROOT / ACCURACY_IMAGE, _ladder()["rungs"]
     plot(rungs, path, title="five-segment catheter")

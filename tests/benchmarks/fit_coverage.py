@@ -40,7 +40,7 @@ def scene() -> Any:
 def one(number: int) -> dict[str, Any]:
     """A fit: the true values, and the intervals."""
     from magmpm import run
-    from studies.fitting import fit, read_measured
+    from magmpm.studies.fitting import fit, read_measured
 
     rng, start = np.random.default_rng([11, number]), scene()
     data = start.to_si()

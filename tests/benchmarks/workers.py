@@ -21,9 +21,9 @@ import optuna
 from magmpm.cli.design import TrialPicture
 from magmpm.precompile import fill_cache
 from magmpm.simulate import run, sensitivities
-from studies.definition import load_study
-from studies.engine import kernel_uses, run_study
-from viz.worker import Renderer
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import kernel_uses, run_study
+from magmpm.viz.worker import Renderer
 
 ROOT = Path(__file__).parents[2]
 TRIALS, WARM = 200, 10

@@ -147,7 +147,7 @@ def test_a_folder_without_a_study_is_refused(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_page_that_cannot_be_printed_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from viz.sheet import PrintError, printed, printing
+    from magmpm.viz.sheet import PrintError, printed, printing
 
     monkeypatch.setattr(printing, "BROWSERS", ())
     monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
@@ -159,7 +159,7 @@ def test_a_page_that_cannot_be_printed_says_what_to_install(tmp_path: Path, monk
 @pytest.mark.slow
 def test_a_page_is_printed_where_a_printer_is(tmp_path: Path) -> None:
     """By WeasyPrint or Chromium; skipped where neither is: pip install 'magmpm[report]', or apt-get install chromium."""
-    from viz.sheet import printed, printing
+    from magmpm.viz.sheet import printed, printing
 
     if importlib.util.find_spec("weasyprint") is None and not any(shutil.which(name) for name in printing.BROWSERS):
         pytest.skip("no printer here: pip install 'magmpm[report]', or apt-get install chromium")

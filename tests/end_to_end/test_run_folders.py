@@ -24,7 +24,7 @@ from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTI
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
-from viz.from_result import Still, trial_snapshot
+from magmpm.viz.from_result import Still, trial_snapshot
 
 MOVING = SWING.format(dynamic="duration: 0.4 ms, output_every: 0.2 ms")
 RESTING = MOVING[: MOVING.index("solver:")] + "solver: {static: {field_steps: 4}}\nresolution: {cells_across: 2}\n"

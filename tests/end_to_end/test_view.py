@@ -15,7 +15,7 @@ import pytest
 from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import refuse_unwritable
-from viz.page import PageServer, packed
+from magmpm.viz.page import PageServer, packed
 
 ROOT = Path(__file__).resolve().parents[2]
 FIVE = str(ROOT / "data" / "scenes" / "five_segments.yaml")

@@ -81,17 +81,19 @@ def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
     (wheel,) = wheels.glob("magmpm-*.whl")
     with zipfile.ZipFile(wheel) as content:
         held = {name.partition("/data/share/magmpm/")[2] for name in content.namelist()}
-        assert {"magmpm/py.typed", "magmpm/scene.schema.json", "studies/study.schema.json"} <= set(content.namelist())
+        assert {"magmpm/py.typed", "magmpm/scene.schema.json", "magmpm/studies/study.schema.json"} <= set(content.namelist())
     assert {name for name in known if name.startswith("data/")} <= held
     run(sys.executable, "-m", "venv", tmp_path / "empty", cwd=home)
     bin_folder = tmp_path / "empty/bin"
     run(bin_folder / "python", "-m", "pip", "install", "-c", ROOT / "constraints.txt", f"{wheel}[render]", cwd=home)
     magmpm = bin_folder / "magmpm"
     run(magmpm, "examples", ".", cwd=home)
+    for name in ("studies.py", "viz.py"):  # a user's own modules, with names like our folders
+        (home / name).write_text("raise SystemExit('a module of the user was imported')", encoding="utf-8")
     told = json.loads(run(magmpm, "run", "data/scenes/five_segments.yaml", "--render", "--json", cwd=home))
     assert told["converged"]
     assert (home / "runs/five-segment-catheter/picture.png").stat().st_size > 10_000
-    where = run(bin_folder / "python", "-c", "import magmpm, viz; print(magmpm.__file__, viz.__file__)", cwd=home)
+    where = run(bin_folder / "python", "-c", "import magmpm.viz; print(magmpm.__file__, magmpm.viz.__file__)", cwd=home)
     assert all(str(tmp_path / "empty") in path for path in where.split())
     design = json.loads(run(magmpm, "design", "data/studies/c_shape.yaml", "--trials", "2", "--json", cwd=home))
     assert design["trials"] == 2

@@ -16,7 +16,7 @@ from typing import Any
 
 import atheris
 
-WATCHED = ["magmpm.inputs", "magmpm.bodies.surface_mesh", "magmpm.fields.measured_map", "studies.fitting.table"]
+WATCHED = ["magmpm.inputs", "magmpm.bodies.surface_mesh", "magmpm.fields.measured_map", "magmpm.studies.fitting.table"]
 with atheris.instrument_imports(include=WATCHED):
     from magmpm import load_scene
     from magmpm.bodies.shells import MeshError
@@ -24,7 +24,7 @@ with atheris.instrument_imports(include=WATCHED):
     from magmpm.errors import InputError
     from magmpm.fields.measured_map import read_map, read_schedule
     from magmpm.inputs.csv_tables import read_centreline
-    from studies.fitting.table import read_measured
+    from magmpm.studies.fitting.table import read_measured
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = load_scene(ROOT / "data/scenes/axial_transverse.yaml")

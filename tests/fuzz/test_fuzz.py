@@ -135,7 +135,7 @@ def test_scenes(text: str) -> None:
 @inputs("study")
 @drawn(text=documents(STUDIES))
 def test_studies(text: str) -> None:
-    from studies.definition import load_study
+    from magmpm.studies.definition import load_study
 
     study = judged(lambda: load_study(written("study.yaml", text)))
     if study is not None:
@@ -168,7 +168,7 @@ MOVING = Scene.from_si({**STATIC.to_si(), "solver": {"dynamic": {"duration": 0.1
 @inputs("measured")
 @drawn(content=tables(HEADERS, [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]]), moving=st.booleans())
 def test_measurements(content: bytes, moving: bool) -> None:
-    from studies.fitting import read_measured
+    from magmpm.studies.fitting import read_measured
 
     measured = judged(lambda: read_measured(written("tips.csv", content), MOVING if moving else STATIC))
     if measured is not None:

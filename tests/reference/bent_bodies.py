@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from viz import style
-from viz.from_result import segment_arrows
-from viz.meshes import tube
-from viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz import style
+from magmpm.viz.from_result import segment_arrows
+from magmpm.viz.meshes import tube
+from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
 
 Curvature = Callable[[float], tuple[float, float]]
 

@@ -10,8 +10,8 @@ import numpy as np
 from reference import motions
 
 from magmpm.results.trajectory import Motion, MotionWriter
-from viz import style
-from viz.from_motion import MotionRenderer
+from magmpm.viz import style
+from magmpm.viz.from_motion import MotionRenderer
 
 SIZE = (320, 180)
 CATHETER = {"length": 0.04, "diameter": 0.004, "material": "silicone", "segments": [{"length": 0.01}, {}, {}]}

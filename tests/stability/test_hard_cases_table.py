@@ -9,8 +9,8 @@ import pytest
 from magmpm.bodies.catheter import Catheter
 from magmpm.cli import main
 from magmpm.statics import equilibrium, newton
-from studies.hard_cases import CASES, Case, run_cases
-from studies.hard_cases.controls import control_of
+from magmpm.studies.hard_cases import CASES, Case, run_cases
+from magmpm.studies.hard_cases.controls import control_of
 
 PARAMETERS = [pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.slow else []) for case in CASES]
 

@@ -17,12 +17,12 @@ from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
 from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
-from studies.hard_cases.attempt import remedied
-from studies.hard_cases.checks import FINER, LATE, checked
-from studies.hard_cases.drawn import drawn
-from studies.hard_cases.pool import solved
-from studies.hard_cases.random_suite import BROKEN
-from studies.hard_cases.twins import MIRROR, twin
+from magmpm.studies.hard_cases.attempt import remedied
+from magmpm.studies.hard_cases.checks import FINER, LATE, checked
+from magmpm.studies.hard_cases.drawn import drawn
+from magmpm.studies.hard_cases.pool import solved
+from magmpm.studies.hard_cases.random_suite import BROKEN
+from magmpm.studies.hard_cases.twins import MIRROR, twin
 
 
 def as_file(folder: Path, seed: int, number: int) -> Scene:

@@ -18,8 +18,8 @@ from interruptible import draw
 from rod_solve import solve, write_study
 
 from magmpm.cli import main
-from studies.definition import load_study
-from studies.engine import run_study
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import run_study
 
 pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
 
@@ -102,7 +102,7 @@ def test_the_page_tells_what_was_refused(address: str) -> None:
     """Two chips (list and details) and the table's column; the rest of the dashboard's script is as it was."""
     import optuna_dashboard
 
-    from studies.dashboard_page import CHIP, COLUMN, SCRIPT
+    from magmpm.studies.dashboard_page import CHIP, COLUMN, SCRIPT
 
     script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(encoding="utf-8")
     assert len(CHIP.findall(script)) == 2

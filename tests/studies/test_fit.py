@@ -13,7 +13,7 @@ from magmpm import load_scene, run
 from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from studies.fitting import (
+from magmpm.studies.fitting import (
     Refused,
     doubtful_fields,
     fit,
@@ -24,11 +24,11 @@ from studies.fitting import (
     summary,
     text,
 )
-from studies.fitting.constants import applied, constants_of
-from studies.fitting.identify import refuse_twins
-from studies.fitting.prediction import Prediction
-from studies.fitting.profile import interval_of
-from studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.constants import applied, constants_of
+from magmpm.studies.fitting.identify import refuse_twins
+from magmpm.studies.fitting.prediction import Prediction
+from magmpm.studies.fitting.profile import interval_of
+from magmpm.studies.fitting.solve import Minimum, least_squares
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)

@@ -9,8 +9,8 @@ import numpy as np
 import optuna
 import pytest
 
-from studies.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler
-from studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number
+from magmpm.studies.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler
+from magmpm.studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number
 
 Model = Callable[[Array], tuple[Array, Array]]
 

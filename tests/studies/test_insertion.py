@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from magmpm import Scene
-from studies.insertion import EXIT_WEIGHT, STATIONS, Insertion
-from studies.path import Path
-from studies.rod_trajectory import RodDesign, RodTrajectory
-from studies.search_space import SearchSpace
-from studies.study import Study
-from studies.vary import Vary, VaryField, VaryMagnetization
+from magmpm.studies.insertion import EXIT_WEIGHT, STATIONS, Insertion
+from magmpm.studies.path import Path
+from magmpm.studies.rod_trajectory import RodDesign, RodTrajectory
+from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.study import Study
+from magmpm.studies.vary import Vary, VaryField, VaryMagnetization
 
 RADIUS = 0.04
 MAX = 10e-3

@@ -20,11 +20,11 @@ from rod_solve import STUDY, RodResult, differentiate, solve, write_study
 from magmpm.errors import InputError
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from studies.definition import load_study
-from studies.engine import run_study
-from studies.sampler_names import NAMES, PREFIX, SAMPLERS
-from studies.samplers import check_available
-from studies.trial import Trial
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import run_study
+from magmpm.studies.sampler_names import NAMES, PREFIX, SAMPLERS
+from magmpm.studies.samplers import check_available
+from magmpm.studies.trial import Trial
 
 HERE = Path(__file__).parent
 

@@ -12,11 +12,11 @@ from rod_solve import SCENE, STUDY, RodSensitivities, solve, write_study
 
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
-from studies.definition import load_study
-from studies.engine import run_study
-from studies.robust import Scatter, deviations, kinds
-from studies.shape_distance import gap_derivatives, gaps, root_mean_square
-from studies.study_file import Robust
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import run_study
+from magmpm.studies.robust import Scatter, deviations, kinds
+from magmpm.studies.shape_distance import gap_derivatives, gaps, root_mean_square
+from magmpm.studies.study_file import Robust
 
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.04)
 ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}\n"

@@ -7,8 +7,8 @@ import pytest
 from test_insertion import MAX, insertion
 
 from magmpm.errors import SolveError
-from studies.rod_path import BRINK, RodPath, search
-from studies.rod_trajectory import RodDesign
+from magmpm.studies.rod_path import BRINK, RodPath, search
+from magmpm.studies.rod_trajectory import RodDesign
 
 
 def turning_back():

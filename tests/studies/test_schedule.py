@@ -11,11 +11,11 @@ from rod_solve import SCENE, STUDY, RodSensitivities, differentiate, solve, writ
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
-from studies.definition import load_study
-from studies.engine import run_study
-from studies.schedule import Schedule
-from studies.schedule_check import in_motion
-from studies.search_space import SearchSpace
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import run_study
+from magmpm.studies.schedule import Schedule
+from magmpm.studies.schedule_check import in_motion
+from magmpm.studies.search_space import SearchSpace
 
 TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(
     "match: {centreline: target.csv}",

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from rod_solve import SCENE, STUDY, write_study
 
 from magmpm.scene import Scene
-from studies.definition import load_study
-from studies.samplers import make_sampler
-from studies.search_space import SearchSpace, angles, direction
-from studies.tpe import Designs, DirectionTPE, Settings
+from magmpm.studies.definition import load_study
+from magmpm.studies.samplers import make_sampler
+from magmpm.studies.search_space import SearchSpace, angles, direction
+from magmpm.studies.tpe import Designs, DirectionTPE, Settings
 
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
 

@@ -15,9 +15,9 @@ from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.statics.layout import static_model
-from studies.live import ready
-from studies.tip_map import MARKS, in_plane, map_tips, on_rays, processes
-from studies.tip_map.rods import rod_tips
+from magmpm.studies.live import ready
+from magmpm.studies.tip_map import MARKS, in_plane, map_tips, on_rays, processes
+from magmpm.studies.tip_map.rods import rod_tips
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"

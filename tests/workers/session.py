@@ -16,9 +16,9 @@ import rod_solve
 
 from magmpm.errors import MagmpmError
 from magmpm.scene import Scene
-from studies.definition import load_study
-from studies.engine import run_study
-from studies.workers import sessions
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import run_study
+from magmpm.studies.workers import sessions
 
 SECONDS = "TEST_SECONDS"
 DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies

@@ -19,15 +19,15 @@ from rod_solve import STUDY, write_study
 
 from magmpm.cli import main
 from magmpm.errors import InputError
-from studies.definition import load_study
-from studies.engine import allowed_time, run_study
-from studies.judge import Judge
-from studies.report import StudyReport
-from studies.sampler_names import SAMPLERS
-from studies.storage_url import given_url, passwords, shown_url, without_passwords
-from studies.trial import Trial
-from studies.workers import pool
-from studies.workers.pool import threads_each
+from magmpm.studies.definition import load_study
+from magmpm.studies.engine import allowed_time, run_study
+from magmpm.studies.judge import Judge
+from magmpm.studies.report import StudyReport
+from magmpm.studies.sampler_names import SAMPLERS
+from magmpm.studies.storage_url import given_url, passwords, shown_url, without_passwords
+from magmpm.studies.trial import Trial
+from magmpm.studies.workers import pool
+from magmpm.studies.workers.pool import threads_each
 
 pytestmark = pytest.mark.slow
 TRIALS = 16

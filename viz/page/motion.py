@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from magmpm.scene import Scene
-from viz.body import Body
-from viz.page.stage import obstacles_of, put_obstacles, surface_arrays
+from magmpm.viz.body import Body
+from magmpm.viz.page.stage import obstacles_of, put_obstacles, surface_arrays
 
 CURVES = ("kinetic", "elastic", "total")  # of energies.csv, where there
 

@@ -7,14 +7,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from magmpm.scene import Scene
-from viz import style
-from viz.binding import gradients
-from viz.body import Body
-from viz.from_motion import gravity_of
-from viz.from_result import segment_arrows
-from viz.obstacles import ground, sources, standing
-from viz.page.wire import packed
-from viz.snapshot import Obstacle
+from magmpm.viz import style
+from magmpm.viz.binding import gradients
+from magmpm.viz.body import Body
+from magmpm.viz.from_motion import gravity_of
+from magmpm.viz.from_result import segment_arrows
+from magmpm.viz.obstacles import ground, sources, standing
+from magmpm.viz.page.wire import packed
+from magmpm.viz.snapshot import Obstacle
 
 KEPT = 24  # surfaces of bodies: one for each length outside a guide that was seen
 

@@ -3,7 +3,7 @@
 Everything comes as plain data (studies.sheet) and files of pictures; every text is escaped, and nothing is loaded from elsewhere.
 """
 
-from viz.sheet.printing import PrintError, printed
-from viz.sheet.whole import Pictures, page
+from magmpm.viz.sheet.printing import PrintError, printed
+from magmpm.viz.sheet.whole import Pictures, page
 
 __all__ = ["Pictures", "PrintError", "page", "printed"]

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from magmpm.results.readable import fixed, significant
-from viz.sheet.drawing import drawing
-from viz.sheet.markup import NOTHING, Markup, joined, table, tag
+from magmpm.viz.sheet.drawing import drawing
+from magmpm.viz.sheet.markup import NOTHING, Markup, joined, table, tag
 
 
 def sheet(facts: Mapping[str, Any]) -> Markup:

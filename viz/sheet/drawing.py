@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from viz import style
+from magmpm.viz import style
 
 WIDTH, LEFT, RIGHT = 860.0, 96.0, 150.0  # of the drawing and its margins, px
 LEAST, MOST = 44.0, 120.0  # height of the body, px

@@ -8,7 +8,7 @@ from typing import Any
 
 from magmpm.results.readable import length, significant
 from magmpm.results.versions import CITATION, SOURCES
-from viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag
+from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag
 
 WORDS = {"insertion": "insertion along a path", "schedule": "shapes at given times", "shape": "one target shape"}
 MOST_BARS = 16

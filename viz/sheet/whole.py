@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from viz.sheet import design, found
-from viz.sheet.look import CSS
-from viz.sheet.markup import NOTHING, Markup, PictureError, figure, joined, movie, safe, tag
+from magmpm.viz.sheet import design, found
+from magmpm.viz.sheet.look import CSS
+from magmpm.viz.sheet.markup import NOTHING, Markup, PictureError, figure, joined, movie, safe, tag
 
 # What a page may load: nothing but what it holds. No scripts at all.
 POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"

@@ -18,7 +18,7 @@ from magmpm.results.result import Result
 from magmpm.results.strain import STRETCH, VOLUME, Strain, strain_of
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from viz.from_result import Still, trial_snapshot
+from magmpm.viz.from_result import Still, trial_snapshot
 
 ROOT = Path(__file__).parents[3]
 L, D = 40e-3, 4e-3

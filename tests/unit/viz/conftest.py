@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from reference import drawn
 
-from viz.from_motion import MotionRenderer
-from viz.worker import Renderer
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.worker import Renderer
 
 
 @pytest.fixture(scope="module")

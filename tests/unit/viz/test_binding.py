@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from reference import motions
 
-from viz.binding import Binding, gradients
-from viz.meshes import bar, tube
-from viz.particle_surface import connected_components
+from magmpm.viz.binding import Binding, gradients
+from magmpm.viz.meshes import bar, tube
+from magmpm.viz.particle_surface import connected_components
 
 
 def test_a_bound_surface_moves_as_the_body_does() -> None:

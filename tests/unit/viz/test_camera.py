@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from reference.bent_bodies import c_shape, catheter, s_shape
 
-from viz import annotations
-from viz.camera import Framing, best_direction
-from viz.layout import TRIAL, Views
-from viz.snapshot import Snapshot
+from magmpm.viz import annotations
+from magmpm.viz.camera import Framing, best_direction
+from magmpm.viz.layout import TRIAL, Views
+from magmpm.viz.snapshot import Snapshot
 
 ASPECT = 4 / 3
 

@@ -10,11 +10,11 @@ import pytest
 from reference import drawn
 from reference.drawn import SIZE
 
-from viz import layout, movies, style
-from viz.from_motion import MotionRenderer
-from viz.meshes import swept
-from viz.snapshot import Obstacle
-from viz.worker import Renderer
+from magmpm.viz import layout, movies, style
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.meshes import swept
+from magmpm.viz.snapshot import Obstacle
+from magmpm.viz.worker import Renderer
 
 
 def pictures(renderer: Renderer, motion: MotionRenderer) -> tuple[np.ndarray, np.ndarray]:

@@ -10,11 +10,11 @@ from reference import drawn, motions
 from reference.drawn import MAGNET
 
 from magmpm.results.trajectory import Motion, MotionWriter
-from viz import annotations, style
-from viz.camera import Framing
-from viz.figure_panels import figure, moments
-from viz.from_motion import MotionRenderer
-from viz.worker import Renderer
+from magmpm.viz import annotations, style
+from magmpm.viz.camera import Framing
+from magmpm.viz.figure_panels import figure, moments
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.worker import Renderer
 
 
 def test_moments_show_what_closes_and_opens_again_closed(tmp_path: Path) -> None:

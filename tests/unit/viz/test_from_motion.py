@@ -11,12 +11,12 @@ from reference.drawn import MAGNET, SIZE
 
 from magmpm.results.trajectory import Motion, MotionWriter
 from magmpm.scene import Scene
-from viz import annotations, layout, movies, style
-from viz.body import Body
-from viz.from_motion import MotionRenderer
-from viz.meshes import Surface
-from viz.process import RenderError
-from viz.worker import Renderer
+from magmpm.viz import annotations, layout, movies, style
+from magmpm.viz.body import Body
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.meshes import Surface
+from magmpm.viz.process import RenderError
+from magmpm.viz.worker import Renderer
 
 
 def test_the_body_is_a_closed_tube_with_its_segments_and_follows_the_motion(motion: MotionRenderer) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from reference import bent_bodies, drawn, motions
 
-from viz import annotations, style
-from viz.from_result import Still, segment_arrows, trial_snapshot
-from viz.snapshot import Particles
-from viz.worker import Renderer
+from magmpm.viz import annotations, style
+from magmpm.viz.from_result import Still, segment_arrows, trial_snapshot
+from magmpm.viz.snapshot import Particles
+from magmpm.viz.worker import Renderer
 
 
 def fake_result(per_diameter: int = 16, gravity: dict[str, Any] | None = None) -> SimpleNamespace:

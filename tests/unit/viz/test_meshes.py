@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from viz.meshes import Surface, ball, bar, creased, normals, refined, tube
+from magmpm.viz.meshes import Surface, ball, bar, creased, normals, refined, tube
 
 
 def volume(surface: Surface) -> float:

@@ -11,13 +11,13 @@ from PIL import Image
 from reference import bent_bodies
 from reference.drawn import SIZE
 
-from viz import movies
-from viz.camera import Framing
-from viz.from_motion import MotionRenderer
-from viz.movies import chosen
-from viz.process import RenderError
-from viz.snapshot import Snapshot
-from viz.worker import Renderer
+from magmpm.viz import movies
+from magmpm.viz.camera import Framing
+from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.movies import chosen
+from magmpm.viz.process import RenderError
+from magmpm.viz.snapshot import Snapshot
+from magmpm.viz.worker import Renderer
 
 SMALL = (160, 120)
 

@@ -14,9 +14,9 @@ from magmpm.fields.magnets import frame_of
 from magmpm.fields.schedule import places
 from magmpm.fields.sources import FieldSource
 from magmpm.scene import Scene
-from viz import obstacles, style
-from viz.meshes import tube
-from viz.snapshot import Obstacle
+from magmpm.viz import obstacles, style
+from magmpm.viz.meshes import tube
+from magmpm.viz.snapshot import Obstacle
 
 
 def sources_of(field: dict[str, Any], time: float = 0.0) -> list[Obstacle]:

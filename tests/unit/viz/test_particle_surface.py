@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from reference import motions
 
-from viz.meshes import Surface
-from viz.particle_surface import around_particles, spacing, surface_nets
+from magmpm.viz.meshes import Surface
+from magmpm.viz.particle_surface import around_particles, spacing, surface_nets
 
 
 def volume(surface: Surface) -> float:

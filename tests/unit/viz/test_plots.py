@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from viz import plots
-from viz.from_motion import MotionRenderer
+from magmpm.viz import plots
+from magmpm.viz.from_motion import MotionRenderer
 
 RMS = [8e-3, None, 5e-3, 6e-3, float("nan"), 3e-3, 4e-3]
 

@@ -10,12 +10,12 @@ import pytest
 from reference import bent_bodies, drawn
 
 from magmpm.scene import Scene
-from viz import annotations, obstacles, style
-from viz.camera import Framing, View
-from viz.layout import TRIAL, Panel, Views
-from viz.meshes import tube
-from viz.snapshot import Particles, Snapshot
-from viz.worker import Renderer
+from magmpm.viz import annotations, obstacles, style
+from magmpm.viz.camera import Framing, View
+from magmpm.viz.layout import TRIAL, Panel, Views
+from magmpm.viz.meshes import tube
+from magmpm.viz.snapshot import Particles, Snapshot
+from magmpm.viz.worker import Renderer
 
 WIDTH, HEIGHT = style.TRIAL_SIZE
 ASPECT = WIDTH / HEIGHT

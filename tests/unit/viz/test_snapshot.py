@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reference import bent_bodies
 
-from viz import style
+from magmpm.viz import style
 
 BODY = bent_bodies.catheter(spacing=1e-3).body
 

@@ -17,9 +17,9 @@ import pytest
 from PIL import Image
 from reference import bent_bodies
 
-from viz import worker
-from viz.snapshot import Snapshot
-from viz.worker import Renderer, RenderError
+from magmpm.viz import worker
+from magmpm.viz.snapshot import Snapshot
+from magmpm.viz.worker import Renderer, RenderError
 
 BODY = bent_bodies.catheter(bent_bodies.c_shape, bent_bodies.c_shape, spacing=1e-3)
 
@@ -91,7 +91,7 @@ def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(
     pyvista: Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only_there = (
-        "__import__('os')._exit(3) if 'viz.vtk_renderer' in __import__('sys').modules else 'drawn after all'"
+        "__import__('os')._exit(3) if 'magmpm.viz.vtk_renderer' in __import__('sys').modules else 'drawn after all'"
     )
     deadly = poisoned(eval, only_there)
     monkeypatch.setattr(worker, "MOST_FAILURES", 2)
@@ -166,7 +166,7 @@ def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path) -> Non
     """The system's limit for a file stands in for the disk: 1 kB holds no picture and no plot. No half file stays."""
     import resource
 
-    from viz import plots
+    from magmpm.viz import plots
 
     with Renderer("matplotlib") as renderer:
         renderer.wait_ready()
