@@ -6,6 +6,7 @@ from typing import Any
 
 from magmpm.errors import InputError, report
 from magmpm.studies.judge import Judge
+from magmpm.studies.opened import as_begun
 from magmpm.studies.storage import Store, must_exist, shown_url, storage_faults
 
 
@@ -19,6 +20,7 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
     must_exist(store.url, judge.out)
     storage = store.opened()
     with storage_faults(store.url, store.timeout):
+        judge.study = as_begun(judge.study, storage)
         try:
             kept = optuna.load_study(study_name=judge.study.name, storage=storage)
         except KeyError:

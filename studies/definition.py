@@ -24,6 +24,7 @@ from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.studies.sampler_names import SAMPLERS, check_sampler_name
+from magmpm.studies.samplers import best_suited
 from magmpm.studies.study import Keyframe, Study
 from magmpm.studies.study_checks import (
     check_file_name,
@@ -61,14 +62,14 @@ def load_study(path: Path | str) -> Study:
         scene = scene.with_cells(coarsest_cells(scene))
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
-    return Study(
+    study = Study(
         path=document.path,
         name=document.path.stem,
         scene=scene,
         target=target,
         vary=file.vary,
         trials=file.trials,
-        sampler=file.sampler,
+        sampler=file.sampler or "gauss-newton",
         seed=file.seed,
         stop_rms=None if file.stop is None else file.stop.rms,
         scene_file=folder / file.scene,
@@ -82,6 +83,7 @@ def load_study(path: Path | str) -> Study:
         start=file.start,
         asked=asked,
     )
+    return study if file.sampler is not None else best_suited(study)
 
 
 def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, tuple[Keyframe, ...]]:

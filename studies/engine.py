@@ -86,6 +86,8 @@ def run_study(
     StorageError when the database is locked or gone.
     """
     study = study.changed(trials=trials, sampler=sampler)
+    if differentiate is None and study.why_sampler is not None:
+        study = dataclasses.replace(study, sampler="tpe", why_sampler="the study names none, and nothing differentiates its solves")
     advice = check_study(study, workers, time_limit)
     if needs_derivatives(study) and differentiate is None:
         raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,13 +19,28 @@ from magmpm.studies.reach import findings
 from magmpm.studies.report import StudyReport
 from magmpm.studies.rod_designs import rod_starts
 from magmpm.studies.samplers import settings
-from magmpm.studies.storage import Store, must_exist, must_hold, open_study, shown_url
+from magmpm.studies.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
+from magmpm.studies.study import Study
 
 if TYPE_CHECKING:
+    from optuna.storages import BaseStorage
     from optuna.trial import FrozenTrial
 
 JUDGED = "judged"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
+
+
+def as_begun(study: Study, storage: BaseStorage) -> Study:
+    """A study whose file names no sampler, with the one by which the storage's study of its name was begun, if there is one."""
+    import optuna
+
+    if study.why_sampler is None or study.name not in optuna.get_all_study_names(storage):
+        return study
+    kept = optuna.load_study(study_name=study.name, storage=storage).user_attrs.get("definition", {})
+    begun = kept.get("sampler", study.sampler)
+    if begun == study.sampler:
+        return study
+    return dataclasses.replace(study, sampler=begun, why_sampler="the study was begun with it")
 
 
 class OpenStudy:
@@ -36,11 +52,13 @@ class OpenStudy:
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.judge, self.study, self.space, self.out, self.store = judge, judge.study, judge.space, out, store
         self.distributions = self.space.distributions()
-        search = {"parameters": list(self.distributions), **settings(self.study.sampler)}
         held = records.designs(out)
         if held:
             must_exist(store.url, out)
         self.storage = store.opened()
+        with storage_faults(store.url, store.timeout):
+            self.study = judge.study = as_begun(self.study, self.storage)
+        search = {"parameters": list(self.distributions), **settings(self.study.sampler)}
         must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
         definition = {**self.study.definition(), "search": search}
         self.kept = open_study(self.storage, self.study, definition, out, store.url, store.timeout)
@@ -121,6 +139,7 @@ class OpenStudy:
             out=self.out,
             storage=shown_url(self.store.url),
             sampler=self.study.sampler,
+            why_sampler=self.study.why_sampler,
             seed=self.study.seed,
             wanted=self.study.trials,
             stop_rms_m=self.study.stop_rms,

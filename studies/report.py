@@ -56,6 +56,7 @@ class StudyReport:
     measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
     front: dict[str, Any] | None = None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
     warnings: list[str] = field(default_factory=list)  # what a user should know of the search
+    why_sampler: str | None = None  # why this one, where the study's file names none
     artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
     study_file: str | None = None  # the study's file, from the root
     limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`

@@ -46,24 +46,38 @@ def check_available(name: str) -> None:
 
 def check_suits(study: Study) -> None:
     """Raises InputError when a study, as the command line has changed it, asks for what its sampler can't do."""
-    name = study.sampler
-    where = f"{study.path}: sampler"
-    if name == "gauss-newton" and not study.scene.static:
-        rule = "gauss-newton differentiates equilibria, and the scene is a motion"
-        remedy = "sampler: tpe, or leave `dynamic` out of the scene's solver"
-        raise InputError(report(where, received=name, rule=rule, remedy=remedy))
-    if study.margin is not None and name in HEED_NO_CONSTRAINTS:
-        rule = f"{name} would learn from designs that `stability` refuses as from others"
-        raise InputError(report(where, received=name, rule=rule, remedy="sampler: tpe or gauss-newton, or remove `stability`"))
-    if len(study.minimize) > 1 and name in ONE_OBJECTIVE:
-        rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
-        raise InputError(report(where, received=name, rule=rule, remedy="sampler: nsga2, or remove `minimize`"))
+    if (found := _unsuited(study)) is not None:
+        rule, remedy = found
+        raise InputError(report(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy))
     if len(study.minimize) > 1 and study.robust is not None:
         rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
         raise InputError(report(f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy))
+
+
+def _unsuited(study: Study) -> tuple[str, str] | None:
+    """Rule and remedy where a study asks for what its sampler can't do."""
+    name = study.sampler
+    if name == "gauss-newton" and not study.scene.static:
+        rule = "gauss-newton differentiates equilibria, and the scene is a motion"
+        return rule, "sampler: tpe, or leave `dynamic` out of the scene's solver"
+    if study.margin is not None and name in HEED_NO_CONSTRAINTS:
+        rule = f"{name} would learn from designs that `stability` refuses as from others"
+        return rule, "sampler: tpe or gauss-newton, or remove `stability`"
+    if len(study.minimize) > 1 and name in ONE_OBJECTIVE:
+        rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
+        return rule, "sampler: nsga2, or remove `minimize`"
     if study.vary.order is not None and name not in TAKE_CHOICES:
-        rule = f"{name} can't choose an order of segments"
-        raise InputError(report(where, received=name, rule=rule, remedy=f"sampler: {TAKE_CHOICES[0]}"))
+        return f"{name} can't choose an order of segments", f"sampler: {TAKE_CHOICES[0]}"
+    return None
+
+
+def best_suited(study: Study) -> Study:
+    """The study with the sampler that suits what it asks, and the reason: gauss-newton, or tpe where there is no derivative to follow."""
+    newton = study.changed(sampler="gauss-newton")
+    found = _unsuited(newton)
+    if found is None:
+        return dataclasses.replace(newton, why_sampler="the file names none, and the shape has derivatives by all that varies")
+    return dataclasses.replace(study.changed(sampler="tpe"), why_sampler=f"the file names none, and {found[0]}")
 
 
 def check_workers(workers: int | None, time_limit: float | None = None) -> None:

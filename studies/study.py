@@ -35,7 +35,7 @@ class Study:
     scene, None for a study made in Python; depths: inserted lengths, m, increasing, () without an insertion; keyframes: the
     shapes of a schedule, () without one; hold: how long its field stays at the end, s; minimize: what a trial's values are;
     margin: least stability, or None; start: "rod" or None; asked: the error that the scene's file asks for, or None: `scene` then has
-    the coarsest grid, on which trials are compared (studies.judged).
+    the coarsest grid, on which trials are compared (studies.judged); why_sampler: the reason for the sampler where the file names none.
     """
 
     path: Path
@@ -57,6 +57,7 @@ class Study:
     limits: Limits | None = None
     start: str | None = None
     asked: Resolution | None = None
+    why_sampler: str | None = None
 
     @property
     def vary_magnetization(self) -> bool:
@@ -85,6 +86,7 @@ class Study:
             self,
             trials=self.trials if trials is None else trials,
             sampler=self.sampler if sampler is None else sampler,
+            why_sampler=self.why_sampler if sampler is None else None,
         )
 
     def definition(self) -> dict[str, Any]:

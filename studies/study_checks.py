@@ -242,7 +242,7 @@ def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
     if math.comb(count, magnetized) > MOST_ORDERS:
         rule = f"there may be {MOST_ORDERS} orders, and {magnetized} of {count} places can be chosen in {math.comb(count, magnetized)} ways"
         return key, "{}", rule, "use fewer segments"
-    if file.sampler not in TAKE_CHOICES:
+    if file.sampler is not None and file.sampler not in TAKE_CHOICES:
         rule = f"the sampler {file.sampler} needs a gradient or distances, and orders have none"
         return key, "{}", rule, f"`sampler: {TAKE_CHOICES[0]}`; orders are for {', '.join(TAKE_CHOICES)}"
     return None

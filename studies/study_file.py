@@ -216,10 +216,14 @@ class StudyFile(Settings):
         examples=[35],
     )
     sampler: Annotated[
-        str,
+        str | None,
         BeforeValidator(known_sampler),
         WithJsonSchema({"type": "string", "enum": list(NAMES)}),
-    ] = Field(default="tpe", description="How trials are chosen; tpe unless given.", examples=["tpe"])
+    ] = Field(
+        default=None,
+        description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
+        examples=["gauss-newton"],
+    )
     start: Literal["rod"] | None = Field(
         default=None, description="Begin with the best designs of the rod model; not unless given.", examples=["rod"]
     )

@@ -167,6 +167,8 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     lines = [
         f"{report.name}: {report.trials} trials ({report.failed} failed{refused}), sampler {report.sampler}, seed {report.seed}"
     ]
+    if report.why_sampler is not None:
+        lines.append(f"  sampler          {report.sampler}: {report.why_sampler}")
     if report.reasons and report.best is None:
         lines.append(f"  trial {report.failed_trials[-1]:<4}       {report.reasons[-1]}")
     if report.best is not None:

@@ -123,6 +123,7 @@ def study(trials: int) -> tuple[dict[str, object], float]:
 
     definition = yaml.safe_load(STUDY.read_text())
     definition.pop("stop", None)  # all the trials, for a steady median
+    definition["sampler"] = "tpe"  # as the published study
     definition["scene"] = str((STUDY.parent / definition["scene"]).resolve())
     definition["match"]["centreline"] = str((STUDY.parent / definition["match"]["centreline"]).resolve())
     with tempfile.TemporaryDirectory() as folder:

@@ -56,7 +56,8 @@ def study_of(target: Path, sampler: str, trials: int) -> Study:
     name, _, start = sampler.partition("+")
     goal = GOALS[-1] * 1e-3
     return replace(
-        base, name=target.stem, target=read_centreline(target), sampler=name, start=start or None, trials=trials, seed=1, stop_rms=goal
+        base.changed(sampler=name), name=target.stem, target=read_centreline(target), start=start or None, trials=trials, seed=1,
+        stop_rms=goal,
     )
 
 

@@ -31,7 +31,7 @@ def main(sampler: str = "tpe", seeds: str = "5") -> int:
         for seed in range(1, int(seeds) + 1):
             with tempfile.TemporaryDirectory() as folder:
                 chosen, _, start = sampler.partition("+")
-                asked = replace(study, seed=seed, start=start or None)
+                asked = replace(study, seed=seed, start=start or None, stop_rms=2e-3)
                 report = run_study(asked, solve=run, differentiate=sensitivities, out=folder, sampler=chosen)
             first = report.first_trial_below_stop
             best = None if report.best is None else 1e3 * report.best["rms_m"]

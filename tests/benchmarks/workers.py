@@ -31,7 +31,7 @@ TRIALS, WARM = 200, 10
 
 def rate(workers: int | None, pictures: bool) -> float:
     """Trials a second."""
-    study = load_study(ROOT / "data/studies/s_shape.yaml")
+    study = load_study(ROOT / "data/studies/s_shape.yaml").changed(sampler="tpe")
     fill_cache(study.scene, uses=kernel_uses(study))
     with tempfile.TemporaryDirectory() as folder, Renderer() as renderer:
         picture = TrialPicture(study, False, renderer) if pictures else None

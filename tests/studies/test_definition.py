@@ -21,7 +21,7 @@ STUDIES = sorted((ROOT / "data/studies").glob("*.yaml"))
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_shipped_studies_load_and_fit_the_schema(path: Path) -> None:
     study = load_study(path)
-    assert (study.trials, study.sampler, study.stop_rms) == (35, "tpe", 2e-3) or study.sampler == "gauss-newton"
+    assert study.sampler == "gauss-newton", "named, or the best for it"
     assert study.name == path.stem
     Draft202012Validator(schema.study_schema()).validate(dict(read_yaml(path)))
 
