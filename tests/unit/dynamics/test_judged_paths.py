@@ -17,6 +17,7 @@ from magmpm.results.measures import largest_distance
 from magmpm.results.trajectory import Motion
 from magmpm.rod.strongest_load import strongest
 from magmpm.simulate import simulated
+from magmpm.statics.branch import Branch, Jump
 from magmpm.statics.error_estimate import distance
 from magmpm.statics.ladder import Ladder
 
@@ -194,18 +195,22 @@ def test_a_path_whose_error_is_refused_leaves_the_folder_as_it_was(tmp_path: Pat
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
-def test_a_path_that_fails_leaves_files_of_one_run(tmp_path: Path) -> None:
-    """With an error that is asked for, over earlier results: its last good state comes with its own frames."""
+def test_a_path_that_fails_leaves_files_of_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an error that is asked for, over earlier results: its last good state comes with its own frames. It fails on every grid."""
     ramp = {**PLAIN.to_si()["field"], "over_time": {"ramp": {"duration": 1.0}}}
     data = {**PLAIN.to_si(), "field": ramp, "solver": {"quasi_static": {"steps": 3}}, "resolution": {"error": 0.05}}
     assert run(Scene.from_si(data), folder=tmp_path).converged
-    magnet = {"position": [LENGTH, 0.0, -40e-3], "moment": [0.0, 0.0, 20.0], "diameter": 5e-3}
-    frames = [{"time": float(k), "move": [0.0, 0.0, z]} for k, z in ((0, -0.1), (1, 35e-3))]
-    pulled = {"dipole": [magnet], "over_time": {"keyframes": frames}}
-    effects = {"magnetic_torque": {}, "magnetic_force": {}}
-    with pytest.raises(SolveError) as caught:
-        run(Scene.from_si({**data, "field": pulled, "effects": effects, "solver": {"quasi_static": {"steps": 4}}}), folder=tmp_path)
-    if caught.value.state is not None:
-        saved = Result.load(tmp_path)
-        assert not saved.converged
-        assert Motion.load(tmp_path).times[-1] == saved.time
+    advance = Branch.advance
+
+    def stops(branch: Branch, until: float) -> list[Jump]:
+        if until > 0.6:
+            raise SolveError("switched off")
+        return advance(branch, until)
+
+    monkeypatch.setattr(Branch, "advance", stops)
+    with pytest.raises(SolveError, match=r"t = 0\.75 s: switched off"):
+        run(Scene.from_si({**data, "solver": {"quasi_static": {"steps": 4}}}), folder=tmp_path)
+    saved = Result.load(tmp_path)
+    assert not saved.converged
+    assert saved.time == 0.5
+    assert list(Motion.load(tmp_path).times) == [0.0, 0.25, 0.5]

@@ -85,9 +85,10 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
     data: dict[str, Any] = {
         "name": "bridge",
         "materials": {"m": {"shear_modulus": 1e6, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
-        "body": {"strip": {"length": 30e-3, "width": 5e-3, "thickness": 1e-3, "material": "m", "clamp": "both", "segments": halves}},
+        "body": {"strip": {"length": 30e-3, "width": 3e-3, "thickness": 1e-3, "material": "m", "clamp": "both", "segments": halves}},
         "effects": {"magnetic_torque": {}},
         "field": {"uniform": [0.0, 0.0, 1e-3]},
+        "solver": {"static": {"field_steps": 2}},  # small loads, which a few steps reach as well as many
         "resolution": {"cells_across": 2},
     }
     scene = Scene.from_si(data)
@@ -105,10 +106,9 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
     scene = softer[1e5]
     assert not any("gravity" in one for one in run(scene.model_copy(update={"advice": "off"})).warnings)
     assert not any("gravity" in one for one in run(scene.with_effects(gravity={})).warnings)
-    body = {**data["body"]["strip"], "length": 40e-3, "width": 2e-3, "thickness": 0.2e-3}
-    body["segments"] = [{**half, "length": 20e-3} for half in halves]
-    stiff = {"m": {**material, "shear_modulus": 16e6}}
-    thin = {**data, "field": {"uniform": [0.0, 0.0, 1e-9]}, "body": {"strip": body}, "materials": stiff}
+    body = {**data["body"]["strip"], "length": 20e-3, "width": 1e-3, "thickness": 0.2e-3}
+    body["segments"] = [{**half, "length": 10e-3} for half in halves]
+    thin = {**data, "field": {"uniform": [0.0, 0.0, 1e-9]}, "body": {"strip": body}}
     first = solve_static(static_model(build(Scene.from_si(thin))))
     assert isinstance(first.energy, Energy)
     sag = float(np.linalg.norm(weight_shift(first.energy, (0.0, 0.0, -9.81)), axis=1).max())
