@@ -54,6 +54,7 @@ EXIT_WEIGHT = 0.25
 STARTS, WANTED = 40, 2  # of the rod: most random starts, and how many designs are enough
 NEAR = 0.01  # of the length: a rod's design that is near enough
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
+CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
 MOMENTS = 48  # of the movie: depths, most of them between those that are judged
 MOVIE = "insertion.json"
@@ -117,6 +118,7 @@ class Insertion(Trajectory):
                 for depth, field, square, gap, result in zip(self.study.depths, self.fields(params), squares, gaps, results, strict=True)
             ],
             SHAPES: [self._shape(result) for result in results],
+            CATHETER: self.space.scene_of(params).to_si()["body"]["catheter"],
         }
 
     def _shape(self, result: Result) -> dict[str, Any]:
@@ -216,7 +218,8 @@ class Insertion(Trajectory):
 
 def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
     """What pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
-    return tuple({**depth, **shape} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
+    whole = {key: kept[key] for key in (CATHETER,) if key in kept}
+    return tuple({**depth, **shape, **whole} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
 
 
 def _stations(result: Result) -> Array:

@@ -117,7 +117,7 @@ def refused(trial: FrozenTrial) -> bool:
 
 def whole_design(trial: FrozenTrial) -> dict[str, Any]:
     """`describe`, and what pictures of an insertion need."""
-    return describe(trial) | {key: trial.user_attrs[key] for key in ("shapes",) if key in trial.user_attrs}
+    return describe(trial) | {key: trial.user_attrs[key] for key in ("shapes", "catheter") if key in trial.user_attrs}
 
 
 def describe(trial: FrozenTrial) -> dict[str, Any]:

@@ -96,6 +96,7 @@ def signs(snapshots: Sequence[Snapshot], seen: Sequence[tuple[View, float]] = ()
         (not (first.magnetized | held).all(), Sign("swatch", (style.UNMAGNETIZED,), "unmagnetized")),
         (held.any(), Sign("swatch", (style.HELD,), "held")),
         (any(len(s.arrows) for s in snapshots), Sign("arrow", (style.MAGNETIZATION,), "magnetization")),
+        (any(len(s.fields) for s in snapshots), Sign("arrow", (style.FIELD,), "field")),
         (any(len(s.axis) > 1 for s in snapshots), Sign("line", (style.INK,), "axis")),
         (first.target is not None, Sign("dot", (style.TARGET,), first.target_name)),
         (first.ground is not None, Sign("swatch", (style.GROUND_SHADOW,), "ground")),
@@ -139,6 +140,10 @@ def written(image: np.ndarray, snapshot: Snapshot, views: Views, layout: Layout)
         page.text(inset.name, panel.left + 0.008, panel.top - 0.024, style.TEXT_SMALL, color=style.FAINT_INK)
     for panel, view in zip(layout.compasses, views.mains):
         page.compass(snapshot, view, panel)
+    for text, at in snapshot.notes:
+        ((x, y),) = layout.mains[0].place(views.mains[0].project(at[None]), layout.mains[0].aspect(page.aspect))
+        half = 0.5 * page.length(text, style.TEXT_SMALL) + 0.005  # no text leaves the page
+        page.text(text, float(np.clip(x, half, 1.0 - half)), float(y), style.TEXT_SMALL, anchor="mm", color=style.FIELD)
     page.text(field_text(snapshot), *layout.field_text, style.TEXT_MEDIUM, color=style.FIELD)
     aspects = [panel.aspect(page.aspect) for panel in layout.mains]
     page.scale_bar(*layout.bar, bar_width(views.mains[0], layout.mains[0], aspects[0], snapshot.unit), snapshot.unit)

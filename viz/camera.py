@@ -80,8 +80,9 @@ class Framing:
         else from the first body's own shape.
         """
         many = [snapshots] if isinstance(snapshots, Snapshot) else list(snapshots)
-        points = [extremes(shape, 300) for s in many for shape in (s.body.points, s.dots) if len(shape)]
+        points = [extremes(shape, 300) for s in many for shape in (s.body.points, s.target) if shape is not None]
         points += [extremes(o.points, 0) for s in many for o in s.obstacles if o.framed]
+        points += [ends for s in many for ends in _ends(s)]
         shape = many[0].axis if len(many[0].axis) else many[0].body.points
         if many[0].target is not None:
             shape = np.vstack([np.zeros((1, 3)), many[0].target])
@@ -154,6 +155,12 @@ class Framing:
     def reach(self) -> float:
         """m from the middle to the camera."""
         return 10 * float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+def _ends(snapshot: Snapshot) -> list[np.ndarray]:
+    """Ends of a snapshot's arrows, and places of its notes, (n, 3) m."""
+    arrows = np.concatenate([snapshot.arrows, snapshot.fields])
+    return [arrows[:, 0], arrows.sum(axis=1), *(place[None] for _, place in snapshot.notes)]
 
 
 def extremes(points: np.ndarray, some: int) -> np.ndarray:

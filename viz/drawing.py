@@ -108,7 +108,7 @@ def _floor(panel: PanelCanvas, snapshot: Snapshot, framing: Framing) -> None:
         panel.flat(dropped, body.triangles, shade, SHADOW)
     if snapshot.target is not None:
         width = 0.7 * style.DOT_WIDTH * snapshot.thickness
-        panel.balls(plane.dropped(snapshot.dots), width, style.TARGET_SHADOW, TARGET_SHADOW, lit=False)
+        panel.balls(plane.dropped(snapshot.target), width, style.TARGET_SHADOW, TARGET_SHADOW, lit=False)
 
 
 def _body(panel: PanelCanvas, snapshot: Snapshot) -> None:
@@ -117,11 +117,13 @@ def _body(panel: PanelCanvas, snapshot: Snapshot) -> None:
     if len(snapshot.axis) > 1:
         panel.lines(pairs(snapshot.axis), style.INK, 1.5, AXIS)
     if snapshot.target is not None:
-        panel.balls(snapshot.dots, style.DOT_WIDTH * snapshot.thickness, style.TARGET, TARGET, rim=True)
+        panel.balls(snapshot.target, style.DOT_WIDTH * snapshot.thickness, style.TARGET, TARGET, rim=True)
 
 
 def _signs(panel: PanelCanvas, snapshot: Snapshot) -> None:
     """Trace, arrows and marks of contact."""
+    for start, vector in snapshot.fields:
+        panel.arrow(start, vector, min(1.5 * snapshot.arrow_width, 0.15 * float(np.linalg.norm(vector))), style.FIELD, ARROW, halo=True)
     if len(snapshot.trace) > 1:
         panel.lines(pairs(snapshot.trace), style.TRACE, 2.0, TRACE)
     for start, vector in snapshot.arrows:

@@ -16,7 +16,7 @@ from magmpm.viz.body import Body
 from magmpm.viz.from_motion import MotionRenderer, gravity_of, scene_of
 from magmpm.viz.meshes import Surface
 from magmpm.viz.obstacles import REACH, in_reach, sources, standing
-from magmpm.viz.snapshot import Particles, Snapshot
+from magmpm.viz.snapshot import Particles, Snapshot, spread
 
 MAX_PARTICLES = 40_000
 
@@ -116,7 +116,7 @@ def trial_snapshot(
         length=length,
         thickness=thickness,
         axis=axis,
-        target=None if target is None else np.asarray(target, dtype=float)[:, -3:],
+        target=None if target is None else spread(np.asarray(target, dtype=float)[:, -3:]),
         target_name=target_name,
         arrows=segment_arrows(axis, centers, remanence, length, thickness),
         arrow_width=style.ARROW_WIDTH * thickness,

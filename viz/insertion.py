@@ -15,11 +15,12 @@ from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.meshes import Surface, swept
-from magmpm.viz.snapshot import Obstacle, Snapshot
+from magmpm.viz.snapshot import Obstacle, Snapshot, spread
 
 LUMEN = 1.6  # of the catheter's diameter: that of the tube drawn around the path, where no walls are named
 SHOWN = 4  # depths in a trial's picture
 APART = 0.33  # of the path's length, along y: bodies of different depths in one picture
+FIELD, GUIDE = 0.15, 3.0  # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
 FINE = 80  # points of an axis as it is drawn
 
 
@@ -63,8 +64,8 @@ class Insertion:
         return lambda s: np.minimum(np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1)
 
     def snapshot(self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any) -> Snapshot:
-        """The bodies of these depths side by side along y, each over its path; the field of the last."""
-        last, diameter = frames[-1], float(self.catheter["diameter"])
+        """The bodies of these depths side by side along y, each over its path and, if there are several, beside its field."""
+        diameter, several = float(self.catheter["diameter"]), len(frames) > 1
         length = float(self.path[-1, 0])
         shifts = [np.array([0.0, APART * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]
         axes = [np.array(frame["axis_m"]) + shift for frame, shift in zip(frames, shifts)]
@@ -77,26 +78,37 @@ class Insertion:
         scene = scene_of(self.scene)
         magnetized = np.array([any(segment["magnetization"]) for segment in self.catheter["segments"]])
         obstacles = [self._guide(shift) for shift in shifts] + ([self._lumen()] if lumen else [])
-        points = np.vstack([self.path[:, 1:] + shift for shift in shifts])
+        dots = spread(self.path[:, 1:], style.TARGET_DOTS // 2 + 1 if several else style.TARGET_DOTS)
         return Snapshot(
             body=Surface.joined([self.body(frame, shift) for frame, shift in zip(frames, shifts)]),
             magnetized=magnetized,
             length=length,
             thickness=diameter,
-            axis=axes[-1],
-            target=points,
+            axis=np.zeros((0, 3)) if several else axes[0],
+            target=np.vstack([dots + shift for shift in shifts]),
             target_name="path",
             arrows=arrows.reshape(-1, 2, 3),
             arrow_width=style.ARROW_WIDTH * diameter,
             obstacles=tuple(obstacles),
-            field=np.array(last["field_T"], dtype=float),
             gravity=gravity_of(scene),
+            **(self._fields(frames, shifts) if several else {"field": np.array(frames[0]["field_T"], dtype=float)}),
             **caption,
         )
 
+    def _fields(self, frames: Sequence[Mapping[str, Any]], shifts: Sequence[np.ndarray]) -> dict[str, Any]:
+        """An arrow of each depth's field behind its guide, as long as it is strong, with depth and strength in words below it."""
+        fields = np.array([frame["field_T"] for frame in frames], dtype=float)
+        strength = np.linalg.norm(fields, axis=1)
+        longest = FIELD * float(self.path[-1, 0])
+        vectors = longest * fields / max(float(strength.max()), 1e-300)
+        places = np.array(shifts) - [GUIDE * self.catheter["diameter"] + 0.7 * longest, 0.0, 0.0]
+        words = [f"at {1e3 * frame['depth_m']:.3g} mm: {1e3 * size:.1f} mT" for frame, size in zip(frames, strength)]
+        notes = tuple(zip(words, places - [0.0, 0.0, 0.7 * longest]))
+        return {"fields": np.stack([places - 0.5 * vectors, vectors], axis=1), "notes": notes}
+
     def _guide(self, shift: np.ndarray) -> Obstacle:
         diameter = self.catheter["diameter"]
-        guide = swept(np.array([[-3.0 * diameter, 0.0, 0.0], [0.0, 0.0, 0.0]]) + shift, 0.75 * diameter, 48)
+        guide = swept(np.array([[-GUIDE * diameter, 0.0, 0.0], [0.0, 0.0, 0.0]]) + shift, 0.75 * diameter, 48)
         return Obstacle("guide", guide.points, guide.triangles, style.CLAMP)
 
     def _lumen(self) -> Obstacle:

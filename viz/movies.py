@@ -13,6 +13,7 @@ import numpy as np
 
 from magmpm.viz import style
 from magmpm.viz.camera import Framing
+from magmpm.viz.layout import page_of
 from magmpm.viz.process import RenderError
 from magmpm.viz.snapshot import Snapshot
 from magmpm.viz.worker import Renderer
@@ -31,6 +32,8 @@ _GIF_FRAMES = 40
 # Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
 _SHAPE, _LAST_SHAPE, _FADE = 0.7, 2.0, 0.25
 
+# Players read a movie that doesn't say its colors as they please, large ones other than small ones. These are the colors of the pictures.
+_COLORS = ("-vf", "scale=out_color_matrix=bt709:out_range=tv,setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709")
 _LEAN = ("-x264-params", "rc-lookahead=2:sync-lookahead=0:ref=1:bframes=0")
 
 
@@ -110,17 +113,19 @@ def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, num
 
 
 def best_shapes_movie(
-    snapshots: Sequence[Snapshot], path: str | Path, renderer: Renderer, fps: int = 20, size: tuple[int, int] = style.TRIAL_SIZE
+    snapshots: Sequence[Snapshot], path: str | Path, renderer: Renderer, fps: int = 20, size: tuple[int, int] | None = None
 ) -> Movie:
     """Show each snapshot for a moment, one fading into the next, and the last one longer, all seen from the same place.
 
     The frames between two shapes are mixed pictures, not shapes in between: those were never solved. fps: frames a second. size: width
-    and height, even numbers. Without imageio-ffmpeg a GIF of the same name is written. Raises RenderError, also without snapshots.
+    and height, even numbers, as the pictures are by themselves unless given. Without imageio-ffmpeg a GIF of the same name is written.
+    Raises RenderError, also without snapshots.
     """
     if not snapshots:
         raise RenderError("a movie needs at least one picture")
-    _even(size)
     path, framing = _ready(path), Framing.of(snapshots)
+    size = size or page_of(framing, insets=snapshots[0].insets).size
+    _even(size)
     stills = [renderer.image(snapshot, size=size, framing=framing) for snapshot in snapshots]
     # The encoder takes 50 to 100 MB: not at the same time as the drawing process.
     renderer.rest()
@@ -162,7 +167,7 @@ def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: int, size: tuple[i
     from imageio_ffmpeg import write_frames
 
     unfinished = path.with_name(f"{path.stem}.part.mp4")
-    options = ["-crf", "20", "-preset", "veryfast", "-threads", "1", "-movflags", "+faststart", *_LEAN]
+    options = ["-crf", "20", "-preset", "veryfast", "-threads", "1", "-movflags", "+faststart", *_LEAN, *_COLORS]
     kind: Any = {"codec": "libx264", "pix_fmt_out": "yuv420p", "macro_block_size": 2, "quality": None}
     writer = write_frames(str(unfinished), size, fps=fps, output_params=options, **kind)
     try:

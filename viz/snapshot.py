@@ -81,13 +81,15 @@ class Snapshot:
     magnetized        (k,) bool of each part; held (k,) bool: parts that cannot move, or None
     length, thickness m, of the undeformed body: they size the marks
     axis              (m, 3) m, deformed center line from base to tip, drawn as a line, or shape (0, 3)
-    target            (q, 3) m, points of the target shape, or None; target_name is what the legend calls them
+    target            (q, 3) m, the dots of the target shape, or None; target_name is what the legend calls them
     arrows            (a, 2, 3) m, start and vector of magnetization arrows; arrow_width in m
     obstacles         what is around it; ground: the plane, or None
     contact           (c, 3) m, where the body touches; forces (f, 2, 3) m: starts and vectors of the forces on it
     touches           whether it touches anything at some time of the motion
     trace             (t, 3) m, the path of its tip or middle so far
     field             (3,) T now, or None if unknown; history over the motion, or None
+    fields            (f, 2, 3) m, start and vector of arrows of several fields, each beside what it acts on; notes: texts and their
+                      places (3,) m
     gravity           (3,) m/s^2, or None
     time              s, or None for a body at rest; duration: s, of the motion; pace: how many times slower than life, or None
     title, trial, rms caption; rms in m
@@ -112,6 +114,8 @@ class Snapshot:
     forces: np.ndarray = field(default_factory=_no_arrows)
     touches: bool = False
     trace: np.ndarray = field(default_factory=_no_points)
+    fields: np.ndarray = field(default_factory=_no_arrows)
+    notes: tuple[tuple[str, np.ndarray], ...] = ()
     field: np.ndarray | None = None
     history: History | None = None
     gravity: np.ndarray | None = None
@@ -143,14 +147,6 @@ class Snapshot:
         return np.asarray(colors[self.body.part])
 
     @property
-    def dots(self) -> np.ndarray:
-        """Points (q, 3) m of the target that are drawn: evenly spread with the last among them, so that the dots stay apart."""
-        if self.target is None:
-            return _no_points()
-        keep = np.linspace(len(self.target) - 1, 0, min(len(self.target), style.TARGET_DOTS)).round().astype(int)
-        return np.asarray(self.target[np.unique(keep)], dtype=float)
-
-    @property
     def pushes(self) -> np.ndarray:
         """The forces (f, 2, 3) m that are long enough to be drawn."""
         return np.asarray(self.forces[np.linalg.norm(self.forces[:, 1], axis=1) > 0.02 * self.length])
@@ -173,6 +169,12 @@ class Snapshot:
             words.append(f"t = {seconds(self.time, self.duration)}")
             words += [self.event] if self.event else [slower(self.pace)] if self.pace else []
         return "   ".join(words)
+
+
+def spread(points: np.ndarray, most: int = style.TARGET_DOTS) -> np.ndarray:
+    """Dots (q, 3) along a line through points (n, 3), as many but at most so many, at equal distances, the first and last among them."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.stack([np.interp(np.linspace(0.0, s[-1], min(len(points), most)), s, column) for column in np.transpose(points)], axis=1)
 
 
 def seconds(time: float, duration: float = 1.0) -> str:

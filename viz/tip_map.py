@@ -38,8 +38,8 @@ def draw(
         chart.scatter([], [], marker=symbol, s=26, label=f"{mark} ({int(np.count_nonzero(marks == mark))})", **_face(symbol, color))
         for mark, (symbol, color) in SHOWN.items() if np.any(marks == mark)
     ]  # fmt: skip
-    if handles:
-        figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
+    handles = [sides.lines[0], *handles]  # the undeformed body
+    figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
     figure.suptitle(f"{name}: the tip over {len(fields)} fields", fontsize=12, color=style.INK)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
@@ -50,12 +50,13 @@ def _side(place: Any, tips: np.ndarray, strength: np.ndarray, marks: np.ndarray,
     """The tips (m, 3) mm seen along one axis, with the undeformed body."""
     first, second = pair
     nearest_last = np.argsort(strength)[::-1]
-    dots = place.scatter(*tips[nearest_last][:, pair].T, c=strength[nearest_last], s=9, cmap="viridis", linewidths=0, vmin=0.0)
+    dots = place.scatter(*tips[nearest_last][:, pair].T, c=strength[nearest_last], s=9, cmap="viridis", linewidths=0)
     for mark, (symbol, color) in SHOWN.items():
         of = (marks == mark) & np.isfinite(tips).all(axis=1)
         place.scatter(*tips[of][:, pair].T, marker=symbol, s=20, linewidths=0.7, **_face(symbol, color))
     body = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
-    place.plot(*body[:, pair].T, color=style.HELD, lw=2.5 if first == 0 else 0, marker="o" if first != 0 else "", ms=4, zorder=0)
+    look: dict[str, Any] = {"lw": 2.5} if first == 0 else {"lw": 0, "marker": "o", "ms": 4}
+    place.plot(*body[:, pair].T, color=style.HELD, zorder=1, label="straight", **look)
     place.set(xlabel=f"{'xyz'[first]} of the tip, mm", ylabel=f"{'xyz'[second]} of the tip, mm", aspect="equal")
     _plain(place)
     return dots
@@ -70,7 +71,7 @@ def _plane(
     away = np.linalg.norm(tips - [length, 0.0, 0.0], axis=1)
     x, y = fields[:, axes[0]], fields[:, axes[1]]
     shown = chart.pcolormesh(x.reshape(n, m), y.reshape(n, m), away.reshape(n, m), cmap="cividis", shading="nearest", rasterized=True)
-    figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label("the tip's way from straight, mm")
+    figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label("tip's distance from straight, mm")
     _marks(chart, x, y, marks)
     chart.set(xlabel=f"B{'xyz'[axes[0]]}, mT", ylabel=f"B{'xyz'[axes[1]]}, mT", aspect="equal")
     _plain(chart)
@@ -88,11 +89,11 @@ def _sphere(
     elevation = np.degrees(np.arcsin(np.clip(fields[last, 2] / np.linalg.norm(fields[last], axis=1), -1.0, 1.0)))
     shown = chart.scatter(azimuth, elevation, c=away, s=34, cmap="cividis", linewidths=0)
     figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label(
-        f"the tip's way from straight at {np.linalg.norm(fields[last[0]]):.3g} mT, mm")
+        f"tip's distance from straight at {np.linalg.norm(fields[last[0]]):.3g} mT, mm")
     order = ["sure", *SHOWN]
     worst = np.array([order[max(order.index(mark) for mark in row)] for row in marks.reshape(directions, strengths)])
     _marks(chart, azimuth, elevation, worst, 60)
-    chart.set(xlabel="azimuth of the field, °", ylabel="elevation of the field, °", xlim=(-190, 190), ylim=(-95, 95))
+    chart.set(xlabel="azimuth of the field, deg", ylabel="elevation of the field, deg", xlim=(-190, 190), ylim=(-95, 95))
     chart.set_xticks([-180, -90, 0, 90, 180])
     chart.set_yticks([-90, -45, 0, 45, 90])
     _plain(chart)

@@ -152,7 +152,8 @@ class TrialPicture:
             return self._renderer.render(of_insertion(self._study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m), path)
         from magmpm.viz.from_result import trial_snapshot
 
-        snapshot = trial_snapshot(result, target=trial.target, trial=trial.number, rms=trial.rms_m, smooth=self._smooth)
+        kept: dict[str, Any] = {"trial": trial.number, "rms": trial.rms_m, "title": self._study.name}
+        snapshot = trial_snapshot(result, target=trial.target, smooth=self._smooth, **kept)
         return self._renderer.render(snapshot, path)
 
 
@@ -293,7 +294,8 @@ def draw_study(
             raise InputError(worded(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy))
         result = Result.load(of)
         shown = None if result.scene is None else design_snapshot(report["name"], result.scene, target, known)
-        return shown or trial_snapshot(result, target=target, trial=known["number"], rms=known["rms_m"], smooth=smooth)
+        kept: dict[str, Any] = {"trial": known["number"], "rms": known["rms_m"], "title": report["name"]}
+        return shown or trial_snapshot(result, target=target, smooth=smooth, **kept)
 
     files = []
     if (folder / BEST).exists():

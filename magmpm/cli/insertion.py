@@ -32,6 +32,8 @@ def trial_snapshot(
     """The picture of a trial."""
     from magmpm.viz.insertion import Insertion
 
+    if "catheter" in shapes[-1]:  # a result's scene has what is outside alone
+        scene = {**scene, "body": {"catheter": shapes[-1]["catheter"]}}
     return Insertion(name, scene, path).trial(shapes, trial=trial, rms=rms)
 
 
@@ -47,7 +49,7 @@ def draw_movie(folder: Path, out: Path, name: str, renderer: Renderer) -> list[P
     content = json.loads((folder / FRAMES).read_text(encoding="utf-8"))
     shown = Insertion(name, content["scene"], np.array(content["path_m"]))
     moments = [shown.moment(frame) for frame in content["frames"]]
-    framing = Framing.of([moments[0], moments[-1]])
+    framing = Framing.of(moments)
     numbers = np.arange(len(moments))
     made = frames_movie(out / MOVIE, lambda k: renderer.image(moments[k], framing=framing), numbers)
     return [Path(made.path)]

@@ -20,6 +20,7 @@ from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import load_scene
 from magmpm.statics import equilibrium
+from magmpm.viz.worker import Renderer
 
 ROOT = Path(__file__).parents[2]
 SCENE = """\
@@ -102,8 +103,10 @@ def test_run_for_people_names_the_folder_and_the_section_error(
     assert (folder / "here/picture.png").stat().st_size > 5_000  # a blank page is smaller
 
 
-def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The first command runs the trials; the second finds them finished; further trials continue from there."""
+def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first command runs the trials; the second finds them finished; further trials continue from there. Pictures name the study."""
+    titles, whole = set(), Renderer._draw
+    monkeypatch.setattr(Renderer, "_draw", lambda self, shown, *how: titles.add(shown.title) or whole(self, shown, *how))
     assert main(["design", "study.yaml", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
     assert set(first) >= {"trials", "best", "first_trial_below_stop", "seconds_per_trial", "storage"}
@@ -113,6 +116,7 @@ def test_design_resumes_and_draws(folder: Path, capsys: pytest.CaptureFixture[st
     for name in ("best.png", "convergence.png", "best/result.json", "pictures/trial_002.png"):
         assert (folder / "runs/study" / name).exists(), name
     assert list((folder / "runs/study").glob("best_shapes.*"))
+    assert titles == {"study"}
 
     assert main(["design", "study.yaml", "--json", "--no-pictures"]) == 0
     again = json.loads(capsys.readouterr().out)

@@ -14,7 +14,7 @@ from magmpm.viz.from_motion import gravity_of
 from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.obstacles import ground, sources, standing
 from magmpm.viz.page.wire import packed
-from magmpm.viz.snapshot import Obstacle
+from magmpm.viz.snapshot import Obstacle, spread
 
 KEPT = 24  # surfaces of bodies: one for each length outside a guide that was seen
 
@@ -128,12 +128,6 @@ def _region_colors(scene: Scene) -> dict[str, str]:
     return {name: "#" + "".join(f"{round(255 * c):02x}" for c in color) for name, color in zip(names, colors.tolist(), strict=True)}
 
 
-def _spread(points: np.ndarray) -> np.ndarray:
-    """At most style.TARGET_DOTS of the points, evenly spread, with the last among them."""
-    keep = np.linspace(len(points) - 1, 0, min(len(points), style.TARGET_DOTS)).round().astype(int)
-    return np.asarray(points[np.unique(keep)])
-
-
 def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> dict[str, Any]:
     """What the page is told of a scene once: its size, what holds, and the colors of marks; target (q, 3) m or None."""
     plane = ground(scene)
@@ -146,7 +140,7 @@ def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> di
         "box": [low.tolist(), high.tolist()],
         "gravity": None if gravity is None else gravity.tolist(),
         "ground": None if plane is None else {"point": plane.point.tolist(), "normal": plane.normal.tolist()},
-        "target": None if target is None else _spread(np.asarray(target)[:, -3:]).tolist(),
+        "target": None if target is None else spread(np.asarray(target)[:, -3:]).tolist(),
         "target_name": target_name,
         "region_colors": _region_colors(scene),
         "colors": {

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from PIL import Image
 from reference import bent_bodies
 from reference.drawn import SIZE
 
-from magmpm.viz import movies
+from magmpm.viz import movies, style
 from magmpm.viz.camera import Framing
 from magmpm.viz.from_motion import MotionRenderer
 from magmpm.viz.movies import chosen
@@ -98,3 +100,26 @@ def test_long_motions_are_thinned_and_keep_their_ends() -> None:
     assert len(numbers) == 500
     assert (numbers[0], numbers[-1]) == (0, 10_000)
     np.testing.assert_array_equal(chosen(7, 500), np.arange(7))
+
+
+@pytest.mark.parametrize("size", [(160, 120), (1280, 720)])
+def test_a_movie_has_the_colors_of_its_pictures_and_says_how_they_are_coded(size: tuple[int, int], tmp_path: Path) -> None:
+    """Players take an untagged movie of 720 lines for BT.709 and a smaller one for BT.601: greens and pinks then differ."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    for code in style.SEGMENTS:
+        color = np.round(255 * np.array(style.rgb(code)))
+        image = np.full((size[1], size[0], 3), color, dtype=np.uint8)
+        made = movies.frames_movie(tmp_path / "one.mp4", lambda k, image=image: image, np.array([0]))  # type: ignore[misc]
+        told = subprocess.run([ffmpeg.get_ffmpeg_exe(), "-i", str(made.path)], capture_output=True, text=True, check=False).stderr
+        assert "yuv420p(tv, bt709, progressive)" in told
+        reader = ffmpeg.read_frames(str(made.path), input_params=["-colorspace", "bt709"])
+        next(reader)
+        shown = np.frombuffer(next(reader), dtype=np.uint8).reshape(image.shape)[10, 10].astype(float)
+        assert np.abs(shown - color).max() <= 4  # three roundings to whole numbers, in steps of up to 1.2
+
+
+def test_shapes_without_insets_have_room_for_their_legend(flat: Renderer, tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    for insets, size in ((True, style.TRIAL_SIZE), (False, style.MOVIE_SIZE)):
+        made = movies.best_shapes_movie([replace(shapes()[0], insets=insets)], tmp_path / "best.mp4", flat, fps=1)
+        assert next(ffmpeg.read_frames(str(made.path)))["size"] == size
