@@ -28,7 +28,7 @@ from magmpm.results.versions import versions
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.scene.joints import without_joints
+from magmpm.scene.joints import of_known_error
 from magmpm.scene.variables import variables
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.effects_choice import choose_effects
@@ -213,7 +213,7 @@ def _resolved(scene: Scene, start: object, on_progress: Progress | None, uses: S
     told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.told}
     seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
     result = _result(choice.models[-1], choice.found[-1], seconds)
-    return _sound(replace(result, warnings=without_joints(result.warnings), **told)), choice.found[-1]
+    return _sound(replace(result, warnings=of_known_error(result.warnings), **told)), choice.found[-1]
 
 
 def _kept(error: SolveError, seconds: dict[str, float]) -> SolveError:

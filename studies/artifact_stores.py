@@ -50,6 +50,6 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
         rule = "must name a bucket alone: 3 to 63 letters a to z, digits, dots and hyphens; keys come from the environment"
         raise InputError(report("--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study"))
     if importlib.util.find_spec("boto3") is None:
-        rule, remedy = "an S3-compatible store needs the package boto3", "pip install -e '.[s3]' in the checkout of magmpm"
+        rule, remedy = "an S3-compatible store needs the package boto3", "pip install 'magmpm[s3]'"
         raise InputError(report("--artifacts", received=place, rule=rule, remedy=remedy))
     return Boto3ArtifactStore(bucket)

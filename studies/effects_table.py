@@ -75,10 +75,13 @@ class Table:
         """Plain data, SI."""
         return asdict(self)
 
-    def text(self) -> str:
-        """The table as text; effects that the scene names are marked."""
+    def text(self, *, every: bool = False) -> str:
+        """The table as text; effects that the scene names are marked. every: those that do not matter have rows too, not one line."""
         lines = [f"  {'effect':21} {'at rest mm':>10} {'in motion mm':>12} {'% of L':>7} {'+- mm':>8} {'cost %':>7}  advice"]
+        little = [row for row in self.effects if not every and row.advice == "irrelevant" and not self._close(row)]
         for row in self.effects:
+            if row in little:
+                continue
             percent = None if row.shift_m is None else 100 * row.shift_m / self.length_m
             numbers = (
                 f"{_mm(row.rest_m):>10} {_mm(row.motion_m):>12} {'-' if percent is None else significant(percent):>7} "
@@ -89,12 +92,17 @@ class Table:
         return "\n".join(
             [
                 *lines,
+                *([f"  of no matter here: {', '.join(row.effect for row in little)} (--all says why)"] if little else []),
                 "* named in the scene; mm: how far the axis moves with the effect against without it; +-: uncertainty; advice: for an "
                 f"error of {_mm(self.error_m)} mm, {share} % of the length",
                 *(f"  {need.question:21} {_needed(need)}" for need in self.needs),
                 *([] if self.moment is None else [f"  at rest {self.moment}"]),
             ]
         )
+
+    def _close(self, row: Row) -> bool:
+        """Whether an effect may matter, as its shift is known no better."""
+        return row.shift_m is not None and row.uncertainty_m is not None and row.shift_m + row.uncertainty_m > self.error_m
 
 
 def _needed(need: Need) -> str:

@@ -40,7 +40,7 @@ def check_available(name: str) -> None:
     if module is not None and importlib.util.find_spec(module) is None:
         raise InputError(
             f"sampler: received {name}\n  rule: the sampler {name} needs the package {module}, which is not installed\n"
-            f"  remedy: pip install -e '.[{extra}]' in the checkout of magmpm, or sampler: tpe"
+            f"  remedy: pip install 'magmpm[{extra}]', or sampler: tpe"
         )
 
 

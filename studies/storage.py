@@ -193,7 +193,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
     except (ArgumentError, NoSuchModuleError, ImportError, ValueError) as error:
         reason = without_passwords(str(error).splitlines()[0], url)
         if isinstance(error, ImportError) and "psycopg" in reason:
-            remedy = "pip install -e '.[postgresql]' in the checkout of magmpm"
+            remedy = "pip install 'magmpm[postgresql]'"
         raise InputError(
             report("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy)
         ) from None
@@ -233,7 +233,7 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
     """Optuna's gRPC proxy, which serves a database that its own machine can reach."""
     host, port = grpc_address(url)
     if importlib.util.find_spec("grpc") is None or importlib.util.find_spec("google.protobuf") is None:
-        rule, remedy = "Optuna's gRPC proxy needs the packages grpcio and protobuf", "pip install -e '.[grpc]' in the checkout of magmpm"
+        rule, remedy = "Optuna's gRPC proxy needs the packages grpcio and protobuf", "pip install 'magmpm[grpc]'"
         raise InputError(report("--storage", received=url, rule=rule, remedy=remedy))
     from optuna.storages import GrpcStorageProxy
 

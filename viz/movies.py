@@ -21,7 +21,7 @@ from magmpm.viz.worker import Renderer
 if TYPE_CHECKING:
     from magmpm.viz.from_motion import MotionRenderer
 
-NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install -e '.[render]' in the checkout of magmpm."
+NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install 'magmpm[render]'."
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
 _LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0

@@ -43,7 +43,7 @@ DOES_NOT_START = (
     "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
 NO_PYVISTA = (
-    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install -e '.[render]' in the checkout of magmpm."
+    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'."
 )
 GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -15,10 +16,13 @@ from magmpm.bodies.section_quadrature import gauss_depth, rod_grid, rod_particle
 from magmpm.bodies.sections import Section, ring
 from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
 from magmpm.compiled.arrays import Array
+from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Quantity, fault
 from magmpm.inputs.vectors import Vector
 
 THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a cell
+
+THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less than a cell begins
 
 
 class Catheter(StraightBody):
@@ -68,6 +72,19 @@ class Catheter(StraightBody):
                 f"give at most {1e3 * (1 - 2 * THINNEST_WALL) * outer:g} mm",
             )
         return inner
+
+    @staticmethod
+    def by_other_keys(key: str, values: Mapping[str, Any]) -> str | None:
+        """The remedy for a key that people write and that is said by another one here, with its number: a tube's wall."""
+        if key not in ("wall", "wall_thickness"):
+            return None
+        try:
+            wall, outer = (parse_quantity(str(values.get(name)), KINDS["length"]) for name in (key, "diameter"))
+        except BadQuantity:
+            wall = outer = 0.0
+        if not 0.0 < 2 * wall < outer:
+            return "write inner_diameter in its place: the diameter less twice the wall"
+        return f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter less twice the wall"
 
     @property
     def thickness(self) -> float:
@@ -136,8 +153,8 @@ class Catheter(StraightBody):
         if wall >= 1:
             return []
         return [
-            f"resolution: the tube's wall is {wall:.2f} cells thick; trust needs one cell at least, "
-            f"cells_across {int(np.ceil(cells_across / wall - 1e-9))}"
+            f"{THIN_WALL} is only {wall:.2f} cells thick; use cells_across: {int(np.ceil(cells_across / wall - 1e-9))} or more, or "
+            "ask for an error: `resolution: {error: 1 %}`"
         ]
 
 

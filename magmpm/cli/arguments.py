@@ -99,6 +99,7 @@ def _effects(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, such as data/scenes/five_segments.yaml")
     parser.add_argument("--quick", action="store_true", help="leave out the costs, which are counted")
+    parser.add_argument("--all", action="store_true", help="a row for each effect, those that do not matter here too")
     _json(parser)
     return parser
 

@@ -55,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(f"--port: received {port}; must be between 1 and 65535")
     if find_spec("optuna_dashboard") is None:
         raise InputError(
-            "optuna-dashboard is not installed; install it with: pip install -e '.[dashboard]' in the checkout of magmpm"
+            "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
         )
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi

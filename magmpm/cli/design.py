@@ -21,6 +21,7 @@ from magmpm.cli.progress import Progress
 from magmpm.errors import InputError
 from magmpm.errors import report as worded
 from magmpm.results.folder_lock import folder_lock
+from magmpm.results.readable import count
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
@@ -166,7 +167,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
     refused = f", {report.refused} refused: less stable than the margin" if report.refused else ""
     lines = [
-        f"{report.name}: {report.trials} trials ({report.failed} failed{refused}), sampler {report.sampler}, seed {report.seed}"
+        f"{report.name}: {count(report.trials, 'trial')} ({report.failed} failed{refused}), sampler {report.sampler}, seed {report.seed}"
     ]
     if report.why_sampler is not None:
         lines.append(f"  sampler          {report.sampler}: {report.why_sampler}")
@@ -180,6 +181,8 @@ def _text(report: StudyReport, files: list[Path]) -> str:
             mean, sigma, scatter = (1e3 * report.best[key] for key in ("mean_rms_m", "sigma_rms_m", "scatter_m"))
             lines.append(f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape scatters by {scatter:.3f} mm")
         for k, direction in enumerate(report.best["magnetization"] or [], 1):
+            if not any(direction):  # a plain segment
+                continue
             lines.append(f"    segment {k}      [{', '.join(f'{x:+.4f}' for x in direction)}]")
         if FIELD[0] in report.best["params"]:
             field = 1e3 * np.array(report.best["field_T"])
@@ -187,7 +190,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
             lines.append(f"    field          [{found}] mT, {np.linalg.norm(field):.4g} mT in all")
     if report.front is not None:
         found = report.front["pareto"]
-        lines.append(f"  Pareto front     {len(found)} trials; best compromise: trial {report.front['compromise']}")
+        lines.append(f"  Pareto front     {count(len(found), 'trial')}; best compromise: trial {report.front['compromise']}")
     if report.stop_rms_m is not None:
         first = report.first_trial_below_stop
         lines.append(

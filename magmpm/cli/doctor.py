@@ -29,10 +29,11 @@ LEAST_DISK = 1_000_000_000  # bytes
 IMPORTS = {"PyYAML": "yaml"}  # where names differ
 PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold self-test compiles kernels
 EXTRAS_FOR = {
-    "render": "pictures by PyVista, and movies", "magnets": "fields of magnets of any shape", "dashboard": "magmpm dashboard",
-    "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna", "fem": "finite-element references", "test": "the tests and linters",
-    "docs": "make docs", "notebook": "make test-docs",
-    "report": "magmpm report as PDF", "view": "magmpm view", "workers": "studies on several machines",
+    "render": "pictures by PyVista, and movies", "view": "magmpm view --window", "magnets": "fields of magnets of any shape",
+    "dashboard": "magmpm dashboard", "report": "magmpm report as PDF", "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna",
+    "postgresql": "studies in PostgreSQL", "grpc": "studies through Optuna's gRPC proxy", "s3": "pictures in an S3 store",
+    "fem": "finite-element references", "browser": "make test-browser", "test": "the tests and linters", "docs": "make docs",
+    "notebook": "make test-docs",
 }  # fmt: skip
 
 
@@ -85,7 +86,7 @@ def _python() -> Check:
     found = f"{platform.python_version()} at {sys.executable}, {platform.system()} {platform.machine()}"
     if sys.prefix == sys.base_prefix:
         remedy = f"{sys.executable} -m venv .venv keeps the libraries of others apart"
-        return Check("Python", WARN, f"{found}, no virtual environment", remedy)
+        return Check("Python", OK, f"{found}, no virtual environment", remedy)
     return Check("Python", OK, found)
 
 
@@ -143,10 +144,13 @@ def _numbers(version: str) -> tuple[int, ...]:
     return tuple(parts)
 
 
+def _older(version: str, needed: _Needed) -> bool:
+    return _numbers(version) < _numbers(needed.least)
+
+
 def _install(what: str) -> str:
-    """The command that installs an extra, or everything."""
-    checkout = (Path(__file__).resolve().parents[2] / "setup.cfg").exists()
-    where = f"-e '{Path(__file__).resolve().parents[2]}{what}'" if checkout else f"'magmpm{what}'"
+    """The command that installs an extra, or everything: of an installed magmpm, wheel or checkout, what it lacks."""
+    where = f"'magmpm{what}'" if _installed("magmpm") else f"-e '{Path(__file__).resolve().parents[2]}{what}'"
     return f"{Path(sys.executable).name} -m pip install {where}"
 
 
@@ -157,7 +161,7 @@ def _libraries() -> Iterator[Check]:
         name = f"library {needed.name}"
         if version is None:
             yield Check(name, FAIL, f"missing; {needed.least} or newer is needed", _install(""))
-        elif _numbers(version) < _numbers(needed.least):
+        elif _older(version, needed):
             yield Check(name, FAIL, f"{version}; {needed.least} or newer is needed", _install("") + " --upgrade")
         else:
             trouble = _tried([sys.executable, "-c", f"import {IMPORTS.get(needed.name, needed.name)}"], PATIENCE["import"])[1]
@@ -166,22 +170,22 @@ def _libraries() -> Iterator[Check]:
 
 
 def _extras() -> Iterator[Check]:
-    """What the extras lack: without them magmpm works, less what they are for."""
+    """The optional parts in one list, and a warning for a library that is there but too old."""
     extras: dict[str, list[_Needed]] = {}
     for needed in _needed():
         if needed.extra:
             extras.setdefault(needed.extra, []).append(needed)
+    absent = []
     for extra, all_needed in extras.items():
-        lacking = []
-        for needed in all_needed:
-            version = _installed(needed.name)
-            if version is None or _numbers(version) < _numbers(needed.least):
-                lacking.append(f"{needed.name} {version or ''}".strip() + ("" if version is None else f" (older than {needed.least})"))
-        purpose = EXTRAS_FOR.get(extra, "an extra")
-        if lacking:
-            yield Check(f"extra {extra}", WARN, f"not there: {', '.join(lacking)}; {purpose}", _install(f"[{extra}]"))
-        else:
-            yield Check(f"extra {extra}", OK, purpose)
+        versions = {needed: _installed(needed.name) for needed in all_needed}
+        if old := [f"{one.name} {have} (older than {one.least})" for one, have in versions.items() if have and _older(have, one)]:
+            yield Check(f"extra {extra}", WARN, f"{'; '.join(old)}: {EXTRAS_FOR[extra]}", _install(f"[{extra}]"))
+        elif None in versions.values():
+            absent.append(extra)
+    there = ", ".join(extra for extra in extras if extra not in absent)
+    lacking = ", ".join(f"{extra} ({EXTRAS_FOR[extra]})" for extra in absent)
+    found = f"there: {there or 'none'}" + (f"; not there: {lacking}; to add one: {_install('[NAME]')}" if absent else "")
+    yield Check("optional parts", OK, found)
 
 
 def _tried(arguments: list[str], patience: float) -> tuple[str, str]:
@@ -215,7 +219,7 @@ def _threads() -> Iterator[Check]:
         yield Check("threads", OK, found)
     if hasattr(os, "getloadavg") and os.getloadavg()[0] > 1.5 * cores:
         busy = f"{os.getloadavg()[0]:.1f} processes want {cores} processors"
-        yield Check("load", WARN, busy, "runs are slower than their figures while others compute")
+        yield Check("load", OK, busy, "runs are slower than their figures while others compute")
 
 
 def _allowed_by_cgroup() -> float | None:
@@ -242,9 +246,9 @@ def _room() -> Iterator[Check]:
         size, kernels = sum(files), sum(1 for path in folder.rglob("*.nbc"))
         found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
         if not kernels:
-            yield Check("cache of kernels", WARN, f"{found}: the first run compiles for 5 to 20 s", "magmpm prepare")
+            yield Check("cache of kernels", OK, f"{found}: the first run compiles for 5 to 20 s", "magmpm prepare")
         elif size > LARGE_CACHE:
-            yield Check("cache of kernels", WARN, found, f"remove {folder}; what is needed is compiled again")
+            yield Check("cache of kernels", OK, found, f"remove {folder}; what is needed is compiled again")
         else:
             yield Check("cache of kernels", OK, found)
     free = shutil.disk_usage(Path.cwd()).free
@@ -278,7 +282,7 @@ def _opengl() -> Check:
     if not note:
         return Check("OpenGL", OK, f"{backend} draws, as MAGMPM_RENDER asks")
     says, _, remedy = note.partition(": ")
-    return Check("OpenGL", WARN, says, remedy or "apt-get install libegl1 libgl1-mesa-dri")
+    return Check("OpenGL", WARN if _installed("pyvista") else OK, says, remedy or "apt-get install libegl1 libgl1-mesa-dri")
 
 
 def _self_test() -> Iterator[Check]:

@@ -17,5 +17,5 @@ def command(options: argparse.Namespace) -> int:
 
     with Progress(f"effects of {scene.name}") as progress, of_file(options.scene):
         table = survey(scene, measure=not options.quick, on_progress=progress.at)
-    print_summary(options, table.summary(), table.text())
+    print_summary(options, table.summary(), table.text(every=options.all))
     return 0

@@ -18,7 +18,7 @@ from magmpm.inputs.yaml_document import of_file
 from magmpm.results.file_names import CHECKPOINT, EARLIER
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.path_tables import jump_in_words
-from magmpm.results.readable import lengths, quantity, significant
+from magmpm.results.readable import count, lengths, quantity, significant, stability_in_words
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
@@ -163,7 +163,7 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
 
 def _along_time(result: Result) -> str:
     total = sum(step["iterations"] for step in result.steps)
-    return f"{len(result.steps)} equilibria until {quantity(result.time, 's')} in {total} Newton steps, {len(result.jumps)} jumps"
+    return f"{len(result.steps)} equilibria until {quantity(result.time, 's')} in {total} Newton steps, {count(len(result.jumps), 'jump')}"
 
 
 def _resolution(result: Result) -> list[str]:
@@ -188,7 +188,7 @@ def _stability(result: Result) -> list[str]:
     """The line of an equilibrium's stability."""
     if result.stability is None:
         return []
-    return [f"  stability       {result.stability:.3f} (softest motion, over the unloaded body's: 1 at rest, 0 at a critical load)"]
+    return [f"  stability       {stability_in_words(result.stability)}"]
 
 
 def _done(result: Result) -> str:

@@ -97,7 +97,7 @@ def _refuse_no_window() -> None:
 
     if find_spec("pyvista") is None:
         raise InputError(
-            "--window: PyVista is not installed; install it with: pip install -e '.[view]' in the checkout of magmpm; or leave --window "
+            "--window: PyVista is not installed; install it with: pip install 'magmpm[view]'; or leave --window "
             "out: `magmpm view` shows the scene in the browser, and needs nothing more"
         )
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

@@ -20,7 +20,7 @@ from magmpm.results.result import Result
 from magmpm.results.tried_grids import tried_grids
 from magmpm.scene import Scene, remedies
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.scene.joints import without_joints
+from magmpm.scene.joints import of_known_error
 from magmpm.statics import axis
 from magmpm.statics.error_estimate import distance
 from magmpm.statics.ladder import Ladder, Loads, particles, step_work
@@ -83,7 +83,7 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
     else:
         seen = PathSeen(scene.length)
         result = run(choice.scene, on_state=seen.see)
-    told, warnings = {**choice.told, "judged_at": times}, without_joints(result.warnings)
+    told, warnings = {**choice.told, "judged_at": times}, of_known_error(result.warnings)
     told["from_path"], at = max(_from_path(scene, choice, seen, times), default=(0.0, times[-1]))
     error, wanted = choice.error + told["from_path"], scene.resolution.allowed(scene.length)
     told["error_of_length"] = error / scene.length
@@ -173,7 +173,7 @@ def _motion(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene],
     if cells in known:
         judging -= sum(known[cells].seconds[key] for key in ("setup", "solve"))  # told as those of the run
     result = known.get(cells) or run(choice.scene)
-    told, warnings, wanted = dict(choice.told), without_joints(result.warnings), scene.resolution.allowed(scene.length)
+    told, warnings, wanted = dict(choice.told), of_known_error(result.warnings), scene.resolution.allowed(scene.length)
     told["from_rest"] = _from_rest(result, choice.models[-1], choice.found[-1].point.grid, scene.resolution.of)
     error = choice.error + told["from_rest"]
     told["error_of_length"] = error / scene.length

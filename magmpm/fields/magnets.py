@@ -166,7 +166,7 @@ def _library() -> Any:
             "field",
             found="magnets and coils of finite size need the library magpylib, which is not installed",
             rule="field.magnet and field.coils are computed by magpylib",
-            remedy="pip install -e '.[magnets]' in the checkout of magmpm (or pip install magpylib), or use "
+            remedy="pip install 'magmpm[magnets]' (or pip install magpylib), or use "
             "field.dipole, which needs nothing",
         ) from None
     return magpylib

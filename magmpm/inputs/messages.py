@@ -68,7 +68,7 @@ def translate(model: type[BaseModel], data: Any, error: dict[str, Any]) -> Probl
         at, value, there = _locate(data, (*at, *context["at"]), absent=True)
         return Problem(at, show(value) if there else NOTHING, context["rule"], context["remedy"])
     if kind == "extra_forbidden":
-        return _unknown_key(model, at, value)
+        return _unknown_key(model, data, at, value)
     remedy = _write_example(at, _field_at(model, at))
     if kind == "missing":
         rule = "this key is required" if isinstance(at[-1], str) else "this entry is required"
@@ -122,7 +122,7 @@ def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key,
     return at, data, True
 
 
-def _unknown_key(model: type[BaseModel], at: Key, value: Any) -> Problem:
+def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Problem:
     parent, key = _model_at(model, at[:-1]), str(at[-1])
     known = list(parent.model_fields) if parent is not None else []
     later = getattr(parent, "not_there_yet", {}).get(key)
@@ -132,7 +132,10 @@ def _unknown_key(model: type[BaseModel], at: Key, value: Any) -> Problem:
     near = nearest_key(model, at)
     within = sorted(_homes(model, key), key=lambda home: home[: len(at) - 1] != at[:-1])  # first those below the place where it stands
     homes = [dotted(home) for home in within]
-    if near is not None:
+    elsewhere = getattr(parent, "by_other_keys", lambda key, values: None)(key, _locate(data, at[:-1], absent=False)[1])
+    if elsewhere is not None:
+        remedy = elsewhere
+    elif near is not None:
         remedy = f'did you mean "{near}"?'
     elif homes:
         remedy = f"move it: it belongs in {homes[0]} (check the indentation)"

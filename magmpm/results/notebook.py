@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.results.readable import lengths, quantity, significant
+from magmpm.results.readable import lengths, quantity, stability_in_words
 from magmpm.scene.notebook import panels, table
 
 
@@ -20,7 +20,7 @@ def of_result(result: Any) -> str:
     if not result.converged:
         rows.insert(0, ("NOT CONVERGED", result.failure or "the last good state"))
     if result.stability is not None:
-        rows.append(("stability", f"{significant(result.stability)} (1 at rest, 0 at a critical load)"))
+        rows.append(("stability", stability_in_words(result.stability)))
     if result.error_estimate is not None:
         rows.append(("error of the grid", f"at most {quantity(result.error_estimate, 'm')}"))
     rows += [("unknowns, particles", f"{result.dof}, {result.particles}"), ("solve", quantity(result.seconds.get("solve", 0.0), "s"))]

@@ -50,6 +50,19 @@ def lengths(values: Sequence[float] | np.ndarray) -> str:
     return f"({', '.join(fixed(float(value) / size, 3) for value in values)}) {unit}"
 
 
+def count(number: int, noun: str) -> str:
+    """A number of things: "1 jump", "2 jumps"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def stability_in_words(value: float) -> str:
+    """The stability of an equilibrium, and what it is measured by."""
+    return (
+        f"{value:.3f} (stiffness of its softest motion over the unloaded body's: 1 without load, 0 at a critical load; "
+        "more than 1: the load stiffens it)"
+    )
+
+
 def fixed(value: float, places: int) -> str:
     """A number with this many decimals, and no -0.000."""
     text = f"{value:.{places}f}"

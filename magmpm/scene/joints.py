@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+from magmpm.bodies.catheter import THIN_WALL
 from magmpm.effects.base import SceneLike
 
 NAME = "joints: "
@@ -32,5 +33,10 @@ def joint_warnings(scene: SceneLike) -> list[str]:
 
 
 def without_joints(warnings: list[str]) -> list[str]:
-    """Warnings of a result whose own error is known."""
+    """Warnings without those of joints."""
     return [warning for warning in warnings if not warning.startswith(NAME)]
+
+
+def of_known_error(warnings: list[str]) -> list[str]:
+    """Warnings of a result whose own error is known: without those of what the cells may do to it."""
+    return [warning for warning in without_joints(warnings) if not warning.startswith(THIN_WALL)]

@@ -22,7 +22,7 @@ def test_all_that_is_looked_at(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     assert main(["doctor", "--quick", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     names = {check["name"] for check in told["checks"]}
-    assert {"Python", "library numba", "extra render", "threads", "cache of kernels", "folder of results", "OpenGL"} <= names
+    assert {"Python", "library numba", "optional parts", "threads", "cache of kernels", "folder of results", "OpenGL"} <= names
     assert told["failed"] == 0
     assert all(check["remedy"] for check in told["checks"] if check["status"] == doctor.FAIL)
 
@@ -37,6 +37,19 @@ def test_a_library_that_is_missing_old_or_broken(monkeypatch: pytest.MonkeyPatch
     assert "2.0 or newer" in found["library numpy"].found
     assert "signal 11" in found["library scipy"].found
     assert all(check.status == doctor.FAIL and "pip install" in check.remedy for check in found.values())
+
+
+def test_optional_parts_are_one_list_without_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each with what it is for, and one command that a wheel's users can type; what is there but too old is a warning."""
+    monkeypatch.setattr(doctor, "_installed", {"magmpm": "1", "pyvista": "0.49"}.get)
+    (told,) = doctor._extras()
+    assert told.status == doctor.OK
+    assert told.found.startswith("there: view; not there: render (pictures by PyVista, and movies), ")
+    assert "postgresql (studies in PostgreSQL)" in told.found
+    assert told.found.endswith("pip install 'magmpm[NAME]'")
+    monkeypatch.setattr(doctor, "_installed", {"magmpm": "1", "pyvista": "0.1"}.get)
+    assert [check.name for check in doctor._extras() if check.status == doctor.WARN] == ["extra render", "extra view"]
+    assert {needed.extra for needed in doctor._needed()} - {""} == set(doctor.EXTRAS_FOR)
 
 
 def test_versions_compare_as_numbers() -> None:

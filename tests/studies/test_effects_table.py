@@ -45,6 +45,11 @@ def test_every_effect_has_its_row() -> None:
     assert [row.effect for row in table.effects if row.named] == ["magnetic_torque"]
     assert len({row.says for row in table.effects}) == len(table.effects)
     assert all(row.effect in table.text() for row in table.effects)
+    rows = [row for row in table.effects if f" {row.effect:21} " in table.text()]
+    assert len(rows) < len(table.effects)
+    assert {row.effect for row in table.effects if row.advice != "irrelevant"} <= {row.effect for row in rows}
+    assert "of no matter here: " in table.text()
+    assert "of no matter here: " not in table.text(every=True)
 
 
 @pytest.mark.parametrize("resolution", [{"error": 0.001}, {"seconds": 2.0}])

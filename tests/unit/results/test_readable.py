@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from magmpm.results.readable import fixed, length, lengths, quantity, significant
+from magmpm.results.readable import count, fixed, length, lengths, quantity, significant, stability_in_words
 
 
 @pytest.mark.parametrize(
@@ -63,3 +63,12 @@ def test_nothing_is_lost_but_digits(value: float, digits: int) -> None:
     number, unit = quantity(value, "s", digits).split()
     factor = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}[unit[:-1]]
     assert float(number) * factor == pytest.approx(value, rel=0.6 * 10.0 ** (1 - digits))
+
+
+def test_things_are_counted_in_words() -> None:
+    assert [count(number, "jump") for number in (0, 1, 2)] == ["0 jumps", "1 jump", "2 jumps"]
+
+
+def test_more_than_1_of_stability_is_explained() -> None:
+    assert stability_in_words(1.41).startswith("1.410 (")
+    assert "more than 1: the load stiffens it" in stability_in_words(1.41)

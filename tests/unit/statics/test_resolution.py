@@ -249,6 +249,21 @@ def test_runs_on_given_cells_tell_of_joints_and_proven_ones_do_not() -> None:
     assert not any(warning.startswith("joints: ") for warning in run(PLAIN).warnings)
 
 
+def test_a_thin_wall_is_told_of_given_cells_and_not_beside_a_proven_error() -> None:
+    """A wall of 0.8 cells. The error that is told holds: the next test of it is a finer run."""
+    data = PLAIN.to_si()
+    outer = data["body"]["catheter"]["diameter"]
+    data["body"]["catheter"]["inner_diameter"] = 0.6 * outer
+    given, wanted = (Scene.from_si({**data, "resolution": resolution}) for resolution in ({"cells_across": 3}, {"error": 0.02}))
+    (told,) = (text for text in run(given).warnings if "cells thick" in text)
+    assert "only 0.60 cells thick; use cells_across: 5 or more" in told
+    proven = run(wanted)
+    assert not any("cells thick" in text for text in proven.warnings)
+    assert proven.error_estimate is not None
+    finer = run(given.with_cells(6)).centreline[:, 1:]
+    assert np.abs(proven.tip - finer[-1]).max() < proven.error_estimate
+
+
 def test_an_error_that_no_grid_met_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The coarsest grid does not meet it, and finer ones fail: 185 % of the length was told once, of 1 % asked for, without a word."""
     solve = Ladder.solve
