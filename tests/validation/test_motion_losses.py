@@ -59,7 +59,7 @@ def test_a_falling_body_tells_the_velocity_that_it_has(formulation: str) -> None
     """A free rod under its weight, strongly damped: v = g / c (1 - exp(-c t)), told at the time of the positions, and x its integral."""
     rate, t = 3000.0, 2e-3
     scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}}, formulation=formulation)
-    model = build(scene)
+    model = filled(build(scene))
     moved = interval(begin(model), t)
     v = -9.81 / rate * (1 - np.exp(-rate * t))
     x = -9.81 / rate * (t - (1 - np.exp(-rate * t)) / rate)

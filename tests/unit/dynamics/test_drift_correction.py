@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from reference import dynamics as reference
 from reference.in_motion import advance, free_rod, quantities
-from reference.moving import moving_scene
+from reference.moving import filled, moving_scene
 from reference.scenes import rod_scene
 from reference.solids import box
 
@@ -262,7 +262,7 @@ def test_what_hovers_over_a_clamp_falls_freely(tmp_path: Path) -> None:
     """A pebble a tenth of a cell above the base on which a beam stands: the fit does not hold it."""
     pebble = ("pebble", (12.0, 0.0, 0.2), (16.0, 4.0, 4.2), False)
     base = ("base", (-2.0, 0.0, -2.0), (18.0, 4.0, 0.0), True)
-    model = build(solids(tmp_path, BEAM, base, pebble, effects={"gravity": {"acceleration": [0, 0, 0.5]}}))
+    model = filled(build(solids(tmp_path, BEAM, base, pebble, effects={"gravity": {"acceleration": [0, 0, 0.5]}})))
     assert len(model.planes) == 1
     loose = (model.particles.position[:, 0] > 10e-3) & ~model.held
     moved = interval(begin(model), 0.06).x - model.particles.position
