@@ -81,7 +81,7 @@ def _path(scene: Scene, run: Callable[..., Result], prepare: Callable[[Scene], f
     if choice.scene.resolution.cells_across == cells and (timed or not in_folder):
         result, judging = first, judging - seconds  # told as those of the run
     else:
-        seen = PathSeen(scene.length)
+        seen = PathSeen(scene.length, times=times)
         result = run(choice.scene, on_state=seen.see)
     told, warnings = {**choice.told, "judged_at": times}, of_known_error(result.warnings)
     told["from_path"], at = max(_from_path(scene, choice, seen, times), default=(0.0, times[-1]))
@@ -120,8 +120,7 @@ def _coarse_path(
 
 
 def _from_path(scene: Scene, choice: Choice, seen: PathSeen, times: list[float]) -> list[tuple[float, float]]:
-    """How far (m) the path that was run is from each equilibrium at which it was judged, on the same grid, and the time (s). Not of those
-    before the frame from which a run was resumed."""
+    """How far (m) the path that was run is from each equilibrium at which it was judged, on the same grid, and the time (s)."""
     ladder = Ladder(scene, lambda on_grid: [])
     found = [one for one in zip(times, choice.models, choice.found, strict=True) if one[0] in seen.grids]
     return [(distance(ladder.points(model, one.point.grid), ladder.points(model, seen.grids[t])), t) for t, model, one in found]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -35,15 +35,19 @@ class PathSeen:
     stability: list[float] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
     softness: list[tuple[float, float]] = field(default_factory=list)  # time (s) and stability, before a checkpoint as well
+    times: Collection[float] = ()  # s, at which the path is judged: these `grids` are known before a checkpoint as well
 
     def see(self, state: PathState) -> None:
         """Note the last equilibrium of a path."""
+        self.grids = {**state.noted, **self.grids}
         if state.branch is None:
             return
         rows, known = state.shape.centreline, state.rows[-1]["stability"]
         self.jumps = [jump["time"] for jump in state.jumps]
         self.softness = [(row["time"], np.inf if row["stability"] is None else row["stability"]) for row in state.rows]
         self.grids[state.time] = state.branch.now.point.grid.copy()
+        if state.time in self.times:
+            state.noted[state.time] = self.grids[state.time]
         axis = on_rows(rows[:, 0], rows[:, 1:], np.linspace(0.0, rows[-1, 0], STATIONS))[0]
         straight = axis[:1] + np.linspace(0.0, self.length, STATIONS)[:, None] * [1.0, 0.0, 0.0]
         self.bends.append(axis - straight)

@@ -31,6 +31,7 @@ from magmpm.statics.branch import Branch, Jump, Reached, point_of
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
 FORMULATION = "quasi_static"
+NOTED = "at "  # and a time, s: names of arrays in a checkpoint
 Progress = Callable[[float, int], None]
 
 
@@ -40,7 +41,8 @@ class PathState:
 
     loads: the path; branch: its last equilibrium; frame: number of the last; iterations: Newton steps so far; rows: what is known of each
     equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all; load_share: of the load that
-    `branch` carries: less than 1 (and no rows) where the first equilibrium was not found.
+    `branch` carries: less than 1 (and no rows) where the first equilibrium was not found; noted: coefficients (planes, m) m by time (s),
+    of equilibria that an observer (`on_state`) wants to see again when the path is resumed.
     """
 
     loads: FieldLoads | FeedLoads
@@ -53,6 +55,7 @@ class PathState:
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)
     load_share: float = 1.0
+    noted: dict[float, Array] = field(default_factory=dict)
 
     @property
     def shape(self) -> Shape:
@@ -85,8 +88,9 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int,
     if more["branch"]:
         with one_blas_thread():
             branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene, on_step))
-    strain = Strain.restored(more["strain"])
-    return PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"], strain)
+    known = PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"])
+    noted = {float(name.removeprefix(NOTED)): grid for name, grid in saved.state.items() if name.startswith(NOTED)}
+    return replace(known, strain=Strain.restored(more["strain"]), noted=noted)
 
 
 def _unbegun(state: PathState, last: object) -> PathState | None:
@@ -139,7 +143,7 @@ def follow(
     """All equilibria of a scene's path.
 
     folder: where to write frames, tables and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
-    on_progress(time in s, Newton steps so far): called after each equilibrium; on_state as well, and after the first.
+    on_progress(time in s, Newton steps so far): called after each equilibrium; on_state before it is written, and of the first.
     Raises InputError before the first equilibrium. Raises SolveError where the path can't go on: its `state` is the last PathState,
     which is on disk too.
     """
@@ -147,16 +151,17 @@ def follow(
     times = scene.path_times()
     state = begin(scene, saved, on_step)
     files = None if folder is None else _Files(state, folder, saved)
+    see = on_state or (lambda _: None)
+    see(state)
     if saved is None and files is not None:
         files.write(state, ())
-    if on_state is not None:
-        on_state(state)
     for time in times[state.frame + 1 :]:
         last = state.time, state.branch, None if state.branch is None else state.branch.now
         try:
             jumps = _go_on(state, time, on_step)
             state.frame += 1
             found = _note(state, jumps)
+            see(state)
             if files is not None:
                 files.write(state, found)
         except SolveError as error:
@@ -165,8 +170,6 @@ def follow(
                 if state.branch is not None and last[2] is not None:
                     state.branch.now = last[2]
             raise type(error)(f"equilibrium at t = {time:.6g} s: {error.reason}", state) from None
-        if on_state is not None:
-            on_state(state)
         if on_progress is not None:
             on_progress(time, state.iterations)
     return state
@@ -251,6 +254,7 @@ class _Files:
 
     def _checkpoint(self, state: PathState) -> Checkpoint:
         arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
+        arrays |= {f"{NOTED}{time!r}": grid for time, grid in state.noted.items()}
         more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
         return Checkpoint(
             scene_hash=self._hash, every=0.0, time=state.time, formulation=FORMULATION,

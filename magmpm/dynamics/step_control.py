@@ -15,6 +15,7 @@ A step given in the scene never changes. Where it is too long, the motion ends w
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -50,24 +51,24 @@ class StepControl:
         self.why = ""
         self._set_watch()
 
-    def state(self) -> dict[str, float]:
-        """What `restore` needs, as plain numbers."""
+    def state(self) -> dict[str, float | str]:
+        """Plain numbers and text that `restore` needs."""
         return {
             "bound": self._bound, "stiffness": self._stiffness, "halvings": self._halvings, "step": self.step,
-            "shortest": self.shortest,
+            "shortest": self.shortest, "why": self.why,
         }  # fmt: skip
 
-    def restore(self, state: dict[str, float]) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
         self._bound, self._stiffness, self._halvings = state["bound"], state["stiffness"], int(state["halvings"])
-        self.step, self.shortest = state["step"], state["shortest"]
+        self.step, self.shortest, self.why = state["step"], state["shortest"], state.get("why", "as before")
         self._set_watch()
 
     def warnings(self) -> list[str]:
         """One sentence if steps had to be much shorter than at the start, else none."""
         if self.shortest > 0.5 * self._longest:
             return []
-        return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why or 'as before'}"]
+        return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"]
 
     def take(self, named: Records, steps: int, dt: float) -> tuple[int, Kinematics, Trouble | None]:
         """Take up to `steps` steps of dt (s), fewer if the next ones must be shorter.

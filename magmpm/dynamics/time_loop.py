@@ -64,6 +64,7 @@ class SimulationState:
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)  # the largest of all frames
     lost: LostEnergy = field(default_factory=LostEnergy)
+    balance: watchdog.EnergyBalance = field(default_factory=watchdog.EnergyBalance)
 
 
 def formulation(scene: Scene) -> str:
@@ -164,13 +165,12 @@ def integrate(
         saved.must_fit(state.motion.state(), folder)
         _go_on_from(state, saved)
         state.every = saved.every
-    _measure(state, state.motion.kinematics())
-    writer = None if folder is None else _writer(state, folder, saved)
-    balance = watchdog.EnergyBalance() if _conserves(model) else None
-    if balance is not None and saved is None:  # velocities of a checkpoint lag by half a step: less kinetic energy
-        balance.check(state.energies)
-    if saved is None:
+    else:
+        _measure(state, state.motion.kinematics())
+        state.balance.check(state.energies)
         state.lost.see(state.energies)
+    writer, conserves = None if folder is None else _writer(state, folder, saved), _conserves(model)
+    if saved is None:
         _write(state, writer)
     times = options.frame_times if saved is None else saved.times(options)
     scene_hash = motion_hash(model.scene)
@@ -181,7 +181,7 @@ def integrate(
             now = interval(state, times[state.frame], on_progress)
             state.frame += 1
             _measure(state, now)
-            trouble = None if balance is None else balance.check(state.energies)
+            trouble = state.balance.check(state.energies) if conserves else None
             if trouble is None and isinstance(state.motion, UpdatedMotion):
                 trouble = watchdog.torn(state.motion.neighbors, state.x, state.F)
             if trouble is not None:
@@ -196,7 +196,6 @@ def integrate(
                 saved_last, saved_at = last, monotonic()
     except SolveError as error:
         _go_on_from(state, last)
-        _measure(state, state.motion.kinematics())
         raise type(error)(error.reason, state) from None
     finally:  # also if the run is interrupted
         if folder is not None and last is not saved_last:
@@ -230,17 +229,22 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     return Checkpoint(
         scene_hash=scene_hash, every=state.every, time=state.time, formulation=motion.formulation,
         frame=state.frame, steps=state.steps, state=motion.state(),
-        control={**state.control.state(), **state.strain.state(), **state.lost.state()},
+        control={
+            **state.control.state(), **state.strain.state(), **state.lost.state(), **state.balance.state(),
+            "dt": state.dt, "energies": state.energies,
+        },
     )  # fmt: skip
 
 
 def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
-    """Set a motion back to a checkpoint."""
+    """Set a motion back to a checkpoint, with the energies of its frame: its velocities alone, half a step behind, would give others."""
+    known = saved.control
     state.motion.restore(saved.state)
-    state.control.restore(saved.control)
-    state.strain = Strain.restored(saved.control)
-    state.lost = LostEnergy.restored(saved.control)
-    state.frame, state.steps, state.time = saved.frame, saved.steps, saved.time
+    state.control.restore(known)
+    state.strain, state.lost, state.balance = Strain.restored(known), LostEnergy.restored(known), watchdog.EnergyBalance.restored(known)
+    state.frame, state.steps, state.time, state.dt = saved.frame, saved.steps, saved.time, known.get("dt", state.dt)
+    _measure(state, state.motion.kinematics())
+    state.energies = known.get("energies", state.energies)
 
 
 def _conserves(model: Model) -> bool:

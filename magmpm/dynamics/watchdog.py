@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -104,12 +105,21 @@ def torn(neighbors: Tearing, x: Array, F: Array) -> Trouble | None:
     return Trouble(cause, particle, "write solver.dynamic.formulation: total, which can't tear, or apply a smaller load", Torn)
 
 
+@dataclass
 class EnergyBalance:
-    """Checks that the total energy does not grow while no load does work."""
+    """Checks that the total energy does not grow while no load does work: the least total and the largest kinetic energy so far, J."""
 
-    def __init__(self) -> None:
-        self.least = np.inf
-        self.kinetic = 0.0
+    least: float = np.inf
+    kinetic: float = 0.0
+
+    def state(self) -> dict[str, float]:
+        """Numbers that `restored` needs."""
+        return {"balance_least": self.least, "balance_kinetic": self.kinetic}
+
+    @classmethod
+    def restored(cls, state: dict[str, Any]) -> EnergyBalance:
+        """As it was; of a checkpoint from before, as if it began there."""
+        return cls(state.get("balance_least", np.inf), state.get("balance_kinetic", 0.0))
 
     def check(self, energies: dict[str, float]) -> Trouble | None:
         """What is wrong with the energies of a frame, J, if anything."""

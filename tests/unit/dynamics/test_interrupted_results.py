@@ -1,0 +1,106 @@
+"""A result is the same, bit for bit, however often its run was interrupted: 1 to 5 times, and once more when it was finished."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.moving import moving_scene
+
+from magmpm import Scene, run
+from magmpm.dynamics.time_loop import begin
+from magmpm.model import build
+from magmpm.results.file_names import ARRAYS, ENERGIES, JUMPS, NUMBERS, STEPS
+from magmpm.simulate import simulated
+
+SWINGING = {
+    "length": 8e-3, "diameter": 4e-3, "material": "m", "clamp": "base",
+    "segments": [{"magnetization": [1.0, 0.0, 0.0], "length": 4e-3}, {"magnetization": [0.0, 0.0, 1.0], "length": 4e-3}],
+}  # fmt: skip
+TURNING = {"uniform": [0.0, 2e-3, 20e-3], "over_time": {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 200.0}}}
+FRAMES = 6
+
+
+class Interrupted(Exception):
+    """A kill between two chunks of work: on disk is what was there."""
+
+
+def motion(formulation: str) -> Scene:
+    """A catheter of two segments in a field that turns."""
+    data = moving_scene({"catheter": SWINGING}, {"magnetic_torque": {}}, formulation=formulation, duration=1e-3).to_si()
+    data["field"] = TURNING
+    data["materials"]["m"]["remanence"] = 0.1
+    step = begin(build(Scene.from_si(data))).control.step
+    data["solver"]["dynamic"] |= {"duration": (FRAMES - 0.5) * 40 * step, "output_every": 40 * step}
+    return Scene.from_si(data)
+
+
+def column(**more: Any) -> Scene:
+    """A column that its field, along its axis, pushes together: it buckles where the field grows."""
+    more = {"resolution": {"cells_across": 2}} | more
+    silicone = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1100.0, "remanence": 138e-3}
+    catheter = {"length": 20e-3, "diameter": 2e-3, "material": "m", "segments": [{"magnetization": [1.0, 0.0, 0.0]}]}
+    return Scene.from_si({
+        "name": "column", "materials": {"m": silicone}, "body": {"catheter": catheter}, "effects": {"magnetic_torque": {}},
+        **more,
+    })  # fmt: skip
+
+
+def timeless(value: Any) -> Any:
+    """Plain data without the seconds that something took."""
+    if isinstance(value, dict):
+        return {key: timeless(one) for key, one in value.items() if not key.startswith("seconds")}
+    return [timeless(one) for one in value] if isinstance(value, list) else value
+
+
+def finished(scene: Scene, folder: Path) -> dict[str, Any]:
+    """Everything that a run leaves when it is resumed to its end."""
+    run(scene, folder=folder, resume=True).save(folder)
+    with np.load(folder / ARRAYS) as stored:
+        arrays = {name: stored[name].tobytes() for name in stored.files}
+    tables = {name: (folder / name).read_text() for name in (ENERGIES, STEPS, JUMPS) if (folder / name).exists()}
+    return {**timeless(json.loads((folder / NUMBERS).read_text())), **arrays, **tables}
+
+
+def interrupt(scene: Scene, folder: Path, moment: float) -> None:
+    """Begin a run, or go on with it, and end it at a moment: a share of its time, or of a solve's first steps."""
+
+    def after(step: int, at: float) -> None:
+        if (at > moment * scene.duration) if scene.in_time else (step > 4 * moment):
+            raise Interrupted
+
+    with suppress(Interrupted):
+        simulated(scene, folder=folder, resume=True, on_progress=after)
+
+
+RAMP = {"over_time": {"ramp": {"duration": 1.0}}, "uniform": [-8e-3, 0.0, 0.0]}
+STEADY = {"uniform": [0.0, 0.0, 3e-3]}
+PATH = {"solver": {"quasi_static": {"steps": 6}}}
+ASKED = {"resolution": {"error": 2e-4}}
+SCENES: dict[str, Callable[[], Scene]] = {
+    "total": partial(motion, "total"),
+    "updated": partial(motion, "updated"),
+    "quasi-static": partial(column, **PATH, field=RAMP),
+    "quasi-static, error": partial(column, **PATH, field=RAMP | {"uniform": STEADY["uniform"]}, **ASKED),
+    "static": partial(column, field=STEADY),
+    "static, error": partial(column, field=STEADY, **ASKED),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_result_is_that_of_a_run_without_interruptions(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
+    scene, drawn = SCENES[name](), np.random.default_rng(26)
+    whole = finished(scene, tmp_path / "whole")
+    assert finished(scene, tmp_path / "whole") == whole, "a finished run, resumed"
+    for kills in range(1, 6):
+        for moment in np.sort(drawn.uniform(0.0, 1.0, kills)):
+            interrupt(scene, tmp_path / f"{kills}", moment)
+        found = finished(scene, tmp_path / f"{kills}")
+        assert [key for key in whole.keys() | found.keys() if whole.get(key) != found.get(key)] == [], f"after {kills} kills"
