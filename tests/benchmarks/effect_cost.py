@@ -10,16 +10,19 @@ import numba
 import numpy as np
 
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.model import build
+from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.studies.effects_costs import _records
 
 REPEATS, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
 
 
-def measured(scene: Scene, key: str) -> float:
-    """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act."""
-    model, records = build(scene), _records(scene, key)
+def measured(scene: Scene, key: str, model: Model | None = None) -> float:
+    """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act.
+
+    model: of the scene, or of one with the same body.
+    """
+    model, records = model or build(scene), _records(scene, key)
     motion, bare = TotalMotion(replace(model, effects=records)), TotalMotion(replace(model, effects=()))
     numba.set_num_threads(1)
     motion.advance(1, STILL, records)
