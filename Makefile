@@ -17,7 +17,7 @@ help:
 	@echo "make bench-workers  trials a second with one and with two workers"
 	@echo "make faults     500 SIGKILLs, full disks, servers that go away, ...: what completed trials are lost (QUICK=1, KILLS=N)"
 	@echo "make test-browser  the pages of magmpm view and dashboard in Chromium (apt-get install chromium)"
-	@echo "make bench      measure; prints a table and writes runs/bench/bench.json"
+	@echo "make bench      measure; prints a table and writes runs/bench/bench.json (QUICK=1, FIGURES=effect_cost_percent)"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
 	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
@@ -143,7 +143,7 @@ bench-design: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/design.py $(if $(QUICK),--quick) $(SAMPLERS)
 
 bench: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/bench.py
+	$(BIN)/python tests/benchmarks/bench.py $(if $(QUICK),--quick) $(FIGURES)
 
 claims: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/claims.py $(if $(QUICK),--quick) $(if $(WRITE),--write)

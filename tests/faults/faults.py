@@ -13,35 +13,46 @@ import shutil
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import kinds
 from kinds import Row
 
 PARTS = ("single", "server", "checkpoint", "motions", "studies", "workers")
+Fault = Callable[[], Row | list[Row]]
 
 
-def rows(base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] = PARTS) -> Iterator[Row]:
-    """The rows of the table, as they come: a third of the kills for motions, the rest for studies."""
-    single: list[Callable[[Path], Row]] = [
+def faults(base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] = PARTS) -> dict[str, Fault]:
+    """The faults by name: a third of the kills for motions, the rest for studies."""
+    single = [
         kinds.disk_full, kinds.read_only, kinds.quota, kinds.two_at_once, kinds.corrupted_artifact, kinds.clock_set_back,
         kinds.dying_in_a_solve,
     ]  # fmt: skip
     third = max(kills // 3, 1)
-    if "single" in parts:
-        yield from (fault(base) for fault in single)
-    if "server" in parts:
-        yield from kinds.server_faults(base)
-    if "checkpoint" in parts:
-        yield kinds.corrupted_checkpoint(base, drawn)
-    if "motions" in parts:
-        yield kinds.kills_of_motions(base, third, drawn)
-    if "studies" in parts:
-        yield kinds.kills_of_studies(base, third, drawn, 0)
-    if "workers" in parts:
-        yield kinds.kills_of_studies(base, max(kills - 2 * third, 1), drawn, 2)
+    known: dict[str, dict[str, Fault]] = {
+        "single": {fault.__name__: partial(fault, base) for fault in single},
+        "server": {"server_faults": partial(kinds.server_faults, base)},
+        "checkpoint": {"corrupted_checkpoint": partial(kinds.corrupted_checkpoint, base, drawn)},
+        "motions": {"kills_of_motions": partial(kinds.kills_of_motions, base, third, drawn)},
+        "studies": {"kills_of_studies": partial(kinds.kills_of_studies, base, third, drawn, 0)},
+        "workers": {"kills_of_workers": partial(kinds.kills_of_studies, base, max(kills - 2 * third, 1), drawn, 2)},
+    }
+    return {name: fault for part in parts for name, fault in known[part].items()}
+
+
+def rows(faults: dict[str, Fault]) -> Iterator[Row]:
+    """The rows of the table, as they come. A fault whose own probe fails is a row that says so, and the others go on."""
+    for name, fault in faults.items():
+        try:
+            found = fault()
+        except Exception as error:
+            traceback.print_exc()
+            found = Row(name, wrong=[f"the probe itself failed: {error!r}"[:300]])
+        yield from found if isinstance(found, list) else [found]
 
 
 def add(found: list[Row], row: Row) -> None:
@@ -80,7 +91,8 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     print(f"{'fault':<38} {'injected':>8} {'met':>4} {'completed':>9} {'lost':>4}  what was said", flush=True)
     try:
-        for row in rows(base, options.kills, random.Random(options.seed), tuple(options.only or PARTS)):
+        chosen = faults(base, options.kills, random.Random(options.seed), tuple(options.only or PARTS))
+        for row in rows(chosen):
             show(row)
             new.append(row)
             add(found, row)

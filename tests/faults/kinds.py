@@ -100,10 +100,20 @@ def compare(row: Row, before: Trials, after: Trials) -> None:
     row.lost += sum(after.get(number) != trial for number, trial in before.items())
 
 
+def awaited(row: Row, child: subprocess.Popen[str], seconds: float = 300) -> str:
+    """Standard error of a process that is waited for; one that takes too long is killed, and the row says so."""
+    try:
+        return child.communicate(timeout=seconds)[1]
+    except subprocess.TimeoutExpired:
+        child.kill()
+        row.wrong.append(f"process {child.pid} did not end within {seconds:g} s")
+        return child.communicate()[1]
+
+
 def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: str) -> None:
     """Run the study to its end, and see that it has what it was asked for."""
     child = begin(study, out, workers, **more)
-    _, said = child.communicate(timeout=300)
+    said = awaited(row, child)
     found = complete(out)
     if child.returncode != 0 or len(found) != trials or len({params for params, _ in found.values()}) != trials:
         row.wrong.append(f"afterwards: status {child.returncode}, {len(found)} of {trials} trials; {said[-200:]}")
@@ -206,7 +216,8 @@ def corrupted_checkpoint(base: Path, drawn: random.Random) -> Row:
         at = drawn.randrange(len(content) // 2)
         damaged = (content[:at], content[:at] + bytes(64) + content[at + 64 :], b"")[k]
         (out / CHECKPOINT).write_bytes(damaged)
-        _, said = (child := _motion(scene, out, "--resume")).communicate(timeout=60) if k != 1 else _brief(_motion(scene, out, "--resume"))
+        child = _motion(scene, out, "--resume")
+        said = awaited(row, child) if k != 1 else _brief(child)[1]
         row.injected += 1
         row.met += frames > 0
         row.completed += frames
@@ -251,7 +262,7 @@ def refused_then_run(
     """A run that fails with a message, then, with the fault gone, one that ends."""
     before = complete(out)
     child = begin_it()
-    _, said = child.communicate(timeout=300)
+    said = awaited(row, child)
     row.injected += 1
     _note(row, said)
     if child.returncode not in (1, 2) or "remedy" not in said or "Traceback" in said:
@@ -315,12 +326,12 @@ def two_at_once(base: Path) -> Row:
         time.sleep(0.05)
     before = complete(out)
     second = begin(study, out, 2)
-    _, said = second.communicate(timeout=60)
+    said = awaited(row, second)
     row.injected += 1
     _note(row, said)
     if second.returncode != 2 or f"process {first.pid}" not in said:
         row.wrong.append(said[-300:])
-    first.communicate(timeout=120)
+    awaited(row, first)
     compare(row, before, complete(out))
     ended(row, study, out, 0, 30)
     return row
@@ -380,7 +391,7 @@ def dying_in_a_solve(base: Path) -> Row:
         while poison.exists() and child.poll() is None:
             time.sleep(0.02)
         row.injected += not poison.exists()
-    child.communicate(timeout=120)
+    awaited(row, child)
     compare(row, before, complete(out))
     row.said += json.loads((out / "study.json").read_text())["warnings"]
     ended(row, study, out, 2, 20)
@@ -414,7 +425,7 @@ def server_faults(base: Path) -> list[Row]:
                 server.start()
             row.injected += 1
             compare(row, before, complete(folder, url))
-        _, said = child.communicate(timeout=180)
+        said = awaited(rows[0], child)
         for row in rows:
             _note(row, "\n".join(line for line in said.splitlines() if "answer" in line))
             if child.returncode or len(complete(folder, url)) != 40:

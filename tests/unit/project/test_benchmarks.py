@@ -135,3 +135,35 @@ def test_the_design_benchmark_counts_what_it_says() -> None:
         assert len(list(design.TARGETS.glob(f"{kind}_*.csv"))) == 12
     study = design.study_of(design.TARGETS / "free_01.csv", "gp+rod", 7)
     assert (study.sampler, study.start, study.trials, study.stop_rms) == ("gp", "rod", 7, pytest.approx(1e-4))
+
+
+def test_a_figure_that_fails_is_a_row_and_the_others_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The exit status tells of it."""
+    bench = module("bench")
+
+    def fails() -> float:
+        raise RuntimeError("the body does not touch")
+
+    figures = {"first": bench.Figure(fails, "s", 1.0), "second": bench.Figure(lambda: 2.0, "s", 3.0)}
+    for name, value in (("FIGURES", figures), ("OUT", tmp_path), ("ROOT", tmp_path)):
+        monkeypatch.setattr(bench, name, value)
+    described = dict.fromkeys(("cpu", "cores", "threads", "commit", "load", "dgemm_flop_per_s", "copy_bytes_per_s"), 1.0)
+    monkeypatch.setattr(bench.machine, "described", lambda: described)
+    assert bench.main([]) == 1
+    said = capsys.readouterr().out
+    assert "FAILED: the body does not touch" in said
+    assert json.loads((tmp_path / "bench.json").read_text())["second"]["value"] == 2.0
+
+
+def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS.parent / "faults"))
+    faults = module("faults")
+
+    def fails() -> None:
+        raise TimeoutError("180 s")
+
+    one, other = faults.rows({"first": fails, "second": lambda: faults.Row("second", 1, 1, 1, 0)})
+    assert (one.kind, other.kind, other.wrong) == ("first", "second", [])
+    assert "TimeoutError" in one.wrong[0]
