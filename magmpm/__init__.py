@@ -1,6 +1,6 @@
 """magmpm: simulation and computational design of magnetic soft robots with the material point method.
 
-    result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field([0, 0, 8e-3])
+    result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field("8 mT")
     print(result, result.tip)                      # everything in SI
 
 The names in __all__ are loaded when they are first used, so that `import magmpm` is quick.
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from magmpm.results.trajectory import Motion
     from magmpm.scene import Scene, load_scene
     from magmpm.simulate import run, sensitivities
+    from magmpm.studies.in_python import design, fit, influence
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "load_scene",
-    "run", "sensitivities",
-]  # fmt: skip
-_HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate"}
-_HOMES |= {"Scene": "scene", "load_scene": "scene"}
+    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design", "fit",
+    "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
+_HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
+_HOMES |= {"load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
 environment.prepare()  # before anything imports Numba
 
 
@@ -37,4 +37,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

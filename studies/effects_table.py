@@ -58,6 +58,9 @@ class Row:
     says: str
     ignores: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Influence of {self.effect}: {_mm(self.shift_m)} mm +- {_mm(self.uncertainty_m)} mm; {self.advice}: {self.why}"
+
 
 @dataclass(frozen=True)
 class Table:
@@ -70,6 +73,10 @@ class Table:
     effects: list[Row]
     needs: list[Need]
     moment: str | None = None
+
+    def __repr__(self) -> str:
+        """The table as the command prints it."""
+        return f"Influence of effects on {self.scene!r}\n{self.text()}"
 
     def summary(self) -> dict[str, Any]:
         """Plain data, SI."""

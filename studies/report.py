@@ -63,6 +63,10 @@ class StudyReport:
 
     judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
 
+    def __repr__(self) -> str:
+        best = "none" if self.best is None else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
+        return f"StudyReport({self.name!r}: {self.trials} trials by {self.sampler}; best {best}; in {self.out})"
+
     @property
     def why(self) -> str:
         """Why the study has stopped, and how it is continued: one sentence."""

@@ -178,6 +178,17 @@ def deformed_surface(result: Any) -> Surface:
     return _surface(result, scene_of(result.scene))
 
 
+def polydata(result: Any) -> Any:
+    """The deformed surface as a pyvista.PolyData, points in m, with the cell data `region`. Raises RenderError as deformed_surface."""
+    import pyvista
+
+    surface = deformed_surface(result)
+    triangles = np.asarray(surface.triangles, dtype=np.int64)
+    found = pyvista.PolyData(np.asarray(surface.points, dtype=float), np.insert(triangles, 0, 3, axis=1).ravel())
+    found.cell_data["region"] = surface.part
+    return found
+
+
 def _surface(result: Any, scene: Scene | None) -> Surface:
     """The deformed surface of a result's body."""
     reference = np.asarray(result.particle_reference, dtype=float)

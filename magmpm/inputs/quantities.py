@@ -11,6 +11,7 @@ import difflib
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -111,6 +112,17 @@ def parse_quantity(text: str, kind: Kind) -> float:
         return float(Fraction(number.group()) * _factor(unit, kind))
     except OverflowError:
         raise BadQuantity(f"{a(kind.name)} must be a finite number", write) from None
+
+
+def as_text(si: float, kind: Kind) -> str:
+    """A value in SI as text with a unit, which `parse_quantity` reads as the same float: in the unit of the kind's example where that is
+    a whole power of ten of the SI unit, which a decimal number can be multiplied by without rounding."""
+    unit = kind.example.split(maxsplit=1)[1]
+    power = Decimal(kind.plain[unit].denominator) / kind.plain[unit].numerator
+    if Fraction(power) * kind.plain[unit] != 1:  # an angle
+        unit, power = kind.si, Decimal(1)
+    number = (Decimal(repr(float(si))) * power).normalize()
+    return f"{number:{'f' if -9 < number.adjusted() < 9 else ''}} {unit}"
 
 
 def a(noun: str) -> str:

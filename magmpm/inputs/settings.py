@@ -17,6 +17,7 @@ from pydantic import (
     ConfigDict,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    SerializationInfo,
     ValidationError,
     ValidationInfo,
 )
@@ -26,7 +27,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from magmpm.errors import InputError, NotThereYet
 from magmpm.inputs.allowed_paths import REMEDY, RULE, is_allowed
 from magmpm.inputs.messages import NOTHING, empty_values, nearest_key, overruled, translate
-from magmpm.inputs.quantities import KINDS, BadQuantity, a, format_si, parse_quantity
+from magmpm.inputs.quantities import KINDS, BadQuantity, a, as_text, format_si, parse_quantity
 from magmpm.inputs.yaml_document import Document, Key, read_yaml
 
 __all__ = [
@@ -116,6 +117,10 @@ class Quantity:
         self._check_bounds(si)
         return si
 
+    def write(self, si: float, info: SerializationInfo) -> float | str:
+        """The value as plain data hold it: in SI, or with the context `units` as files have it, text that reads as the same float."""
+        return as_text(si, KINDS[self.kind]) if info.context and info.context.get("units") else si
+
     def _check_bounds(self, si: float) -> None:
         kind = KINDS[self.kind]
         rules = []
@@ -129,7 +134,8 @@ class Quantity:
             raise fault(rules[0], f"check number and unit: this reads as {format_si(si, kind)}")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.with_info_before_validator_function(self.read, handler(source))
+        written = core_schema.plain_serializer_function_ser_schema(self.write, info_arg=True)
+        return core_schema.with_info_before_validator_function(self.read, handler(source), serialization=written)
 
     def __get_pydantic_json_schema__(self, _: CoreSchema, __: GetJsonSchemaHandler) -> JsonSchemaValue:
         kind = KINDS[self.kind]

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,15 @@ class Result:
             if not key.startswith(("particle_", "grid_"))
         }
 
+    def to_dataframe(self) -> Any:
+        """The axis as a pandas DataFrame with the columns s_m, x_m, y_m and z_m (m). Raises InputError where pandas is not installed."""
+        return _needed("pandas", "pip install pandas").DataFrame(self.centreline, columns=["s_m", "x_m", "y_m", "z_m"])
+
+    def mesh(self) -> Any:
+        """The deformed surface as a pyvista.PolyData, in m, with each face's region in `region`. Raises InputError without PyVista."""
+        _needed("pyvista", "pip install 'magmpm[render]'")
+        return import_module("magmpm.viz.from_result").polydata(self)  # by name: the physics draws nothing
+
     def not_finite(self) -> list[str]:
         """Names of the fields that hold a NaN or an infinity, which no valid result has and JSON can't hold."""
         return [f.name for f in fields(self) if not _finite(getattr(self, f.name))]
@@ -178,6 +188,14 @@ class Result:
             ) from None
         except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
             raise InputError(_unreadable(folder, error)) from None
+
+
+def _needed(package: str, remedy: str) -> Any:
+    """An optional package. Raises InputError where it is not installed."""
+    try:
+        return import_module(package)
+    except ImportError:
+        raise InputError(report(package, received="nothing", rule=f"needs {package}, which is not installed", remedy=remedy)) from None
 
 
 def _finite(value: Any) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -34,6 +34,7 @@ from magmpm.fields.outside_field import end_time, outside_field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.folder_names import folder_fault
+from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Settings, fault, from_file, named_file, read_yaml, validate
 from magmpm.scene import rules
 from magmpm.scene.inserted import inserted_data
@@ -59,13 +60,14 @@ class FrozenDict(dict[K, V]):
         return FrozenDict, (dict(self),)  # else pickle would fill it item by item
 
 
-def load_scene(path: Path | str) -> Scene:
-    """The scene that the file at this path describes, with all quantities in SI.
+def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
+    """The scene that the file at this path describes, with all quantities in SI; or what a dict with the keys of such a file does, whose
+    quantities are text with units or numbers in SI, and whose paths are relative to the working folder.
 
     Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, by
     line, key, value received, rule and remedy.
     """
-    return validate(Scene, read_yaml(path))
+    return validate(Scene, path if isinstance(path, Mapping) else read_yaml(path))
 
 
 def _read_points(value: Any, info: ValidationInfo) -> Any:
@@ -267,6 +269,15 @@ class Scene(Settings):
         """Plain data in SI (numbers, text, lists, dicts), as `from_si` reads it."""
         return self.model_dump(mode="json")
 
+    def save(self, path: Path | str) -> Path:
+        """Write the scene as a file with units, from which load_scene makes an equal one; its reference as a table beside it.
+
+        Raises InputError for scenes with a measured map or another table that a file names by its path, and then writes nothing.
+        """
+        from magmpm.scene.saved import save
+
+        return save(self, Path(path))
+
     @classmethod
     def from_si(cls, data: Mapping[str, Any]) -> Scene:
         """The scene that plain SI data describe. Raises InputError."""
@@ -299,16 +310,37 @@ class Scene(Settings):
             found["magnetization"] = direction
         return Scene.from_si(data)
 
-    def with_field(self, uniform: ArrayLike) -> Scene:
-        """The scene in this uniform field, (3,) T; other sources and the schedule stay. Raises InputError."""
-        try:
-            given = np.asarray(uniform, dtype=float)
-        except (TypeError, ValueError):
-            rule, remedy = "a field in Python is three numbers in T", "write, say, with_field([0, 0, 8e-3])"
-            raise InputError(report("field.uniform", received=repr(uniform), rule=rule, remedy=remedy)) from None
+    def with_field(self, uniform: ArrayLike | str | Sequence[float | str]) -> Scene:
+        """The scene in this uniform field, (3,) T, numbers or text with units; other sources and the schedule stay.
+
+        One number or text, as in with_field("4 mT"), is the strength of a field along that of the scene. Raises InputError.
+        """
+        data, given = self.to_si(), uniform.tolist() if isinstance(uniform, np.ndarray) else uniform
+        if isinstance(given, (str, int, float)):
+            given = self._along_its_field(given)
+        return Scene.from_si({**data, "field": {**data["field"], "uniform": given}})
+
+    def _along_its_field(self, strength: float | str) -> list[float]:
+        """The uniform field with another strength. Raises InputError where there is none whose direction could be kept."""
+        before = np.array(self.field.uniform)
+        if not before.any():
+            rule = "a strength alone needs a field whose direction it keeps, and the scene has none"
+            remedy = 'write ["0 mT", "0 mT", "4 mT"]'
+            raise InputError(report("field.uniform", received=repr(strength), rule=rule, remedy=remedy))
+        found: list[float] = (_in_si(strength, "flux density", "field.uniform") * before / np.linalg.norm(before)).tolist()
+        return found
+
+    def with_material(self, name: str | None = None, **properties: Any) -> Scene:
+        """The scene with these properties of a material, numbers in SI or text: `scene.with_material(shear_modulus="90 kPa")`.
+
+        name: the material, which is made if the scene has none of that name; left out, the scene's only one. Raises InputError.
+        """
         data = self.to_si()
-        changed = {**data["field"], "uniform": given.tolist()}
-        return Scene.from_si({**data, "field": changed})
+        if name is None and len(self.materials) > 1:
+            rule, remedy = "the scene has several materials", f"name one of them: {', '.join(self.materials)}"
+            raise InputError(report("materials", received="no name", rule=rule, remedy=remedy))
+        key = next(iter(self.materials)) if name is None else name
+        return Scene.from_si({**data, "materials": {**data["materials"], key: {**data["materials"].get(key, {}), **properties}}})
 
     def with_cells(self, cells_across: int) -> Scene:
         """The scene with the resolution cells_across, in place of an error, a time or a spacing: so many through its thickness.
@@ -320,8 +352,8 @@ class Scene(Settings):
             data["body"]["parts"]["spacing"] = None
         return Scene.from_si({**data, "resolution": {"cells_across": cells_across, "particles_per_cell": kept}})
 
-    def inserted(self, length: float) -> Scene:
-        """The scene of the catheter's last `length` (m), outside a guide: an equilibrium, clamped at the exit, which is the origin.
+    def inserted(self, length: float | str) -> Scene:
+        """The scene of the catheter's last `length` (m, or text), outside a guide: an equilibrium, clamped at the exit, the origin.
 
         Inside the guide the catheter is straight and held, so nothing but this length matters. A segment that the exit cuts keeps what is
         outside; region i here is region i + (regions there) - (regions here) of the whole; a rest of a segment below a hundredth of the
@@ -329,7 +361,7 @@ class Scene(Settings):
         length the shape is that of the whole catheter. Field and gravity are as they are.
         length: one diameter (a shorter piece is no rod) to the whole. Raises InputError, also for other bodies.
         """
-        return Scene.from_si(inserted_data(self, self.to_si(), length))
+        return Scene.from_si(inserted_data(self, self.to_si(), _in_si(length, "length", "length")))
 
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
         """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
@@ -342,6 +374,14 @@ class Scene(Settings):
             key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()
         }
         return Scene.from_si({**data, "effects": {**data["effects"], **changed}})
+
+
+def _in_si(value: float | str, kind: str, what: str) -> float:
+    """A number as it is, text with a unit in SI. Raises InputError."""
+    try:
+        return parse_quantity(value, KINDS[kind]) if isinstance(value, str) else float(value)
+    except BadQuantity as error:
+        raise InputError(report(what, received=repr(value), rule=error.rule, remedy=error.remedy)) from None
 
 
 def _rounded(content: Any) -> Any:

@@ -78,6 +78,10 @@ class Fit:
     warnings: tuple[str, ...]
     solves: int
     seconds: float
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{one.constant.name} = {one.value:.4g}" for one in self.constants)
+        return f"Fit({self.scene.name!r}: {found} in SI, rms {1e3 * self.rms_m:.3g} mm over {len(self.residuals)} numbers)"
     ratios: tuple[float, ...] = (1.0,)
 
     def sigma_of(self, label: Label) -> float:

@@ -254,8 +254,8 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
     assert five.with_field(np.array([0, 0, 1e-3])).field.uniform == (0.0, 0.0, 1e-3)
     assert five.with_field((0, 0, 0)).field.uniform == (0.0, 0.0, 0.0)
     assert five.with_field(five.field.uniform) == five
-    for wrong in ("8 mT", ["0 mT", "0 mT", "8 mT"], None, 8e-3, [0, 0]):
-        with pytest.raises(InputError, match=r"field\.uniform: received [\s\S]*(three numbers|3)"):
+    for wrong in (["0 mT", "8 mT"], None, [0, 0], np.zeros((3, 3))):
+        with pytest.raises(InputError, match=r"field\.uniform(: received [\s\S]*list of 3|\[0\]: received)"):
             five.with_field(wrong)  # type: ignore[arg-type]
     assert five.with_cells(6).resolution.cells_across == 6
     assert five.with_cells(6).with_cells(4) == five

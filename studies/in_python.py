@@ -1,0 +1,77 @@
+"""Studies, fits and the influence of effects as functions: `magmpm.design`, `magmpm.fit`, `magmpm.influence`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from magmpm.effects import acting as effects
+from magmpm.errors import InputError, report
+from magmpm.inputs.yaml_document import of_file
+from magmpm.scene import Scene, load_scene
+from magmpm.studies.effects_table import Row, Table, survey
+from magmpm.studies.fitting.search import Fit
+from magmpm.studies.report import StudyReport
+from magmpm.studies.study import Study
+
+SceneLike = Scene | Path | str | Mapping[str, Any]
+
+
+def design(
+    study: Study | Path | str, *, folder: Path | str | None = None, trials: int | None = None, sampler: str | None = None, **more: Any
+) -> StudyReport:
+    """Search the design that makes a target shape, or go on with the search, as `magmpm design` does without its pictures.
+
+    study: the path of a study file, or the Study that load_study makes of one. folder: of the results, runs/NAME unless given; best/ in it
+    holds the best design as a Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
+    other options of studies.engine.run_study. Lengths of the report are in m.
+    Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept.
+    """
+    from magmpm.simulate import run, sensitivities
+    from magmpm.studies.definition import load_study
+    from magmpm.studies.engine import run_study
+
+    found = study if isinstance(study, Study) else load_study(study)
+    out = Path("runs") / found.name if folder is None else folder
+    return run_study(found, solve=run, differentiate=sensitivities, out=out, trials=trials, sampler=sampler, **more)
+
+
+def fit(measured: Path | str | Sequence[Path | str], scene: SceneLike, **options: Any) -> Fit:
+    """Material constants that explain measurements best, with confidence intervals, as `magmpm fit` finds them.
+
+    measured: the path of a table, or several of the same body (docs/fitting.md). scene: a Scene, the path of its file, or a dict as
+    load_scene takes. options: vary, noise (m), angle_noise (rad), known, level, thorough of studies.fitting.fit.
+    Raises InputError as the command does, also where the measurements can't tell constants apart; SolveError without an equilibrium.
+    """
+    from magmpm.studies.fitting import fit as found_by
+    from magmpm.studies.fitting import read_tables
+
+    whole = _scene(scene)
+    tables = read_tables([measured] if isinstance(measured, (str, Path)) else list(measured), whole)
+    with _placed(scene):
+        return found_by(tables, whole, **options)
+
+
+def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
+    """What each effect, named in the scene or not, would move, as `magmpm effects` prints it; of one effect, its row alone.
+
+    scene: a Scene, the path of its file, or a dict as load_scene takes. effect: a key of the scene's effects, such as "gravity". Shifts and
+    their uncertainties are in m; costs, which take longest, are counted for all effects together.
+    Raises InputError for a wrong scene, or a name that is no effect.
+    """
+    known = effects.every()
+    if effect is not None and effect not in known:
+        raise InputError(report("effect", received=repr(effect), rule=f"must be one of {', '.join(known)}", remedy="leave it out for all"))
+    with _placed(scene):
+        table = survey(_scene(scene), measure=effect is None)
+    return table if effect is None else next(row for row in table.effects if row.effect == effect)
+
+
+def _placed(scene: SceneLike) -> AbstractContextManager[None]:
+    return of_file(scene) if isinstance(scene, (str, Path)) else nullcontext()
+
+
+def _scene(scene: SceneLike) -> Scene:
+    return scene if isinstance(scene, Scene) else load_scene(scene)
