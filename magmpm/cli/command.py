@@ -23,7 +23,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        options = parser().parse_args(given)
+        whole = parser()
+        if "_ARGCOMPLETE" in os.environ:  # set by the shell's completion alone
+            import_module("argcomplete").autocomplete(whole)
+        options = whole.parse_args(given)
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # nobody's code but magmpm's reads its files
         refuse_unusable()
         if getattr(options, "allow_outside", False):

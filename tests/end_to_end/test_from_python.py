@@ -147,3 +147,18 @@ def test_users_own_studies_and_viz_are_in_nobodys_way(tmp_path: Path) -> None:
 def test_python_m_magmpm_is_the_command() -> None:
     done = subprocess.run([sys.executable, "-m", "magmpm", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("magmpm 0.")
+
+
+def test_the_shell_completes_the_whole_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """argcomplete, which is called only when the shell asks, gets the parser with all its commands."""
+    from magmpm.cli import main
+
+    asked: list[str] = []
+    monkeypatch.setitem(sys.modules, "argcomplete", SimpleNamespace(autocomplete=lambda parser: asked.append(parser.format_help())))  # type: ignore[arg-type]
+    for variables in ({}, {"_ARGCOMPLETE": "1"}):
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        with pytest.raises(SystemExit):
+            main(["--version"])
+        assert len(asked) == len(variables)
+    assert "design" in asked[0]
