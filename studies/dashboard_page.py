@@ -9,7 +9,11 @@ from __future__ import annotations
 import gzip
 import re
 from collections.abc import Callable, Iterable
+from http.cookies import CookieError, SimpleCookie
 from typing import Any
+from urllib.parse import parse_qs
+
+from magmpm.inputs.page_guard import HEADERS, Guard
 
 SCRIPT = "/static/bundle.js"
 REFUSED = r'"Complete"===\g<trial>.state&&\g<trial>.constraints.some(c=>c>0)'
@@ -46,6 +50,58 @@ def page(app: Application) -> Application:
         return made
 
     return serve
+
+
+# What isn't the page itself, such as a trial's files, is shown without scripts; the page, in no other page.
+SANDBOX = "sandbox; default-src 'none'; img-src 'self' data:; media-src 'self'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+ALONE = "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+
+
+def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> Application:
+    """The dashboard for who has the secret: the printed address, ?secret=..., gives it to the browser as a cookie. `write`: it may edit."""
+
+    def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
+        cookie = f"magmpm-{environ.get('SERVER_PORT')}"  # browsers send cookies to all ports of a host
+        asked, method = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1], environ.get("REQUEST_METHOD")
+
+        def refuse(words: str) -> Iterable[bytes]:
+            headers = [("Content-Type", "text/plain; charset=utf-8"), ("Content-Security-Policy", SANDBOX), *HEADERS.items()]
+            start("403 Forbidden", headers)
+            return [words.encode()]
+
+        def begin(status: str, headers: list[tuple[str, str]], *rest: Any) -> Any:
+            policy = "; ".join([value for name, value in headers if name.lower() == "content-security-policy"] + [ALONE])
+            kept = [(name, value) for name, value in headers if name.lower() not in OWN]
+            page = environ.get("PATH_INFO", "").startswith("/dashboard")
+            return start(status, [*kept, ("Content-Security-Policy", policy if page else SANDBOX), *HEADERS.items()], *rest)
+
+        if not guard.admits(environ.get("HTTP_HOST"), environ.get("HTTP_ORIGIN")):
+            return refuse("This name, or this page, is not the dashboard's own.")
+        if method == "GET" and guard.knows(asked):
+            kept = ("Set-Cookie", f"{cookie}={guard.secret}; HttpOnly; SameSite=Strict; Path=/")
+            start("303 See Other", [("Location", start_page), kept, ("Cache-Control", "no-store"), *HEADERS.items()])
+            return []
+        if not guard.knows(_cookie(environ.get("HTTP_COOKIE", ""), cookie)):
+            return refuse("This address is incomplete: open the whole address that `magmpm dashboard` printed.")
+        if method not in ("GET", "HEAD") and not write:
+            return refuse("Nothing is edited or deleted here unless the dashboard was begun with --write.")
+        if environ.get("PATH_INFO") in ("", "/"):
+            start("302 Found", [("Location", start_page), *HEADERS.items()])
+            return []
+        return app(environ, begin)
+
+    return serve
+
+
+OWN = ("content-security-policy", "access-control-allow-origin", *(name.lower() for name in HEADERS))
+
+
+def _cookie(header: str, name: str) -> str | None:
+    try:
+        found = SimpleCookie(header).get(name)
+    except CookieError:
+        return None
+    return None if found is None else found.value
 
 
 def _whole(app: Application, environ: dict[str, Any]) -> str | None:

@@ -126,6 +126,7 @@ def _dashboard(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     parser.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
+    parser.add_argument("--write", action="store_true", help="let the page edit: notes, names, and the deletion of studies")
     parser.add_argument("--storage", metavar="URL", help="database of the trials [as the study says, or the variable MAGMPM_STORAGE]")
     return parser
 
@@ -142,7 +143,7 @@ def _view(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--cells", type=int, metavar="N", help="cells across, in place of the scene's resolution")
     parser.add_argument("--window", action="store_true", help="in a window of this desktop, not in the browser (needs the extra `view`)")
     parser.add_argument("--port", type=int, metavar="N", help="port of the page; 0: any that is free [the first free one from 8090 on]")
-    parser.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="who may open the page: this machine alone [127.0.0.1]")
+    parser.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="listen there; more names after commas [127.0.0.1]")
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
     _common(parser, "runs/NAME, with the scene's name")
     return parser

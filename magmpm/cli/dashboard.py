@@ -6,27 +6,21 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from socketserver import ThreadingMixIn
-from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from magmpm.cli.design import is_study, saved_report
 from magmpm.errors import InputError, report
+from magmpm.inputs.page_guard import LOOPBACK, Guard, GuardedHandler, GuardedServer
 
-HOST = "127.0.0.1"
 
-
-class _Server(ThreadingMixIn, WSGIServer):
+class _Server(GuardedServer, WSGIServer):
     """Serves pictures while numbers are requested."""
 
-    daemon_threads = True
 
+class _Handler(GuardedHandler, WSGIRequestHandler):
+    """A request to the dashboard."""
 
-class _Quiet(WSGIRequestHandler):
-    """Prints no line per request."""
-
-    def log_message(self, format: str, *_: Any) -> None:
-        return None
+    server: _Server  # type: ignore[assignment]
 
 
 def _url(saved: str, option: str | None) -> str:
@@ -61,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
     from optuna_dashboard import wsgi
 
     from magmpm.studies.artifact_stores import artifact_store
-    from magmpm.studies.dashboard_page import page
+    from magmpm.studies.dashboard_page import guarded, page
     from magmpm.studies.dashboard_view import DashboardView, Notes
     from magmpm.studies.storage import must_exist, open_storage
     from magmpm.studies.storage_url import shown_url
@@ -76,14 +70,15 @@ def command(options: argparse.Namespace) -> int:
         rule, remedy = f"must hold the study {saved['name']}", "name its database with --storage"
         raise InputError(report(f"storage {shown_url(url)}", rule=rule, remedy=remedy)) from None
     Notes(study, folder, artifacts).keep_up()
-    app = page(wsgi(DashboardView(storage), artifact_store=artifacts))
+    guard, start = Guard(), f"/dashboard/studies/{study._study_id}"
+    app = guarded(page(wsgi(DashboardView(storage), artifact_store=artifacts)), guard, start, options.write)
     try:
-        server = make_server(HOST, port, app, _Server, _Quiet)
+        server = make_server(LOOPBACK, port, app, _Server, _Handler)
     except OSError as error:
         rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
         remedy = f"end what uses it, or name another, say, --port {port + 1 if port < 65535 else 8080}"
         raise InputError(report("--port", received=str(port), rule=rule, remedy=remedy)) from None
     with server:
-        print(f"http://{HOST}:{port} shows {folder}; Ctrl-C ends it", file=sys.stderr, flush=True)
+        print(f"http://{LOOPBACK}:{port}{start}?secret={guard.secret} shows {folder}; Ctrl-C ends it", file=sys.stderr, flush=True)
         server.serve_forever()
     return 0

@@ -16,7 +16,7 @@ from magmpm.results.folder_lock import refuse_unwritable
 from magmpm.scene import Scene, load_scene
 
 if TYPE_CHECKING:
-    from magmpm.viz.page import PageServer
+    from magmpm.cli.page_server import PageServer
 
 
 def command(options: argparse.Namespace) -> int:
@@ -115,7 +115,7 @@ def _window(view: Any) -> int:
 
 
 def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:
-    from magmpm.viz.page import PageServer
+    from magmpm.cli.page_server import PageServer
 
     with PageServer(view.routes(), options.host, options.port) as server:
         _tell(server, path, options)

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.cli.page_server import Routes
 from magmpm.errors import InputError, MagmpmError
 from magmpm.results.file_names import MOTION
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
-from magmpm.viz.page import MotionStage, Routes, about_scene, packed
+from magmpm.viz.page import MotionStage, about_scene, packed
 
 
 class MotionView:

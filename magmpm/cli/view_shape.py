@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.cli.page_server import Routes
 from magmpm.errors import InputError, MagmpmError
 from magmpm.results.readable import lengths
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.studies.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
-from magmpm.viz.page import Routes, Stage, about_scene, packed
+from magmpm.viz.page import Stage, about_scene, packed
 
 BRINK = 0.02  # as of magmpm.statics.stability: one below has a warning
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from magmpm.errors import InputError
 from magmpm.inputs.settings import read_yaml
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
@@ -22,10 +23,26 @@ Data = dict[str, Any]
 
 
 def changed(scene: Scene, known: Mapping[str, Control], values: Values) -> Scene:
-    """The scene with these values. Raises InputError for what no scene has."""
+    """The scene with these values. Raises InputError for what no scene has, with the sliders that are refused alone, or all turned ones."""
     new = turned(known, values)
     if not new:
         return scene
+    try:
+        return _changed(scene, new)
+    except InputError as error:
+        alone = [name for name in new if _refused(scene, {name: new[name]})]
+        raise InputError(f"{', '.join(known[name].said(new[name]) for name in alone or new)}\n  {error}") from error
+
+
+def _refused(scene: Scene, new: Values) -> bool:
+    try:
+        _changed(scene, new)
+    except InputError:
+        return True
+    return False
+
+
+def _changed(scene: Scene, new: Values) -> Scene:
     data = scene.to_si()
     _put_field(data.setdefault("field", {}), scene, new, _in_si)
     _put_directions(data["body"], scene, new, _unit_vector)

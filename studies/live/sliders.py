@@ -34,6 +34,11 @@ class Control:
     step: float
     value: float
 
+    def said(self, value: float) -> str:
+        """Slider, number and unit, as in "field Bz: 99 999 mT"."""
+        number = f"{value:.6g}" if abs(value) >= 1e9 else f"{value:,.9g}".replace(",", " ")
+        return f"{self.group.lower()} {self.label}: {number} {'°' if self.unit == 'deg' else self.unit}"
+
     def plain(self) -> dict[str, Any]:
         """Plain data."""
         return asdict(self)
@@ -54,9 +59,13 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
         if name not in known:
             rule, remedy = "this scene has no such slider", f"use one of {', '.join(list(known)[:8])}"
             raise InputError(report("values", received=repr(name)[:80], rule=rule, remedy=remedy))
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise InputError(report(known[name].label, received=repr(value)[:80], rule="must be a finite number", remedy="type a number"))
-        out[name] = float(value)
+        try:
+            out[name] = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
+        except OverflowError:  # a whole number of more than 308 digits
+            out[name] = math.inf
+        if not math.isfinite(out[name]):
+            place = f"{known[name].group.lower()} {known[name].label}"
+            raise InputError(report(place, received=repr(value)[:80], rule="must be a finite number", remedy="type a number"))
     return out
 
 

@@ -5,14 +5,10 @@ Needs Debian's chromium and playwright (`make test-browser`). With PICTURES set 
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-import socket
-import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,7 +24,6 @@ ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "studies")]
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-sync",
          "--disable-component-update"]  # fmt: skip
-SERVE = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @pytest.fixture(scope="module")
@@ -62,44 +57,43 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def address(out: Path) -> Iterator[str]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    child = subprocess.Popen([sys.executable, "-c", SERVE, "dashboard", str(out), "--port", str(port)], stderr=subprocess.PIPE, text=True)
-    try:
-        assert child.stderr is not None
-        assert "shows" in child.stderr.readline()
-        yield f"http://127.0.0.1:{port}"
-    finally:
-        child.terminate()
-        child.wait()
+def served(out: Path) -> Iterator[Any]:
+    from dashboard_client import dashboard
+
+    with dashboard(out) as running:
+        yield running
 
 
 @pytest.fixture(scope="module")
-def page(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def address(served: Any) -> str:
+    return str(served.address)
+
+
+@pytest.fixture(scope="module")
+def tools() -> Iterator[Any]:
+    with sync.sync_playwright() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(served: Any, tools: Any) -> Iterator[Any]:
     """A page of the browser; errors that pages print fail the test at its end."""
     errors: list[str] = []
-    with sync.sync_playwright() as tools:
-        browser = tools.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = browser.new_page(viewport={"width": 1400, "height": 1000})
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        yield page
-        browser.close()
+    browser = tools.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(served.url)  # the browser has the secret from here on
+    yield page
+    browser.close()
     assert errors == []
 
 
-def ask(url: str) -> Any:
-    with urllib.request.urlopen(url, timeout=60) as answer:
-        return json.loads(answer.read())
-
-
-def study_of(address: str) -> tuple[int, Any]:
+def study_of(served: Any) -> tuple[int, Any]:
     """The study's number and what the dashboard knows of it, once all six trials have notes."""
-    (study,) = ask(f"{address}/api/studies")["study_summaries"]
+    (study,) = served.ask("/api/studies")["study_summaries"]
     number, until = study["study_id"], time.monotonic() + 60
     while True:
-        detail = ask(f"{address}/api/studies/{number}?after=0")
+        detail = served.ask(f"/api/studies/{number}?after=0")
         if len(detail["trials"]) == 6 and all(trial["note"]["body"] for trial in detail["trials"]):
             return number, detail
         assert time.monotonic() < until, "no notes"
@@ -111,8 +105,8 @@ def keep(page: Any, name: str) -> None:
         page.screenshot(path=str(Path(os.environ["PICTURES"]) / name))
 
 
-def test_what_the_dashboard_is_told(address: str, out: Path) -> None:
-    _, detail = study_of(address)
+def test_what_the_dashboard_is_told(served: Any, out: Path) -> None:
+    _, detail = study_of(served)
     states = [trial["state"] for trial in detail["trials"]]
     assert states == ["Complete", "Complete", "Fail", "Complete", "Complete", "Complete"]
     assert [max(trial["constraints"], default=0.0) > 0 for trial in detail["trials"]] == [False] * 4 + [True, False]
@@ -125,9 +119,9 @@ def test_what_the_dashboard_is_told(address: str, out: Path) -> None:
         assert f"--trial {trial['number']}\n" in trial["note"]["body"]
 
 
-def test_the_list_of_trials(page: Any, address: str, out: Path) -> None:
+def test_the_list_of_trials(page: Any, served: Any, address: str, out: Path) -> None:
     """Value in mm, note, picture, and the files to download, as a reader sees them."""
-    number, detail = study_of(address)
+    number, detail = study_of(served)
     page.goto(f"{address}/dashboard/studies/{number}/trials?numbers=0")
     page.get_by_text("Trial 0 (trial_id=").first.wait_for(timeout=60000)
     text = page.inner_text("body")
@@ -147,9 +141,9 @@ def test_the_list_of_trials(page: Any, address: str, out: Path) -> None:
     keep(page, "dashboard_artifacts.png")
 
 
-def test_what_failed_and_what_is_infeasible(page: Any, address: str) -> None:
+def test_what_failed_and_what_is_infeasible(page: Any, served: Any, address: str) -> None:
     """In the list, in the details and in the table, as in the plots."""
-    number, _ = study_of(address)
+    number, _ = study_of(served)
     for trial, state in ((0, "Complete"), (2, "Fail"), (4, "Infeasible")):
         page.goto(f"{address}/dashboard/studies/{number}/trials?numbers={trial}")
         page.get_by_text(f"Trial {trial} (trial_id=").first.wait_for(timeout=60000)
@@ -163,9 +157,9 @@ def test_what_failed_and_what_is_infeasible(page: Any, address: str) -> None:
     keep(page, "dashboard_table.png")
 
 
-def test_the_study(page: Any, address: str) -> None:
+def test_the_study(page: Any, served: Any, address: str) -> None:
     """The history in mm, and the study's note."""
-    number, _ = study_of(address)
+    number, _ = study_of(served)
     page.goto(f"{address}/dashboard/studies/{number}")
     page.locator(".js-plotly-plot").first.wait_for(timeout=60000)
     page.wait_for_timeout(1500)
@@ -174,3 +168,36 @@ def test_the_study(page: Any, address: str) -> None:
     page.goto(f"{address}/dashboard/studies/{number}/note")
     page.get_by_text("Reproduce:").first.wait_for(timeout=30000)
     keep(page, "dashboard_note.png")
+
+
+def test_the_printed_address_opens_on_the_study(page: Any, served: Any, address: str) -> None:
+    """Not on the list with its button that deletes; the secret is no more in the address."""
+    number, _ = study_of(served)
+    page.goto(served.url)
+    page.get_by_text("rms (mm)").first.wait_for(timeout=60000)
+    assert page.url == f"{address}/dashboard/studies/{number}"
+    assert page.evaluate("document.cookie") == ""
+
+
+def test_a_rebinding_name_and_a_foreign_page_get_nothing(tools: Any, served: Any) -> None:
+    """Chromium takes evil.example for this machine, as after DNS rebinding; its page asks and deletes."""
+    rules = f"--host-resolver-rules=MAP evil.example 127.0.0.1:{served.port}"
+    browser = tools.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, rules])
+    page = browser.new_page()
+    page.goto(served.url)  # this browser has the secret, under its own name
+    answer = page.goto("http://evil.example/api/studies")
+    assert answer.status == 403
+    assert "not the dashboard's own" in page.inner_text("body")
+    told = page.evaluate(
+        """async (own) => {
+          const got = [];
+          for (const [url, method] of [["/api/studies", "GET"], ["/api/studies/1", "DELETE"], [own + "/api/studies/1", "DELETE"]]) {
+            try { got.push((await fetch(url, {method, credentials: "include"})).status); } catch { got.push("blocked"); }
+          }
+          return got;
+        }""",
+        served.address,
+    )
+    assert set(told) <= {403, "blocked"}
+    browser.close()
+    assert len(served.ask("/api/studies")["study_summaries"]) == 1

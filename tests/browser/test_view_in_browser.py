@@ -203,3 +203,39 @@ def test_an_incomplete_address_says_so(view: View) -> None:
     page.goto(address.split("#")[0])
     page.wait_for_selector("#state.failed")
     assert "whole address" in page.locator("#words").inner_text()
+
+
+def test_a_narrow_window_shows_body_and_sliders(view: View) -> None:
+    """420 px wide: nothing is cut off sideways, the picture keeps 200 px and the sliders can be reached and moved."""
+    page = view(FIVE, "--cells", "2")
+    page.set_viewport_size({"width": 420, "height": 800})
+    settled(page)
+    assert page.evaluate("Math.max(document.documentElement.scrollWidth, document.getElementById('panel').scrollWidth)") <= 420
+    box = page.locator("#view").bounding_box()
+    assert box["width"] >= 400
+    assert box["height"] >= 200
+    slider = page.locator('input[type=range][data-id="field.z"]')
+    slider.scroll_into_view_if_needed()
+    assert slider.bounding_box()["width"] >= 100
+    slider.focus()
+    for _ in range(3):
+        slider.press("ArrowLeft")
+    page.get_by_role("button", name="Save this scene").scroll_into_view_if_needed()
+    settled(page)
+    labels = page.locator("label.slider:visible input[type=number]")
+    assert all(labels.nth(k).bounding_box()["x"] + labels.nth(k).bounding_box()["width"] <= 420 for k in range(3))
+
+
+def test_html_in_names_is_shown_as_text(view: View, tmp_path: Path) -> None:
+    """Names of files and folders; a scene's own name with < in it is refused by the scene."""
+    folder = tmp_path / "<b>bold<b>"
+    folder.mkdir()
+    scene, target = folder / "<i>scene.yaml", folder / "<img src=x onerror=alert(1)>.csv"
+    scene.write_bytes(FIVE.read_bytes())
+    target.write_bytes((ROOT / "data" / "targets" / "s_shape.csv").read_bytes())
+    page = view(scene, "--cells", "2", "--target", str(target))
+    settled(page)
+    assert "<img src=x onerror=alert(1)>" in page.locator("#legend").inner_text()
+    page.get_by_role("button", name="Save this scene").click()
+    page.wait_for_selector("#told:has-text('Saved')")
+    assert page.locator("img, b, #told *").count() == 0

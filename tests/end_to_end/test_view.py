@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from magmpm.cli import main
+from magmpm.cli.page_server import PageServer
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import refuse_unwritable
-from magmpm.viz.page import PageServer, packed
+from magmpm.viz.page import packed
 
 ROOT = Path(__file__).resolve().parents[2]
 FIVE = str(ROOT / "data" / "scenes" / "five_segments.yaml")
@@ -55,11 +59,94 @@ def test_the_page_asks_with_its_secret(server: PageServer) -> None:
     assert ask(server, "POST", "/echo", "{}", **{"X-Magmpm-Secret": "wrong"})[0] == 403
 
 
-def test_other_names_are_not_answered(server: PageServer) -> None:
-    """A page elsewhere whose name leads to this machine (DNS rebinding) is another host."""
-    known = {"X-Magmpm-Secret": server.secret, "Host": "evil.example"}
-    assert ask(server, "POST", "/echo", "{}", **known)[0] == 403
-    assert ask(server, "GET", "/", **{"Host": "evil.example"})[0] == 403
+@pytest.mark.parametrize("headers", [
+    {"Host": "evil.example"}, {"Host": "127.0.0.1.evil.example"}, {"Host": ""}, {"Origin": "http://evil.example"}, {"Origin": "null"},
+])  # fmt: skip
+def test_other_names_are_not_answered(server: PageServer, headers: dict[str, str]) -> None:
+    """A page elsewhere whose name leads to this machine (DNS rebinding) is another host; another page's script, another origin."""
+    assert ask(server, "POST", "/echo", "{}", **{"X-Magmpm-Secret": server.secret}, **headers)[0] == 403
+    assert ask(server, "GET", "/", **headers)[0] == 403
+
+
+@pytest.mark.parametrize(("host", "names", "others"), [
+    ("0.0.0.0", ["127.0.0.1", "localhost:9000"], ["evil.example", "10.9.8.7", "lab.example"]),  # 9000: by ssh -L
+    ("0.0.0.0,lab.example", ["127.0.0.1:8090", "lab.example:80", "LAB.example"], ["evil.example"]),
+    ("127.0.0.2", ["127.0.0.2"], ["evil.example"]),
+])  # fmt: skip
+def test_with_a_host_the_names_given_are_checked(host: str, names: list[str], others: list[str]) -> None:
+    """Everywhere: addresses at which the request arrived, this machine's name, and names given."""
+    with PageServer({"echo": lambda asked: {"asked": asked}}, host, port=0) as running:
+        thread = running.begin()
+        asked = running.server_address[0] if host == "127.0.0.2" else "127.0.0.1"
+        for name, status in [(name, 200) for name in names] + [(name, 403) for name in others]:
+            connection = http.client.HTTPConnection(asked, running.server_port, timeout=10)
+            connection.request("POST", "/echo", "1", {"X-Magmpm-Secret": running.secret, "Host": name})
+            assert connection.getresponse().status == status, name
+        running.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize("begin", [b"", b"GET / HT", b"POST /echo HTTP/1.1\r\nHost: localhost\r\nContent-Le", "body"])
+def test_half_open_connections_are_closed(server: PageServer, begin: bytes | str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also those that send a byte now and then: the time counts from the beginning of the request."""
+    monkeypatch.setattr("magmpm.inputs.page_guard.PATIENCE", 0.5)
+    if begin == "body":
+        begin = f"POST /echo HTTP/1.1\r\nHost: localhost\r\nX-Magmpm-Secret: {server.secret}\r\nContent-Length: 900\r\n\r\n1".encode()
+    assert isinstance(begin, bytes)
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as half:
+        half.sendall(begin)
+        begun = time.monotonic()
+        with suppress(OSError):
+            while time.monotonic() < begun + 8:
+                half.sendall(b"x" if begin else b"")
+                half.settimeout(0.1)
+                with suppress(TimeoutError):
+                    while half.recv(1000):
+                        pass
+                    break
+        assert time.monotonic() - begun < 5
+
+
+def test_connections_are_few(server: PageServer) -> None:
+    """A hundred that ask nothing leave room for one that does, and not a hundred threads."""
+    from magmpm.inputs.page_guard import MOST_CONNECTIONS, PATIENCE
+
+    assert 10 <= PATIENCE <= 30
+    before = threading.active_count()
+    with ExitStack() as opened:
+        for _ in range(MOST_CONNECTIONS + 40):
+            opened.enter_context(socket.create_connection(("127.0.0.1", server.server_port), timeout=10))
+        assert ask(server, "POST", "/echo", "1", **{"X-Magmpm-Secret": server.secret})[0] == 200
+        until = time.monotonic() + 10
+        while threading.active_count() > before + MOST_CONNECTIONS and time.monotonic() < until:
+            time.sleep(0.05)  # threads of closed connections end
+        assert threading.active_count() <= before + MOST_CONNECTIONS
+
+
+def test_a_fault_of_ours_is_answered(server: PageServer) -> None:
+    """Not by a closed connection."""
+    server.routes = {"echo": lambda asked: {"asked": 1 / asked}}
+    status, content = ask(server, "POST", "/echo", "0", **{"X-Magmpm-Secret": server.secret})
+    assert status == 500
+    assert "ZeroDivisionError" in json.loads(content)["error"]
+
+
+@pytest.mark.parametrize(("values", "words"), [
+    ('{"field.z": 99999}', "field Bz: 99 999 mT\n"), ('{"field.x": 1, "field.z": -99999.5}', "field Bz: -99 999.5 mT\n"),
+    ('{"inserted": -3}', "length outside the guide length: -3 mm\n"), ('{"field.z": 1' + 400 * "0" + "}", "field Bz: received 1000"),
+    ('{"field.z": true}', "field Bz: received True"),
+])  # fmt: skip
+def test_a_wrong_number_is_told_with_its_slider_and_unit(server: PageServer, values: str, words: str) -> None:
+    """Also one of 401 digits."""
+    from magmpm import load_scene
+    from magmpm.studies.live import changed, checked, controls
+
+    scene = load_scene(FIVE)
+    known = {control.id: control for control in controls(scene)}
+    server.routes = {"solve": lambda asked: {"hash": changed(scene, known, checked(known, asked["values"])).hash()}}
+    status, content = ask(server, "POST", "/solve", f'{{"values": {values}}}', **{"X-Magmpm-Secret": server.secret})
+    assert status == 400
+    assert json.loads(content)["error"].startswith(words)
 
 
 @pytest.mark.parametrize(("path", "status"), [

@@ -5,15 +5,11 @@ from __future__ import annotations
 import json
 import re
 import socket
-import subprocess
-import sys
-import time
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from dashboard_client import Dashboard, dashboard
 from interruptible import draw
 from rod_solve import solve, write_study
 
@@ -22,8 +18,6 @@ from magmpm.studies.definition import load_study
 from magmpm.studies.engine import run_study
 
 pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
-
-SERVE = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @pytest.fixture(scope="module")
@@ -35,60 +29,31 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def address(out: Path) -> Iterator[str]:
+def served(out: Path) -> Iterator[Dashboard]:
     """`magmpm dashboard` on that folder, at a free port of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-c", SERVE, "dashboard", str(out), "--port", str(port)]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    try:
-        assert child.stderr is not None
-        assert child.stderr.readline() == f"http://127.0.0.1:{port} shows {out}; Ctrl-C ends it\n"
-        urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60).close()  # immediately: the message comes when the server is ready
-        until = time.monotonic() + 60
-        while True:
-            assert child.poll() is None, "the server ended"
-            assert time.monotonic() < until, "the server never answered"
-            try:
-                urllib.request.urlopen(f"http://127.0.0.1:{port}/api/studies", timeout=5).close()
-                break
-            except OSError:
-                time.sleep(0.1)
-        yield f"http://127.0.0.1:{port}"
-    finally:
-        child.kill()
-        child.wait()
+    with dashboard(out) as running:
+        yield running
 
 
-def get(url: str) -> bytes:
-    with urllib.request.urlopen(url, timeout=30) as answer:
-        return bytes(answer.read())
-
-
-def ask(url: str) -> Any:
-    return json.loads(get(url))
-
-
-def test_pictures_are_listed_and_can_be_downloaded(address: str, out: Path) -> None:
-    assert ask(f"{address}/api/meta")["artifact_is_available"] is True
-    (study,) = ask(f"{address}/api/studies")["study_summaries"]
+def test_pictures_are_listed_and_can_be_downloaded(served: Dashboard, out: Path) -> None:
+    assert served.ask("/api/meta")["artifact_is_available"] is True
+    (study,) = served.ask("/api/studies")["study_summaries"]
     assert study["study_name"] == "probe"
-    detail = ask(f"{address}/api/studies/{study['study_id']}?after=0")
+    detail = served.ask(f"/api/studies/{study['study_id']}?after=0")
     assert len(detail["trials"]) == 4
     for trial in detail["trials"]:
         (artifact,) = trial["artifacts"]
         assert artifact["filename"] == f"trial_{trial['number']:03d}.png"
         assert artifact["mimetype"] == "image/png"
-        content = get(
-            f"{address}/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}"
+        content = served.get(
+            f"/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}"
         )
         assert content == (out / "pictures" / artifact["filename"]).read_bytes()
 
 
-def test_numbers_are_shown(address: str) -> None:
-    (study,) = ask(f"{address}/api/studies")["study_summaries"]
-    detail = ask(f"{address}/api/studies/{study['study_id']}?after=0")
+def test_numbers_are_shown(served: Dashboard) -> None:
+    (study,) = served.ask("/api/studies")["study_summaries"]
+    detail = served.ask(f"/api/studies/{study['study_id']}?after=0")
     assert detail["objective_names"] == ["rms (mm)"]
     for trial in detail["trials"]:  # the database stays in SI
         (stored,) = (float(a["value"]) for a in trial["user_attrs"] if a["key"] == "rms_m")
@@ -98,7 +63,7 @@ def test_numbers_are_shown(address: str) -> None:
     assert len(detail["trials"][0]["params"]) == 10
 
 
-def test_the_page_tells_what_was_refused(address: str) -> None:
+def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
     """Two chips (list and details) and the table's column; the rest of the dashboard's script is as it was."""
     import optuna_dashboard
 
@@ -107,7 +72,7 @@ def test_the_page_tells_what_was_refused(address: str) -> None:
     script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(encoding="utf-8")
     assert len(CHIP.findall(script)) == 2
     assert len(COLUMN.findall(script)) == 1
-    told = get(address + SCRIPT).decode()
+    told = served.get(SCRIPT).decode()
     assert told.count('?"Infeasible":') == 3
     chip = r'"Complete"===(\w+)\.state&&\1\.constraints\.some\(c=>c>0\)\?"(?:warning|Infeasible)":'
     for pattern in (r"cell:e=>\(t=>.*?\)\(e\.row\.original\),", chip):
@@ -139,3 +104,61 @@ def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, caps
     (tmp_path / "study.json").write_text("null")
     assert main(["dashboard", str(tmp_path)]) == 2
     assert f"{tmp_path}/study.json: can't be read" in capsys.readouterr().err
+
+
+STUDIES = "/api/studies"
+
+
+@pytest.mark.parametrize(("headers", "words"), [
+    ({"Host": "evil.example"}, "name"), ({"Host": "evil.example:8080"}, "name"), ({"Host": "127.0.0.1.evil.example"}, "name"),
+    ({"Origin": "http://evil.example"}, "page"), ({"Origin": "null"}, "page"), ({"Origin": "http://127.0.0.1:1"}, "page"),
+    ({"Cookie": ""}, "whole address"), ({"Cookie": "magmpm-{port}=wrong"}, "whole address"),
+])  # fmt: skip
+@pytest.mark.parametrize("method", ["GET", "DELETE"])
+def test_only_its_own_page_is_answered(served: Dashboard, method: str, headers: dict[str, str], words: str) -> None:
+    """Another name that leads here (DNS rebinding), another page, another user of this machine."""
+    asked = {name: value.format(port=served.port) for name, value in headers.items()}
+    status, told, content = served.request(method, STUDIES, **{"Cookie": served.cookie, **asked})
+    assert status == 403
+    assert words in content.decode()
+    assert b"probe" not in content
+    assert told["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize(("method", "path"), [
+    ("DELETE", "/api/studies/1"), ("POST", "/api/studies/1/rename"), ("PUT", "/api/studies/1/note"), ("POST", "/api/trials/1/tell"),
+    ("DELETE", "/api/artifacts/1/1/0"), ("POST", "/api/studies"), ("PATCH", "/api/studies/1"), ("OPTIONS", "/api/studies/1"),
+])  # fmt: skip
+def test_nothing_is_edited_unless_asked_for(served: Dashboard, method: str, path: str) -> None:
+    """Not even by who has the secret."""
+    status, _, content = served.request(method, path, "{}", Cookie=served.cookie)
+    assert status == 403
+    assert b"--write" in content
+    assert len(served.ask(STUDIES)["study_summaries"]) == 1
+
+
+def test_the_printed_address_opens_the_study(served: Dashboard) -> None:
+    """It gives the secret to the browser, which no script reads and no other site makes it send."""
+    status, headers, _ = served.request("GET", served.url.removeprefix(served.address))
+    assert status == 303
+    assert headers["location"].startswith("/dashboard/studies/")
+    assert headers["set-cookie"] == f"{served.cookie}; HttpOnly; SameSite=Strict; Path=/"
+    assert served.request("GET", "/", Cookie=served.cookie)[1]["location"] == headers["location"]
+    status, page, _ = served.request("GET", headers["location"], Cookie=served.cookie)
+    assert status == 200
+    assert page["x-content-type-options"] == "nosniff"
+    assert "script-src 'self'" in page["content-security-policy"]
+    assert "frame-ancestors 'none'" in page["content-security-policy"]
+    assert served.request("GET", STUDIES, Cookie=served.cookie)[1]["content-security-policy"].startswith("sandbox; default-src 'none'")
+
+
+def test_with_write_a_study_can_be_deleted(tmp_path: Path) -> None:
+    """By its own page alone."""
+    run_study(load_study(write_study(tmp_path)), solve=solve, out=tmp_path / "out", trials=1)
+    with dashboard(tmp_path / "out", "--write") as served:
+        evil = served.request("DELETE", "/api/studies/1", Cookie=served.cookie, Origin="http://evil.example")
+        assert evil[0] == 403
+        assert served.request("DELETE", "/api/studies/1", Origin=served.address)[0] == 403  # no secret
+        assert len(served.ask(STUDIES)["study_summaries"]) == 1
+        assert served.request("DELETE", "/api/studies/1", Cookie=served.cookie, Origin=served.address)[0] == 204
+        assert served.ask(STUDIES)["study_summaries"] == []

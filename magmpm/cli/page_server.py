@@ -7,20 +7,19 @@ that the printed address ends with, and only under the name of this machine, so 
 from __future__ import annotations
 
 import json
-import secrets
 import threading
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 from magmpm.errors import InputError, MagmpmError, report
+from magmpm.inputs.page_guard import ALL, HEADERS, LOOPBACK, Guard, GuardedHandler, GuardedServer
+from magmpm.viz import page
 
-SITE = Path(__file__).parent / "site"
+SITE = Path(page.__file__).parent / "site"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
 SECRET = "X-Magmpm-Secret"
-LOOPBACK = "127.0.0.1"
 MOST = 1_000_000  # bytes of a request
 FIRST_PORT, PORTS = 8090, 20  # tried in turn unless a port is asked for
 Answer = bytes | Mapping[str, Any]
@@ -40,15 +39,19 @@ class Refused(Exception):
         self.status = status
 
 
-class PageServer(ThreadingHTTPServer):
+class PageServer(GuardedServer):
     """Serves the page, and what its scripts ask for by the routes: name -> function of the request's plain data."""
 
-    daemon_threads = True
     allow_reuse_address = False
 
     def __init__(self, routes: Routes, host: str = LOOPBACK, port: int | None = None) -> None:
-        """port: None: the first free one from FIRST_PORT on; 0: any. Raises InputError where it can't be had."""
-        self.routes, self.secret = routes, secrets.token_urlsafe(18)
+        """host: the address to listen to, then other names of it, with commas; port: None: the first free one from FIRST_PORT on; 0: any.
+
+        Raises InputError where it can't be had.
+        """
+        names = [name.strip() for name in host.split(",") if name.strip()] or [LOOPBACK]
+        self.routes, self.guard, host = routes, Guard(names), names[0]
+        self.secret = self.guard.secret
         for candidate in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
             try:
                 super().__init__((host, candidate), _Handler)
@@ -59,13 +62,8 @@ class PageServer(ThreadingHTTPServer):
             rule = f"the address must be this machine's, and the port free and allowed to this user ({trouble})"
             remedy = "end what uses it, or name another, say, --port 0 for any that is free"
             raise InputError(report("--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy))
-        name = self.server_name if host in ("0.0.0.0", "::") else host
+        name = (*names[1:], self.server_name if host in ALL else host)[0]
         self.url = f"http://{name}:{self.server_port}/#{self.secret}"
-        self._names = None if host in ("0.0.0.0", "::") else {f"{h}:{self.server_port}" for h in (host, "localhost")}
-
-    def admits(self, host: str | None) -> bool:
-        """Whether a request under this host's name is meant for this server: another name would be another page's trick."""
-        return self._names is None or host in self._names
 
     def begin(self) -> threading.Thread:
         """Serve in a thread of its own."""
@@ -73,50 +71,61 @@ class PageServer(ThreadingHTTPServer):
         thread.start()
         return thread
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that was closed in the middle is no fault."""
 
-
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(GuardedHandler):
     protocol_version = "HTTP/1.1"  # connections stay open: a request takes a millisecond
     disable_nagle_algorithm = True
     wbufsize = -1
     server: PageServer
-    timeout = 3600
 
     def do_GET(self) -> None:
         """A file of the page."""
         name = "index.html" if self.path.split("?")[0] == "/" else self.path.split("?")[0].removeprefix("/")
         files = {path.name: path for path in SITE.iterdir()}
-        try:
-            if not self.server.admits(self.headers.get("Host")):
-                raise Refused(HTTPStatus.FORBIDDEN)
-            if name not in files or files[name].suffix not in KINDS:
-                raise Refused(HTTPStatus.NOT_FOUND)
-            self._send(HTTPStatus.OK, files[name].read_bytes(), KINDS[files[name].suffix])
-        except Refused as refusal:
-            self._send(refusal.status, str(refusal).encode(), "text/plain")
+        self._answer(lambda: self._file(files.get(name)))
+
+    def _file(self, path: Path | None) -> tuple[bytes, str]:
+        self._admit()
+        if path is None or path.suffix not in KINDS:
+            raise Refused(HTTPStatus.NOT_FOUND)
+        return path.read_bytes(), KINDS[path.suffix]
 
     def do_POST(self) -> None:
         """What the page asks for."""
+        self._answer(self._asked)
+
+    def _asked(self) -> tuple[bytes, str]:
+        asked = self._read()
+        self.server.waits_for(self.connection, False)
+        answer = self.server.routes[self.path.removeprefix("/")](asked)
+        if isinstance(answer, bytes):
+            return answer, "application/octet-stream"
+        return json.dumps(answer).encode(), "application/json"
+
+    def _answer(self, found: Callable[[], tuple[bytes, str]]) -> None:
+        """Send what is found, or why not: a connection is never closed without an answer."""
+        status, kind = HTTPStatus.OK, "application/json"
         try:
-            asked = self._read()
-            answer = self.server.routes[self.path.removeprefix("/")](asked)
-            if isinstance(answer, bytes):
-                self._send(HTTPStatus.OK, answer, "application/octet-stream")
-            else:
-                self._send(HTTPStatus.OK, json.dumps(answer).encode(), "application/json")
+            content, kind = found()
         except Refused as refusal:
             self.close_connection = True  # what it sends may not have been read
-            self._send(refusal.status, str(refusal).encode(), "text/plain")
+            status, content, kind = refusal.status, str(refusal).encode(), "text/plain"
         except MagmpmError as error:
-            self._send(HTTPStatus.BAD_REQUEST, json.dumps({"error": str(error)}).encode(), "application/json")
+            status, content = HTTPStatus.BAD_REQUEST, json.dumps({"error": str(error)}).encode()
+        except Exception as error:
+            words = f"{type(error).__name__}: {error}; please report this"
+            status, content = HTTPStatus.INTERNAL_SERVER_ERROR, json.dumps({"error": words}).encode()
+        self._send(status, content, kind)
+
+    def _admit(self) -> None:
+        """Raises Refused."""
+        if not self.server.guard.admits(self.headers.get("Host"), self.headers.get("Origin"), self.connection.getsockname()[0]):
+            raise Refused(HTTPStatus.FORBIDDEN)
 
     def _read(self) -> Any:
         """The request's data. Raises Refused."""
-        if not self.server.admits(self.headers.get("Host")):
-            raise Refused(HTTPStatus.FORBIDDEN)
-        if not secrets.compare_digest((self.headers.get(SECRET) or "").encode(), self.server.secret.encode()):
+        self._admit()
+        if not self.server.guard.knows(self.headers.get(SECRET)):
             raise Refused(HTTPStatus.FORBIDDEN)
         if self.path.removeprefix("/") not in self.server.routes:
             raise Refused(HTTPStatus.NOT_FOUND)
@@ -134,10 +143,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Cache-Control", "no-store")
         self.send_header("Content-Security-Policy", POLICY)
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("Referrer-Policy", "no-referrer")
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)
-
-    def log_message(self, format: str, *_: Any) -> None:
-        """Prints no line per request."""
