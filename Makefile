@@ -34,6 +34,7 @@ help:
 	@echo "make test-wheel the wheel, installed and used in an empty environment"
 	@echo "make tour       every page followed word for word in a clean environment, with the wheel alone (PAGES=first_scene.md)"
 	@echo "make stability  the hard cases, each with its measure and bound; CONTROLS=1: each with its remedy off; RANDOM=300 SEED=1: random scenes"
+	@echo "make targets-short  every target of this file in its shortest form: what fails, and what needs a program that is not here"
 	@echo "make clean      remove the virtual environment and caches"
 
 # A virtual environment of its own. Debian ships venv apart from python3; virtualenv does as well.
@@ -119,25 +120,25 @@ bench-view: $(VENV)/.ready-test
 	PYTHONPATH=. $(BIN)/python tests/benchmarks/view_latency.py
 
 bench-sampler: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/sampler.py $(or $(SAMPLER),tpe)
+	$(BIN)/python tests/benchmarks/sampler.py $(or $(SAMPLER),tpe) $(SEEDS)
 	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py tpe+rod)
 	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py gp)
 	$(if $(SAMPLER),,$(BIN)/python tests/benchmarks/sampler.py gp+rod)
 
 bench-insertion: $(VENV)/.ready-test
-	PYTHONPATH=. $(BIN)/python tests/benchmarks/insertion_paths.py runs/bench-insertion $(if $(QUICK),--rods)
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/insertion_paths.py runs/bench-insertion $(if $(QUICK),--rods) $(if $(EACH),--each $(EACH))
 
 bench-advice: $(VENV)/.ready-test
-	PYTHONPATH=. $(BIN)/python tests/benchmarks/advice.py
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/advice.py $(SCENES)
 
 bench-convergence: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/drawn_convergence.py
+	$(BIN)/python tests/benchmarks/drawn_convergence.py $(if $(SCENES),--scenes $(SCENES))
 
 bench-accuracy: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/promised_error.py
+	$(BIN)/python tests/benchmarks/promised_error.py $(if $(SCENES),--scenes $(SCENES))
 
 bench-robust: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/robust.py
+	$(BIN)/python tests/benchmarks/robust.py $(SAMPLES)
 
 bench-design: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/design.py $(if $(QUICK),--quick) $(SAMPLERS)
@@ -146,13 +147,13 @@ bench: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/bench.py $(if $(QUICK),--quick) $(FIGURES)
 
 claims: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/claims.py $(if $(QUICK),--quick) $(if $(WRITE),--write)
+	$(BIN)/python tests/benchmarks/claims.py $(if $(QUICK),--quick) $(if $(WRITE),--write) $(CLAIMS)
 
 validate: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/validate.py
 
 stability: $(VENV)/.ready
-	$(BIN)/magmpm stability $(if $(CONTROLS),--controls) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0))
+	$(BIN)/magmpm stability $(if $(QUICK),--quick) $(if $(CONTROLS),--controls) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0))
 
 $(VENV)/.ready-docs: $(VENV)/.ready
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[docs,notebook,test]'
@@ -175,8 +176,8 @@ schema: $(VENV)/.ready
 	$(BIN)/python -m magmpm.scene.json_schema
 
 gallery: $(VENV)/.ready
-	$(BIN)/python docs/gallery/build.py
-	$(BIN)/python docs/gallery/accuracy.py
+	$(BIN)/python docs/gallery/build.py $(SCENES)
+	$(if $(SCENES),,$(BIN)/python docs/gallery/accuracy.py)
 
 clean:
 	rm -rf $(VENV) $(GP_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info
@@ -187,12 +188,16 @@ bench-fit: $(VENV)/.ready-test
 bench-startup: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/startup.py
 
+# Each target in its shortest form; those that need what is not here (chromium, postgresql, torch) say so.
+targets-short: $(VENV)/.ready-test
+	$(BIN)/python tests/targets_short.py $(TARGETS)
+
 # Whatever a file holds: a sound value, or an error that says what to do. SEED=S draws other inputs.
 INPUTS ?= 10000
 fuzz: $(VENV)/.ready-test
 	INPUTS=$(INPUTS) $(BIN)/python -m pytest -q -s --tb=short tests/fuzz
 
-.PHONY: fuzz-coverage
+.PHONY: fuzz-coverage bench-insertion targets-short
 # Guided by coverage; atheris has wheels for Linux alone, so it is no part of the test extra.
 fuzz-coverage: $(VENV)/.ready-test
 	@$(BIN)/python -c "import atheris" 2>/dev/null || $(BIN)/python -m pip install -q "atheris>=2.3"

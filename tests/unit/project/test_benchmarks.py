@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -167,3 +168,13 @@ def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected(monkeypa
     one, other = faults.rows({"first": fails, "second": lambda: faults.Row("second", 1, 1, 1, 0)})
     assert (one.kind, other.kind, other.wrong) == ("first", "second", [])
     assert "TimeoutError" in one.wrong[0]
+
+
+def test_every_target_has_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`make targets-short` goes over all that the Makefile offers, and every rule but those for files is declared there."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS.parent))
+    short = module("targets_short")
+    assert short.SHORT.keys() | short.ELSEWHERE.keys() == short.targets()
+    assert short.SHORT.keys().isdisjoint(short.ELSEWHERE)
+    makefile = (BENCHMARKS.parents[1] / "Makefile").read_text(encoding="utf-8")
+    assert set(re.findall(r"^([a-z][a-z-]*):", makefile, re.MULTILINE)) == short.targets()
