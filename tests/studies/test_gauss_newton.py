@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import optuna
 import pytest
 
-from magmpm.studies.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler
+from magmpm.studies.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler, _judged
 from magmpm.studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number
 
 Model = Callable[[Array], tuple[Array, Array]]
@@ -236,3 +237,26 @@ def test_directions_without_effect_stay_as_they_are() -> None:
     assert values[4] < 1e-6
     found = DIRECTIONS[1].read(study.trials[4].params)
     np.testing.assert_allclose(found, DIRECTIONS[1].read(study.trials[0].params), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("cost", "radius"), [(0.0, 4.0), (0.5, 3.0), (0.9, 2.0 / 1.9), (2.0, 2.0 / 3.0)])
+def test_the_radius_follows_how_well_a_step_was_foreseen(cost: float, radius: float) -> None:
+    """A step of length 2 within the radius 3 that promised to take all of a cost of 1; a poor one is cut at the parabola's least."""
+    before, last = (SimpleNamespace(user_attrs={"residuals": [c**0.5], "jacobian": []}, constraints={}) for c in (1.0, cost))
+    better, found = _judged(before, last, {"length": 2.0, "promised": 1.0, "radius": 3.0})  # type: ignore[arg-type]
+    assert better is (last if cost < 1.0 else before)
+    assert found == pytest.approx(min(radius, 1.0) if cost > 0.75 else radius)
+
+
+def test_workers_follow_a_descent_each() -> None:
+    """Two begin at two starts; when both are told, one goes on from the second and the other, which finds that one busy, from the first."""
+    model, _ = curved(ALL)
+    study = optuna.create_study(sampler=GaussNewtonSampler(ALL, 1))
+    for asked in [study.ask(parameters(ALL)) for _ in range(2)]:
+        residuals, jacobian = model(Coordinates(ALL).read(asked.params))
+        asked.set_user_attr("residuals", residuals.tolist())
+        asked.set_user_attr("jacobian", jacobian.tolist())
+        study.tell(asked, float(np.linalg.norm(residuals)))
+    for _ in range(2):
+        study.ask(parameters(ALL))
+    assert [(plan["start"], plan["from"]) for plan in plans(study)] == [(0, None), (1, None), (1, 1), (0, 0)]

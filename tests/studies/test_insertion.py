@@ -147,6 +147,18 @@ def test_measures_are_what_they_say():
     assert kept["field_total_variation_T"] == pytest.approx(6e-3, rel=1e-9)
 
 
+def test_depths_and_tips_are_told_apart() -> None:
+    """The second depth strays most, and most at its tip."""
+    found = insertion()
+    params = found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0))
+    results = [fake(found, depth, 0.0) for depth in found.study.depths]
+    results[1].centreline[:, 2] += 1e-3 * np.linspace(0.0, 1.0, 61)
+    kept = found.measures(results, params)
+    assert kept["worst_depth_m"] == 20e-3
+    assert kept["insertion"][1]["tip_error_m"] == pytest.approx(1e-3)
+    assert next(found._moments(params))[0] == pytest.approx(10e-3), "the movie begins at the first depth"
+
+
 def test_parameters_and_scenes_agree():
     """Each depth's scene has the design's directions, base segments missing, and its own field."""
     found = insertion()

@@ -57,6 +57,13 @@ def test_moments_in_closed_form() -> None:
     assert Scatter(np.zeros((2, 3)), np.zeros((2, 3, 1))).moments() == (0.0, 0.0)
 
 
+def test_a_narrow_spread_keeps_the_mean_square() -> None:
+    """Far from the target the moments are expanded: mean^2 + sigma^2 is E[rms^2] to the square of the relative variance."""
+    narrow = Scatter(np.ones((2, 3)), 1e-4 * np.ones((2, 3, 1)))
+    mean, sigma = narrow.moments()
+    assert mean**2 + sigma**2 == pytest.approx(3.0 + narrow.scatter**2, rel=1e-12)
+
+
 def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:
     """The delta method: the limit of small errors, with an error of their square."""
     rng = np.random.default_rng(2)

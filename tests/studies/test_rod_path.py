@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from test_insertion import MAX, insertion
@@ -83,3 +85,26 @@ def test_no_equilibrium_on_the_way_is_an_error():
     d, fields = turning_back()
     with pytest.raises(SolveError, match="no equilibrium"):
         found.rods.stops(d, 1e30 * fields)
+
+
+def test_a_design_near_the_end_of_a_branch_comes_after_a_safe_one() -> None:
+    risky, safe = (SimpleNamespace(value=value, stability=stability) for value, stability in ((1.0, 0.0), (2.0, 1.0)))
+    grown = iter([risky, safe])
+    way = SimpleNamespace(
+        rods=SimpleNamespace(grown=lambda path, rng: next(grown)), mended=lambda one: one, least_stability=lambda one: one.stability
+    )
+    assert search(way, None, seed=1, starts=2) == [safe, risky]
+
+
+@pytest.mark.parametrize(("squares", "taken"), [(1.0, 5.0), (3.0, 0.0)])
+def test_a_fitted_field_is_taken_where_it_is_nearer(squares: float, taken: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    def go(self: RodPath, way: object, directions: object, last: object, field: np.ndarray | None) -> list[SimpleNamespace]:
+        here = {"squares": 2.0, "field": field} if field is not None else {"squares": squares, "field": np.full(3, 5.0)}
+        return [SimpleNamespace(position=np.ones((2, 3)), q=None, **here)]
+
+    monkeypatch.setattr(RodPath, "_go", go)
+    rods = SimpleNamespace(depths=[SimpleNamespace(place=np.array([0.0, 1.0]))], settled=lambda *_: "state")
+    design = SimpleNamespace(directions=None, fields=np.zeros((1, 3)), state=SimpleNamespace(positions=[np.zeros((2, 3))]))
+    fields, _, strayed = RodPath(rods, ((),))._followed(design)  # type: ignore[arg-type,misc]
+    assert strayed
+    assert fields[0, 0] == taken
