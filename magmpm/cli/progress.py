@@ -1,12 +1,14 @@
-"""Progress of long work on standard error, with the time left; silent without a terminal."""
+"""Progress of long work on standard error, with the time left: one line that is overwritten, or without a terminal a line now and then."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from types import TracebackType
 
 PATIENCE = 1.0  # s before the first line: short work shows nothing
+EVERY = 8.0  # s between lines where there is no terminal
 
 
 class Progress:
@@ -14,15 +16,23 @@ class Progress:
 
     def __init__(self, title: str) -> None:
         self._title, self._begun, self._shown = title, time.monotonic(), 0
-        self._visible = sys.stderr.isatty()
+        self._visible, self._last, self._over = sys.stderr.isatty(), title, threading.Event()
 
     def __enter__(self) -> Progress:
+        if not self._visible:
+            threading.Thread(target=self._lines, daemon=True).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._over.set()
         self._write("")
+
+    def _lines(self) -> None:
+        """Lines for a file or a pipe: what was last told, again and again, whether the work reports or not."""
+        while not self._over.wait(EVERY):
+            print(f"magmpm: {self._last}; {_duration(time.monotonic() - self._begun)}", file=sys.stderr, flush=True)
 
     def note(self, text: str) -> None:
         """What is being done, if its end can't be predicted."""
@@ -35,6 +45,7 @@ class Progress:
         self._line(f"{self._title}: {done} of {total}{left}{'; ' if text else ''}{text}")
 
     def _line(self, text: str) -> None:
+        self._last = text
         if time.monotonic() - self._begun >= PATIENCE:
             self._write(text)
 

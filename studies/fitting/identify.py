@@ -64,15 +64,13 @@ def check_apart(
     kept = [k for k in range(len(values)) if k not in lost]
     said = [_combination(constants, right[k], quantile / values[k]) for k in kept]
     advice = measurements_that_tell(scene, measured, constants, slopes, quantile, noise)
-    if len(names) > 1:
-        rule = f"the data can't tell {', '.join(names[:-1])} and {names[-1]} apart"
+    one = len(names) == 1
+    each = _listed([_plain(c) for c in involved])
+    rule = f"these {_WORDS.get(measured.kind, 'readings')} do not {'determine ' + each if one else 'tell ' + each + ' apart'}: "
+    if structural:
+        rule += f"{'it' if one else 'they'} can change{'' if one else ' together'} without moving any measured number"
     else:
-        rule = f"the data can't tell {names[0]}"
-    rule += ": " + (
-        "there are changes of them that move no measured number"
-        if structural
-        else "the changes of them that the noise hides are larger than a factor of e, or a radian"
-    )
+        rule += f"{'it' if one else 'they'} can change{'' if one else ' together'} {_far(involved)} within the errors of measurement"
     if said:
         rule += f"; what they do tell: {'; '.join(said)}"
     if rms > POOR * scene.length:
@@ -85,6 +83,29 @@ def check_apart(
     if advice:
         remedy += f"; or measure in addition: {'; or '.join(advice)}"
     raise Refused(measured.named, rule=rule, remedy=remedy, together=names, known=said, advice=advice)
+
+
+_WORDS = {"tips": "tips", "places": "places", "curve": "points"}  # what a table holds
+
+
+def _plain(constant: Constant) -> str:
+    """A constant in words: the soft tube's shear modulus."""
+    variable, words = constant.variable, constant.kind.replace("_", " ")
+    if variable is not None and variable.material is not None:
+        return f"the {variable.material}'s {words}"
+    return f"the {words}" if constant.name == constant.kind else constant.name.replace("_", " ")
+
+
+def _far(constants: Sequence[Constant]) -> str:
+    """By how much constants change that noise hides (WIDEST)."""
+    ways = [word for word, some in (("by a factor of 2.7", any(c.relative for c in constants)),
+                                    ("by 57 degrees", any(c.kind == "magnetization" for c in constants)),
+                                    ("by 1 mT", any(c.kind == "field" for c in constants))) if some]
+    return " or ".join(ways) + " and more"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _fewer(constants: Sequence[Constant], right: Array, lost: Sequence[int]) -> str:

@@ -151,7 +151,7 @@ def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:
 
 
 def test_what_no_constant_moves_is_refused_without_an_error_of_measurement_too(tmp_path: Path) -> None:
-    with pytest.raises(Refused, match="move no measured number"):
+    with pytest.raises(Refused, match="do not determine the magnetic silicone.s shear modulus: it can change without moving any measured number"):
         fit(read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n0,0\n0,0\n0,0\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
 
 
@@ -252,7 +252,8 @@ def test_what_is_known_beforehand_widens_the_interval(tmp_path: Path) -> None:
 
 def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(tmp_path: Path) -> None:
     """The answer depends on their ratio alone. Refused, with the ratio's accuracy and measurements that would tell."""
-    with pytest.raises(Refused, match="can't tell shear_modulus_magnetic_silicone and remanence_magnetic_silicone apart") as refused:
+    words = "these tips do not tell the magnetic silicone's shear modulus and the magnetic silicone's remanence apart: they can change together"
+    with pytest.raises(Refused, match=words) as refused:
         fit(read_measured(tips(tmp_path, noise=2e-4), SCENE), SCENE, thorough=False)
     assert len(refused.value.together) == 2
     assert "shear_modulus_magnetic_silicone * remanence_magnetic_silicone^-1" in refused.value.known[0]

@@ -1,0 +1,27 @@
+"""Progress of long work where standard error is no terminal."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from magmpm.cli import progress
+
+
+def test_without_a_terminal_lines_come_though_the_work_reports_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was told last, at least every EVERY seconds (8), and nothing of work shorter than that."""
+    assert progress.EVERY < 10.0
+    monkeypatch.setattr(progress, "EVERY", 0.05)
+    with progress.Progress("fit of tube") as shown:
+        shown.note("12 solves")
+        time.sleep(0.4)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) >= 2
+    assert all(line.startswith("magmpm: fit of tube: 12 solves; ") for line in lines)
+    time.sleep(0.15)
+    with progress.Progress("short"):
+        pass
+    assert capsys.readouterr().err == ""
