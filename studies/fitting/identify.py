@@ -98,10 +98,12 @@ def _plain(constant: Constant) -> str:
 
 def _far(constants: Sequence[Constant]) -> str:
     """By how much constants change that noise hides (WIDEST)."""
-    ways = [word for word, some in (("by a factor of 2.7", any(c.relative for c in constants)),
-                                    ("by 57 degrees", any(c.kind == "magnetization" for c in constants)),
-                                    ("by 1 mT", any(c.kind == "field" for c in constants))) if some]
-    return " or ".join(ways) + " and more"
+    ways = {
+        "by a factor of 2.7": any(c.relative for c in constants),
+        "by 57 degrees": any(c.kind == "magnetization" for c in constants),
+        "by 1 mT": any(c.kind == "field" for c in constants),
+    }
+    return " or ".join(way for way, some in ways.items() if some) + " and more"
 
 
 def _listed(words: Sequence[str]) -> str:

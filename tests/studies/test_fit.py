@@ -151,7 +151,8 @@ def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:
 
 
 def test_what_no_constant_moves_is_refused_without_an_error_of_measurement_too(tmp_path: Path) -> None:
-    with pytest.raises(Refused, match="do not determine the magnetic silicone.s shear modulus: it can change without moving any measured number"):
+    words = "do not determine the magnetic silicone.s shear modulus: it can change without moving any measured number"
+    with pytest.raises(Refused, match=words):
         fit(read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n0,0\n0,0\n0,0\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
 
 
