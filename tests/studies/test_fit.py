@@ -253,7 +253,8 @@ def test_what_is_known_beforehand_widens_the_interval(tmp_path: Path) -> None:
 
 def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(tmp_path: Path) -> None:
     """The answer depends on their ratio alone. Refused, with the ratio's accuracy and measurements that would tell."""
-    words = "these tips do not tell the magnetic silicone's shear modulus and the magnetic silicone's remanence apart: they can change together"
+    silicone = "the magnetic silicone.s"
+    words = f"these tips do not tell {silicone} shear modulus and {silicone} remanence apart: they can change together"
     with pytest.raises(Refused, match=words) as refused:
         fit(read_measured(tips(tmp_path, noise=2e-4), SCENE), SCENE, thorough=False)
     assert len(refused.value.together) == 2
