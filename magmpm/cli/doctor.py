@@ -33,7 +33,7 @@ EXTRAS_FOR = {
     "dashboard": "magmpm dashboard", "report": "magmpm report as PDF", "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna",
     "postgresql": "studies in PostgreSQL", "grpc": "studies through Optuna's gRPC proxy", "s3": "pictures in an S3 store",
     "fem": "finite-element references", "browser": "make test-browser", "test": "the tests and linters", "docs": "make docs",
-    "notebook": "make test-docs",
+    "notebook": "make test-docs", "completion": "Tab in the shell",
 }  # fmt: skip
 
 

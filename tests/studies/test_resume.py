@@ -246,7 +246,7 @@ def test_missing_extra_is_said_before_any_trial(
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a)
     )
-    with pytest.raises(InputError, match=rf"pip install -e '\.\[{extra}\]'"):
+    with pytest.raises(InputError, match=rf"pip install 'magmpm\[{extra}\]'"):
         check_available(sampler)
     study = load_study(write_study(tmp_path))
     with pytest.raises(InputError, match=module):

@@ -61,7 +61,7 @@ def test_without_ffmpeg_a_gif_is_written_and_said(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     made = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=SMALL)
     assert made.path.name == "best.gif"
-    assert "pip install -e '.[render]'" in made.note
+    assert "pip install 'magmpm[render]'" in made.note
     with Image.open(made.path) as gif:
         assert gif.n_frames == 3  # type: ignore[attr-defined]
         assert gif.size == (SMALL[0] // 2, SMALL[1] // 2)
@@ -90,7 +90,7 @@ def test_without_ffmpeg_the_movie_is_a_gif(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     made = movies.movie(motion, tmp_path / "movie.mp4", flat, size=SIZE)
     assert made.path.name == "movie.gif"
-    assert "'.[render]'" in made.note
+    assert "'magmpm[render]'" in made.note
     with Image.open(made.path) as gif:
         assert gif.n_frames == len(motion)  # type: ignore[attr-defined]
 
