@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,7 +65,9 @@ class Model:
         """
         grid, cell = self.grid, self.particles.cell
         xi = grid.locate(self.particles.position, cell)
-        weights, slopes = spline_weights(xi), spline_slopes(xi) / grid.spacing[None, :, None]
+        ends, width = np.full((*cell.shape, 2), 0.5), np.tile(grid.spacing, (len(cell), 1))
+        ends[:, 0], width[:, 0] = grid.along.ends[cell[:, 0]], grid.along.width[cell[:, 0]]
+        weights, slopes = spline_weights(xi, ends), spline_slopes(xi, ends) / width[:, :, None]
         if self.clamped_face:
             first = cell[:, 0] == 0
             weights[first, 0], slopes[first, 0] = clamp_first_node(weights[first, 0], slopes[first, 0])
@@ -78,6 +80,14 @@ class Model:
         if self.planes:  # held particles see no node: they stay where they are, and the nodes beyond the plane carry nothing
             weights[self.held], slopes[self.held] = 0.0, 0.0
         return weights, slopes
+
+    def steepness(self) -> Array:
+        """Sums (n, 3) 1/m^2 of slope^2 / weight over the nodes that a particle sees along each axis: how fast it may be strained."""
+        weights, slopes = self.splines()
+        sums = (slopes**2 / np.where(weights > 0, weights, 1.0) * (weights > 0)).sum(axis=2)
+        if self.plane_strain:
+            sums[:, 1] = 0.0
+        return np.asarray(sums)
 
 
 def build(scene: Scene, made: Discretization | None = None, time: float | None = None) -> Model:
@@ -100,7 +110,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
             rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (statics.effects_choice) alone",
             remedy="name those that `magmpm run` tells it has chosen",
         )
-    made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell)
+    made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell, scene.knots)
     made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
     if scene.effects.in_a_field:
         scene.outside_field().check_at_rest(made.particles.position, moving=not scene.static, time=time)
@@ -115,7 +125,8 @@ def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None)
 
     made: its grid and particles; unless given, on as many cells, for a body of nearly the same shape.
     """
-    made = made or shape.discretize(model.scene.resolution.cells_across, model.scene.resolution.particles_per_cell, cells=model.grid.cells)
+    at = model.scene.resolution
+    made = made or shape.discretize(at.cells_across, at.particles_per_cell, replace(model.scene.knots, like=model.grid))
     return _filled(model.scene, shape, made, model.effects, model.time)
 
 

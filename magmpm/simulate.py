@@ -28,8 +28,8 @@ from magmpm.results.versions import versions
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, memory, remedies
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.scene.joints import of_known_error
 from magmpm.scene.variables import variables
+from magmpm.scene.warnings import of_known_error
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.effects_choice import choose_effects
 from magmpm.statics.effects_choice import missed_effects as missed_effects

@@ -14,7 +14,7 @@ import numpy as np
 from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
-from magmpm.statics.error_estimate import ALGEBRAIC, Convergence, convergence
+from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, steady
 from magmpm.statics.ladder import operations
 from magmpm.studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
 
@@ -136,7 +136,7 @@ def climb(
         order_reference=_order(rungs, "error_reference"),
         beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
-        asymptotic=_asymptotic(falling, convergence(scene).steady(_order(rungs[:-1], "error_finest"))),
+        asymptotic=_asymptotic(falling, steady(_order(rungs[:-1], "error_finest"))),
         conclusions=[*_conclusions(rungs, others), *_where(scene)],
         failed={name: error.reason for name, error in failed.items()},
     )
@@ -151,7 +151,7 @@ def _asymptotic(errors: list[float], steady: bool | None) -> bool | None:
 
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
     finest, reference, length = answer(runs[-1][0]), scene.reference_centreline(), scene.length
-    bars = _bars([result for result, _ in runs], cells, convergence(scene))
+    bars = _bars([result for result, _ in runs], cells)
     errors = [apart(result, finest if reference is None else reference) for result, _ in runs]
     rungs = []
     for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
@@ -176,7 +176,7 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
     return rungs
 
 
-def _bars(results: Sequence[Result], cells: Sequence[int], law: Convergence) -> list[float | None]:
+def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]:
     """Bounds (m) of the discretization errors: of each grid by the finest one, of the finest by the coarsest that is fine enough for it."""
     bars: list[float | None] = []
     for k, n in enumerate(cells):
@@ -187,8 +187,8 @@ def _bars(results: Sequence[Result], cells: Sequence[int], law: Convergence) -> 
         low, high = min(k, other), max(k, other)
         coarse, fine, finest = cells[low], cells[high], answer(results[high])
         others = {cells[j]: apart(results[j], finest) for j in range(high) if j != low}
-        bound = law.bound(coarse, fine, apart(results[low], finest), others)
-        bars.append(bound if n == coarse else bound * law.left(coarse, fine))
+        most = bound(coarse, fine, apart(results[low], finest), others)
+        bars.append(most if n == coarse else most * left(coarse, fine))
     return bars
 
 

@@ -128,7 +128,7 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
     times = []
     for shift in SHIFTS:
         begun = perf_counter()
-        model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, shift=shift)))
+        model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, scene.knots, shift)))
         try:
             found = solve_static(model, judged=False)
         except SolveError as error:

@@ -58,7 +58,8 @@ def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Sce
     first = coarse.resolution.cells_across
     told: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"], "trial_cells": first}
     try:
-        result = solve(Scene.from_si({**coarse.to_si(), "resolution": study.asked.model_dump(mode="json")}))
+        fine = {**study.asked.model_dump(mode="json"), "from_tip": coarse.resolution.from_tip}
+        result = solve(Scene.from_si({**coarse.to_si(), "resolution": fine}))
     except MagmpmError as error:
         return {**told, "reason": str(error)}
     assert result.resolution is not None

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
-from magmpm.bodies.body_shape import BodyShape, Cells, Discretization
+from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.connectivity import connected_components
 from magmpm.bodies.grid import ClampPlane, Grid
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
 from magmpm.bodies.regions import Region
 from magmpm.bodies.section_quadrature import Particles
@@ -188,16 +189,16 @@ class Parts(BodyShape):
             return super().cell_setting(cells_across)
         return "body.parts.spacing", f"{1e3 * self.spacing:.4g} mm", "a larger spacing"
 
-    def grid(self, cells_across: int) -> Grid:
+    def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
         """The grid in the undeformed body: knots on the box around the parts that move. Raises SceneError where it has too many cells."""
         return self._grid(cells_across)[0]
 
     def _grid(self, cells_across: int) -> tuple[Grid, list[ClampPlane]]:
         return grid_of_parts(self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across))
 
-    def discretize(self, cells_across: int, particles_per_cell: int, *, cells: Cells | None = None) -> Discretization:
-        if cells is not None:
-            raise ValueError("cells: the grid of parts follows from their meshes")
+    def discretize(self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN) -> Discretization:
+        if knots != EVEN:
+            raise ValueError("knots: the grid of parts follows from their meshes")
         triangles, (grid, planes) = self.triangles(), self._grid(cells_across)
         particles = part_particles(grid, triangles, particles_per_cell)
         return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))

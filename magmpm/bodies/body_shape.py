@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.grid import ClampPlane, Grid
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line, Region
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Settings
 from magmpm.inputs.vectors import Vector
-
-Cells = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -83,15 +82,12 @@ class BodyShape(Settings):
         """Lower and upper corner of the box around it, m."""
 
     @abstractmethod
-    def grid(self, cells_across: int) -> Grid:
-        """The grid in the undeformed body. Raises SceneError where it would have too many cells."""
+    def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
+        """The grid in the undeformed body; knots: of straight bodies. Raises SceneError where it would have too many cells."""
 
     @abstractmethod
-    def discretize(self, cells_across: int, particles_per_cell: int, *, cells: Cells | None = None) -> Discretization:
-        """Its grid and particles; cells: how many along x, y, z, where they are not to be as cells_across has them (straight bodies only).
-
-        Raises SceneError where the grid would have too many cells.
-        """
+    def discretize(self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN) -> Discretization:
+        """Its grid and particles. Raises SceneError where the grid would have too many cells."""
 
     @abstractmethod
     def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:

@@ -10,8 +10,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from magmpm.bodies.body_shape import Cells, Discretization
+from magmpm.bodies.body_shape import Discretization
 from magmpm.bodies.grid import Grid
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.section_quadrature import gauss_depth, rod_grid, rod_particles, rod_section, section_errors
 from magmpm.bodies.sections import Section, ring
 from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
@@ -114,18 +115,16 @@ class Catheter(StraightBody):
     def box(self) -> tuple[Vector, Vector]:
         return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
 
-    def grid(self, cells_across: int, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
+    def grid(self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
         """The grid in the undeformed body, lower along y and z by `shift` of a cell."""
-        return rod_grid(self.length, self.diameter, cells_across, shift=shift)
+        return rod_grid(self.segment_ends(), self.diameter, cells_across, shift, knots)
 
     def discretize(
-        self, cells_across: int, particles_per_cell: int, shift: tuple[float, float] = (0.0, 0.0), *, cells: Cells | None = None
+        self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)
     ) -> Discretization:
-        """Its grid, lower along y and z by `shift` of a cell, and particles; cells: how many, in place of cells_across."""
-        grid, ends = self.grid(cells_across, shift), np.cumsum(self.segment_lengths())
-        if cells is not None:
-            grid = rod_grid(self.length, self.diameter, cells[1], cells[0])
-        particles = rod_particles(grid, **self.radii, segment_ends=ends, particles_per_cell=particles_per_cell)
+        """Its grid, lower along y and z by `shift` of a cell, and particles."""
+        grid = self.grid(cells_across, knots, shift)
+        particles = rod_particles(grid, **self.radii, segment_ends=self.segment_ends(), particles_per_cell=particles_per_cell)
         return Discretization(grid, particles, section_errors(particles, **self.radii, length=self.length))
 
     def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:

@@ -32,15 +32,20 @@ def tightest_radius(points: Array) -> float:
 def on_rows(s: Array, rows: Array, at: Array) -> tuple[Array, Array]:
     """Values (m, q) and slopes (m, q) per m, at arc lengths `at` (m,) m, of parabolas through rows (2 cells + 1, q) at s, three to a cell.
 
-    s (2 cells + 1,) m: evenly spaced from 0. Raises ValueError for an arc length outside of it.
+    s (2 cells + 1,) m: from 0, evenly spaced within each cell. Raises ValueError for an arc length outside of it.
     """
     at, length = np.asarray(at, dtype=float), s[-1]
     if np.any(at < -1e-9 * length) or np.any(at > (1 + 1e-6) * length):
         raise ValueError(f"s must lie between 0 and the length, {length} m")
     cells = (len(rows) - 1) // 2
-    cell = np.clip((at / length * cells).astype(int), 0, cells - 1)
-    t = (at / length * cells - cell)[:, None]
+    width = np.diff(s[::2])
+    even = np.ptp(width) < 1e-9 * length
+    place = at / length * cells if even else np.interp(at, s[::2], np.arange(cells + 1))  # cells below it
+    cell = np.clip(place.astype(int), 0, cells - 1)
+    t = (place - cell)[:, None]
     a, b, c = (rows[2 * cell + k] for k in range(3))
     values = a * (1 - t) * (1 - 2 * t) + b * 4 * t * (1 - t) + c * t * (2 * t - 1)
     slopes = (a * (4 * t - 3) + b * (4 - 8 * t) + c * (4 * t - 1)) * cells / length
+    if not even:
+        slopes *= (length / cells / width[cell])[:, None]
     return values, slopes

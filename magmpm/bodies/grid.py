@@ -2,12 +2,14 @@
 
 A grid is a box of cells. Along each axis, cell i carries the three uniform quadratic B-splines of nodes i, i+1 and i+2
 (node i is centered on cell i - 1), so that n cells have n + 2 nodes. Knots lie on the cell faces, where a body's flat faces are put.
+Along x the cells may form several runs of equal width (bodies.knots). Each repeated knot between two runs brings one more node, on it.
 Source: de Boor, A Practical Guide to Splines; for the role in MPM, Steffen, Kirby, Berzins, IJNME 76 (2008).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +19,25 @@ from magmpm.compiled.arrays import Array
 NODES = 3  # B-splines of degree 2 that a cell carries along one axis
 
 
-def spline_weights(xi: Array) -> Array:
+def spline_weights(xi: Array, ends: Array | float = 0.5) -> Array:
     """Values of the three quadratic B-splines of a cell.
 
-    xi: (...) position within the cell, 0 to 1. Returns (..., 3), a partition of unity.
+    xi: (...) position within the cell, 0 to 1; ends (..., 2): values of the first spline on the lower face and of the last one on the
+    upper face: the cell's share of the two cells that meet there, and 1 on a repeated knot. Returns (..., 3), a partition of unity.
     """
-    return np.stack([0.5 * (1.0 - xi) ** 2, 0.5 + xi * (1.0 - xi), 0.5 * xi**2], axis=-1)
+    lower, upper = _both(ends)
+    return np.stack([lower * (1.0 - xi) ** 2, (1.0 - lower) + xi * (2.0 * lower - (lower + upper) * xi), upper * xi**2], axis=-1)
 
 
-def spline_slopes(xi: Array) -> Array:
+def spline_slopes(xi: Array, ends: Array | float = 0.5) -> Array:
     """Derivatives of ``spline_weights`` with respect to xi. Returns (..., 3); divide by the cell size for 1/m."""
-    return np.stack([xi - 1.0, 1.0 - 2.0 * xi, xi], axis=-1)
+    lower, upper = _both(ends)
+    return np.stack([2.0 * lower * (xi - 1.0), 2.0 * lower - 2.0 * (lower + upper) * xi, 2.0 * upper * xi], axis=-1)
+
+
+def _both(ends: Array | float) -> tuple[Array, Array]:
+    given = np.asarray(ends)
+    return (given, given) if given.ndim == 0 else (given[..., 0], given[..., 1])
 
 
 def clamp_first_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
@@ -60,30 +70,124 @@ def clamp_low_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
+class Run:
+    """Equal cells along x: start m from the grid's lower face, width m, and their number. after: the segment that ends where the run
+    begins, with a repeated knot; None: the run goes on smoothly from the one before, or is the first."""
+
+    start: float
+    width: float
+    cells: int
+    after: int | None = None
+
+
+@dataclass(frozen=True)
+class Spans:
+    """The cells along x, each (cells,): start and width m of its run, index in it, first node, and ends (cells, 2) of its splines."""
+
+    start: Array
+    width: Array
+    index: NDArray[np.int64]
+    node: NDArray[np.int64]
+    ends: Array
+
+    def at(self, share: Array, cell: NDArray[np.int64]) -> Array:
+        """Distances (m) from the grid's lower face of places within cells, 0 to 1."""
+        return np.asarray(self.start[cell] + self.width[cell] * (self.index[cell] + share))
+
+
+@dataclass(frozen=True)
 class Grid:
-    """A box of cells. origin (3,) m: lower corner; spacing (3,) m: cell sizes; cells: number of cells along x, y, z."""
+    """A box of cells.
+
+    origin (3,) m: lower corner; spacing (3,) m: cell sizes, along x the smallest; cells: number of cells along x, y, z; runs: of equal
+    cells along x, none where all are equal.
+    """
 
     origin: Array
     spacing: Array
     cells: tuple[int, int, int]
+    runs: tuple[Run, ...] = ()
 
     @property
     def nodes(self) -> tuple[int, int, int]:
-        """Number of spline nodes along x, y, z: two more than cells."""
-        return (self.cells[0] + 2, self.cells[1] + 2, self.cells[2] + 2)
+        """Number of spline nodes along x, y, z: two more than cells, and one for each repeated knot."""
+        return (self.cells[0] + 2 + sum(run.after is not None for run in self.runs), self.cells[1] + 2, self.cells[2] + 2)
+
+    @cached_property
+    def along(self) -> Spans:
+        """The cells along x."""
+        runs = self.runs or (Run(0.0, float(self.spacing[0]), self.cells[0]),)
+        count = [run.cells for run in runs]
+        width, repeated = np.repeat([run.width for run in runs], count), np.array([run.after is not None for run in runs])
+        ends = np.full((self.cells[0], 2), 0.5)
+        for first, jumps in zip(np.cumsum(count)[:-1], repeated[1:], strict=True):
+            both = width[first - 1] + width[first]
+            ends[first, 0], ends[first - 1, 1] = (1.0, 1.0) if jumps else (width[first] / both, width[first - 1] / both)
+        return Spans(
+            start=np.repeat([run.start for run in runs], count),
+            width=width,
+            index=np.concatenate([np.arange(run.cells) for run in runs]),
+            node=np.arange(self.cells[0]) + np.repeat(np.cumsum(repeated), count),
+            ends=ends,
+        )
+
+    @property
+    def faces(self) -> Array:
+        """x (cells + 1,) m of the cells' faces, from the grid's lower face."""
+        spans = self.along
+        return np.append(spans.start + spans.width * spans.index, spans.start[-1] + spans.width[-1] * (spans.index[-1] + 1))
+
+    @property
+    def stations(self) -> Array:
+        """x (2 cells + 1,) m of the cells' faces and middles, from the grid's lower face."""
+        runs = self.runs or (Run(0.0, float(self.spacing[0]), self.cells[0]),)
+        parts = [np.linspace(run.start, run.start + run.width * run.cells, 2 * run.cells + 1) for run in runs]
+        return np.concatenate([*(part[:-1] for part in parts[:-1]), parts[-1]])
 
     def node_coordinates(self, axis: int) -> Array:
         """Centers (m) of the splines along one axis, (nodes,): where a coefficient acts most (Greville points)."""
-        return self.origin[axis] + self.spacing[axis] * (np.arange(self.nodes[axis]) - 0.5)
+        if axis > 0 or not self.runs:
+            return self.origin[axis] + self.spacing[axis] * (np.arange(self.nodes[axis]) - 0.5)
+        middles = [run.start + run.width * (np.arange(run.cells) + 0.5) for run in self.runs]
+        joints = [[] if run.after is None else [run.start] for run in self.runs]
+        inside = [place for pair in zip(joints, middles, strict=True) for place in pair]
+        first, last = self.runs[0], self.runs[-1]
+        return self.origin[0] + np.concatenate([[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]])
+
+    @property
+    def node_widths(self) -> Array:
+        """Width (nodes,) m of the cell each spline along x is centered on, 0 on a repeated knot. Neighbors are half their sum apart."""
+        widths = np.zeros(self.nodes[0])
+        widths[self.along.node + 1] = self.along.width
+        widths[[0, -1]] = self.along.width[[0, -1]]
+        return widths
+
+    def splines_along(self, x: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """First node (m,), values (m, 3) and slopes (m, 3) 1/m of the splines along x at distances x (m,) m from the lower face."""
+        cell = self.cell_along(x)
+        spans = self.along
+        xi, ends = (x - spans.start[cell]) / spans.width[cell] - spans.index[cell], spans.ends[cell]
+        return spans.node[cell], spline_weights(xi, ends), spline_slopes(xi, ends) / spans.width[cell, None]
+
+    def cell_along(self, x: Array) -> NDArray[np.int64]:
+        """The cell (m,) along x of each distance x (m,) m from the lower face; the outermost cells go on beyond the grid."""
+        if self.runs:
+            return np.clip(np.searchsorted(self.faces, x + 1e-12 * self.spacing[0], side="right") - 1, 0, self.cells[0] - 1)
+        return np.clip(np.floor(x / self.spacing[0] + 1e-12).astype(int), 0, self.cells[0] - 1)
 
     def locate(self, points: Array, cell: NDArray[np.int64]) -> Array:
         """Position within the given cells, 0 to 1. points (n, 3) m, cell (n, 3) -> (n, 3).
 
         Raises ValueError if a point lies outside its cell: an index outside the grid would corrupt memory in a kernel.
         """
-        xi = (points - self.origin) / self.spacing - cell
+        if np.any(cell < 0) or np.any(cell >= self.cells):
+            raise ValueError("a particle lies outside the cell it was given: there is no such cell")
+        spans, first = self.along, cell[:, 0]
+        start, width, index = np.zeros(cell.shape), np.tile(self.spacing, (len(cell), 1)), cell.copy()
+        start[:, 0], width[:, 0], index[:, 0] = spans.start[first], spans.width[first], spans.index[first]
+        xi = (points - self.origin - start) / width - index
         slack = 1e-9  # rounding of a point on a face
-        if np.any(xi < -slack) or np.any(xi > 1 + slack) or np.any(cell < 0) or np.any(cell >= self.cells):
+        if np.any(xi < -slack) or np.any(xi > 1 + slack):
             raise ValueError("a particle lies outside the cell it was given")
         return np.clip(xi, 0.0, 1.0)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.grid import Grid
+from magmpm.bodies.knots import EVEN, Knots, runs_along
 from magmpm.compiled.arrays import Array
 
 EMPTY = 1e-9  # share of a cell: a piece with less volume is rounding error, as its moments are differences of far larger numbers
@@ -146,17 +147,18 @@ def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array,
 
 
 def rod_grid(
-    length: float, diameter: float, cells_across: int, cells_along: int | None = None, shift: tuple[float, float] = (0.0, 0.0)
+    ends: Array, diameter: float, cells_across: int, shift: tuple[float, float] = (0.0, 0.0), knots: Knots = EVEN
 ) -> Grid:
-    """Grid of a straight rod along +x, base at the origin: knots on both end faces and on the box around the section.
+    """Grid of a straight rod along +x, base at the origin: knots on both end faces, on joints, and on the box around the section.
 
-    shift: parts of a cell, 0 to 1, by which the grid lies lower along y and z, with one more cell there: to see what the grid's place does.
+    ends (k,) m: where each segment ends, the last one at the tip; shift: parts of a cell, 0 to 1, by which the grid lies lower along y and
+    z, with one more cell there: to see what the grid's place does.
     """
     h = diameter / cells_across
-    along = cells_along or max(3, round(length / h))
     origin = np.array([0.0, -diameter / 2 - shift[0] * h, -diameter / 2 - shift[1] * h])
     across, high = (cells_across + int(part > 0.0) for part in shift)
-    return Grid(origin, np.array([length / along, h, h]), (along, across, high))
+    along, width, runs = runs_along(ends, h, knots)
+    return Grid(origin, np.array([width, h, h]), (along, across, high), runs)
 
 
 def rod_particles(grid: Grid, *, outer: float, inner: float, segment_ends: Array, particles_per_cell: int) -> Particles:
@@ -193,9 +195,8 @@ def _extrude(
     index (r, 2): cell of each rectangle of the section; points (k, 2) m, areas (k,) m^2, rectangle (k,): the section's rule;
     segment_ends (s,) m: x of each segment's end; count: points along x and cell.
     """
-    h = grid.spacing[0]
-    faces = grid.origin[0] + h * np.arange(grid.cells[0] + 1)
-    near = np.abs(faces[:, None] - segment_ends[None, :]) < 1e-9 * h  # a segment end on a face is that face
+    faces = grid.origin[0] + grid.faces
+    near = np.abs(faces[:, None] - segment_ends[None, :]) < 1e-9 * grid.spacing[0]  # a segment end on a face is that face
     ends = np.where(near.any(0), faces[near.argmax(0)], segment_ends)
     cuts = np.unique(np.concatenate([faces, ends]))
     unit, weight = gauss(count)
@@ -215,17 +216,19 @@ def _extrude(
     return Particles(position, dx[ix] * areas[iq], segment[ix].astype(np.int32), cell.astype(np.int64))
 
 
-def strip_grid(base: Array, size: Array, cells_across: int, *, one_wide: bool = False) -> Grid:
-    """Grid of a strip: knots on all its faces. base (3,) m: center of the base face; size (3,) m: length, width, thickness.
+def strip_grid(base: Array, size: Array, ends: Array, cells_across: int, *, one_wide: bool = False, knots: Knots = EVEN) -> Grid:
+    """Grid of a strip: knots on all its faces and joints. base (3,) m: center of the base face; size (3,) m: length, width, thickness;
+    ends (k,) m: where each segment ends, from the base.
 
     Cells are cubes within rounding of the length, but up to WIDEST times as long along a width that is many cells: what bends
     varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).
     """
     h = size[2] / cells_across
-    along = max(3, round(size[0] / h))
+    along, width, runs = runs_along(ends, h, knots)
     wide = 1 if one_wide else max(round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2)
-    cells = (along, wide, cells_across)
-    return Grid(base - np.array([0.0, size[1] / 2, size[2] / 2]), size / np.array(cells), cells)
+    cells = (along, wide, cells_across) if knots.like is None else knots.like.cells
+    spacing = np.array([width, *(size[1:] / np.array(cells[1:]))])
+    return Grid(base - np.array([0.0, size[1] / 2, size[2] / 2]), spacing, cells, runs)
 
 
 def strip_particles(grid: Grid, *, segment_ends: Array, particles_per_cell: int, one_wide: bool = False) -> Particles:

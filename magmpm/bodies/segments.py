@@ -6,6 +6,7 @@ import math
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from magmpm.bodies.body_shape import BodyShape
@@ -125,6 +126,12 @@ class StraightBody(BodyShape):
     def segment_lengths(self) -> list[float]:
         """Length of each region in m, base to tip; they sum to `length`."""
         return segment_lengths(self.length, self.segments or ())
+
+    def segment_ends(self) -> Array:
+        """Distance (k,) m of each region's end from the base; the last one is the length."""
+        ends = np.cumsum(self.segment_lengths())
+        ends[-1] = self.length
+        return ends
 
     def regions(self) -> tuple[Region, ...]:
         """Its segments, base to tip."""

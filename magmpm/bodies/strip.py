@@ -9,8 +9,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.bodies.body_shape import Cells, Discretization
+from magmpm.bodies.body_shape import Discretization
 from magmpm.bodies.grid import ClampPlane, Grid
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.magnetization_profile import REGIONS_A_PERIOD, Profile
 from magmpm.bodies.regions import Region
 from magmpm.bodies.section_quadrature import Particles, gauss_depth, strip_errors, strip_grid, strip_particles
@@ -138,15 +139,14 @@ class Strip(StraightBody):
             for i in range(count)
         )
 
-    def grid(self, cells_across: int) -> Grid:
-        """The grid in the undeformed body: knots on all its faces."""
-        return strip_grid(np.array(self.position), self.size, cells_across, one_wide=self.plane_strain)
+    def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
+        """The grid in the undeformed body: knots on all its faces and joints."""
+        ends = self.segment_ends()
+        return strip_grid(np.array(self.position), self.size, ends, cells_across, one_wide=self.plane_strain, knots=knots)
 
-    def discretize(self, cells_across: int, particles_per_cell: int, *, cells: Cells | None = None) -> Discretization:
+    def discretize(self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN) -> Discretization:
         """Its grid and particles. The regions of a profile are there to be shown: they cut no cells."""
-        grid, ends = self.grid(cells_across), np.cumsum(self.segment_lengths())
-        if cells is not None:
-            grid = Grid(grid.origin, self.size / np.array(cells), cells)
+        ends, grid = self.segment_ends(), self.grid(cells_across, knots)
         particles = strip_particles(
             grid,
             segment_ends=self.position[0] + (ends if self.segments is not None else np.array([self.length])),
@@ -154,7 +154,7 @@ class Strip(StraightBody):
             one_wide=self.plane_strain,
         )
         if self.segments is None:
-            middle = (particles.cell[:, 0] + 0.5) * grid.spacing[0]
+            middle = grid.along.at(np.array(0.5), particles.cell[:, 0])
             particles = replace(particles, segment=np.searchsorted(ends, middle).astype(np.int32))
         planes = (ClampPlane(0, False, grid.cells[0] - 1),) if self.clamp == "both" else ()
         return Discretization(grid, particles, strip_errors(particles, self.size), planes)

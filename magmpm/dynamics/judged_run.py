@@ -20,7 +20,7 @@ from magmpm.results.result import Result
 from magmpm.results.tried_grids import tried_grids
 from magmpm.scene import Scene, remedies
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.scene.joints import of_known_error
+from magmpm.scene.warnings import of_known_error
 from magmpm.statics import axis
 from magmpm.statics.error_estimate import distance
 from magmpm.statics.ladder import Ladder, Loads, particles, step_work

@@ -25,6 +25,7 @@ def excess(model: Model) -> Array:
     component = model.scene.body.shape.components(particles)
     held = model.held | model.clamped_face | (model.scene.effects.feed is not None)
     h2 = model.grid.spacing**2
+    h2[0] = np.average(model.grid.along.width[particles.cell[:, 0]] ** 2, weights=mass)
     for which in np.unique(component):
         on = component == which
         if held[on].any():

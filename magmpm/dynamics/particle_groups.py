@@ -45,8 +45,9 @@ def slab_edges(cells: int, least: int) -> Index:
 
 
 def first_nodes(model: Model) -> Index:
-    """Grid index (n, 3) of the first node each particle touches: its cell, or one more along x in clamped cells."""
+    """Grid index (n, 3) of the first node each particle touches, along x one more in clamped cells."""
     first = model.particles.cell.astype(np.int64)
+    first[:, 0] = model.grid.along.node[first[:, 0]]
     if model.clamped_face:
         first[:, 0] = np.maximum(first[:, 0], 1)
     return first

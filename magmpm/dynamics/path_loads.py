@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Grid, spline_slopes, spline_weights
 from magmpm.bodies.regions import Line
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
@@ -22,6 +21,7 @@ from magmpm.results import measures
 from magmpm.scene import Scene
 from magmpm.statics import axis
 from magmpm.statics.axis_order import arranged
+from magmpm.statics.between_grids import along
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, static_model
@@ -118,9 +118,11 @@ class FeedLoads:
             part = self._free.inserted(self.inserted(time))
             base = np.array([self._exit, 0.0, 0.0])
             shape, resolution = part.body.shape, part.resolution
-            made = shape.discretize(resolution.cells_across, resolution.particles_per_cell)
-            grid = Grid(made.grid.origin + base, made.grid.spacing, made.grid.cells)
-            made = replace(made, grid=grid, particles=replace(made.particles, position=made.particles.position + base))
+            made = shape.discretize(resolution.cells_across, resolution.particles_per_cell, part.knots)
+            grid, particles = made.grid, made.particles
+            made = replace(
+                made, grid=replace(grid, origin=grid.origin + base), particles=replace(particles, position=particles.position + base)
+            )
             model = reshaped(replace(self.whole, scene=self._free), shape, made)
             named = acting.collect(self._free, times=np.array([time]))
             line = Line((self._exit, 0.0, 0.0), shape.length)
@@ -144,14 +146,7 @@ class FeedLoads:
         old, new = self.at(before), self.at(after)
         if old is new:
             return grid
-        moved = self.inserted(before) - self.inserted(after)  # m: where the new clamp is on the old axis
-        x = new.grid.node_coordinates(0)[1:] - new.grid.origin[0] + moved
-        values = _along(old, grid, x)
-        count = len(x)
-        fit = (np.diag(np.full(count, 6.0)) + np.diag(np.ones(count - 1), 1) + np.diag(np.ones(count - 1), -1)) / 8
-        fit[0, 0] = 5 / 8  # node 0 is minus node 1: the clamp
-        fit[-1, -2:] = 0.0, 1.0  # beyond the end the displacement goes on straight
-        return np.ascontiguousarray(np.linalg.solve(fit, values))
+        return np.ascontiguousarray(along(old, new, grid, moved=self.inserted(before) - self.inserted(after)))
 
     def shape(self, time: float, point: Point | None) -> Shape:
         """The whole catheter: what is in the guide is straight, and moved by the push."""
@@ -159,7 +154,7 @@ class FeedLoads:
         X = whole.particles.position
         clamp = self._exit - fed  # m along the catheter
         position, F = X + np.array([fed, 0.0, 0.0]), np.tile(np.eye(3), (len(X), 1, 1))
-        s = np.linspace(0.0, self.scene.length, 2 * whole.grid.cells[0] + 1)
+        s = whole.grid.stations
         rows = np.column_stack([s, s + fed, np.zeros((len(s), 2))])
         tip, dof = np.array([self.scene.length + fed, 0.0, 0.0]), 0
         if point is not None:
@@ -180,34 +175,18 @@ def _all_planes(model: StaticModel, grid: Array) -> Array:
     return np.concatenate([-grid[:1], grid])
 
 
-def _along(model: StaticModel, grid: Array, x: Array) -> Array:
-    """Plane coefficients (k, m) at places x (k,) m along the axis from the clamp: nothing behind it, straight on beyond the end."""
-    h, cells = model.grid.spacing[0], model.grid.cells[0]
-    cell = np.clip(np.floor(x / h).astype(int), 0, cells - 1)
-    end = cells * h
-    inside = np.clip(x, 0.0, end)
-    N, D = spline_weights(inside / h - cell), spline_slopes(inside / h - cell) / h
-    planes = _all_planes(model, grid)
-    beyond = np.maximum(x - end, 0.0)
-    weights = N + beyond[:, None] * D
-    weights[x < 0.0] = 0.0
-    return np.asarray(sum(weights[:, a, None] * planes[cell + a] for a in range(3)))
-
-
 def _displacement(part: StaticModel, grid: Array, whole: Model, free: NDArray[np.bool_], clamp: float) -> tuple[Array, Array]:
     """Displacement (k, 3) m and its gradient (k, 3, 3) at the whole's free particles; clamp: m, where the part begins on its axis."""
-    layout, h = part.layout, part.grid.spacing[0]
-    x = whole.particles.position[free, 0] - clamp
-    cell = np.clip(np.floor(x / h).astype(int), 0, part.grid.cells[0] - 1)
+    layout = part.layout
     weights, slopes = (values[free] for values in whole.splines())
-    weights[:, 0], slopes[:, 0] = spline_weights(x / h - cell), spline_slopes(x / h - cell) / h
+    node, weights[:, 0], slopes[:, 0] = part.grid.splines_along(whole.particles.position[free, 0] - clamp)
     planes = _all_planes(part, grid).reshape(layout.planes + 1, layout.nodes_per_plane, 3)
     nodes = np.zeros((layout.planes + 1, *part.grid.nodes[1:], 3))
     nodes[:, layout.node_yz[:, 0], layout.node_yz[:, 1]] = planes
     at = whole.particles.cell[free]
-    u, gradient = np.zeros((len(x), 3)), np.zeros((len(x), 3, 3))
+    u, gradient = np.zeros((len(node), 3)), np.zeros((len(node), 3, 3))
     for a, b, c in np.ndindex(3, 3, 3):
-        value = nodes[cell + a, at[:, 1] + b, at[:, 2] + c]
+        value = nodes[node + a, at[:, 1] + b, at[:, 2] + c]
         w, d = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
         u += (w[0] * w[1] * w[2])[:, None] * value
         for k, rate in enumerate((d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2])):

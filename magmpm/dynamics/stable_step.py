@@ -76,10 +76,7 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
     total = isinstance(motion, TotalMotion)
     h = model.grid.spacing
     if total:
-        weights, slopes = model.splines()
-        sums = (slopes**2 / np.where(weights > 0, weights, 1.0) * (weights > 0)).sum(axis=2)
-        if model.plane_strain:
-            sums[:, 1] = 0.0
+        sums = model.steepness()
     else:
         sums = np.tile(6.0 / h**2, (len(model.density), 1))
     return StableStep(

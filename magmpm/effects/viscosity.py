@@ -51,6 +51,8 @@ class Viscosity(Effect):
         bound is 0.9 / r before the same factor 0.8.
         """
         steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
+        if model.grid.runs:  # at repeated knots splines are steeper than between equal cells
+            steep = max(steep, float(model.steepness().sum(axis=1).max()))
         return 0.9 / (2.0 * self.viscosity / float(model.density.min()) * steep)
 
     @classmethod

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.bodies.curves import on_rows
-from magmpm.bodies.grid import spline_weights
 from magmpm.compiled.arrays import Array
 from magmpm.model import Model
 from magmpm.results.result import Result
@@ -32,19 +31,18 @@ def axis_of_particles(model: Model, position: Array) -> Array:
     x, of = np.unique(model.particles.position[:, 0], return_inverse=True)
     volume = np.bincount(of, model.particles.volume)
     mean = np.stack([np.bincount(of, model.particles.volume * p) / volume for p in position.T], axis=1)
-    cells, base = model.grid.cells[0], model.line.base[0]
+    grid, base = model.grid, model.line.base[0]
 
     def splines(s: Array) -> Array:
-        scaled = s / model.grid.spacing[0]
-        cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, cells - 1)
-        dense = np.zeros((len(s), cells + 2))
-        for a, values in enumerate(spline_weights(scaled - cell).T):
-            dense[np.arange(len(s)), cell + a] += values
+        node, values, _ = grid.splines_along(s)
+        dense = np.zeros((len(s), grid.nodes[0]))
+        for a in range(3):
+            dense[np.arange(len(s)), node + a] += values[:, a]
         return dense
 
     root = np.sqrt(volume)[:, None]
     coefficients = np.linalg.lstsq(root * splines(x - base), root * mean, rcond=None)[0]
-    s = np.linspace(0.0, model.line.length, 2 * cells + 1)
+    s = grid.stations
     return np.column_stack([s, splines(s) @ coefficients])
 
 

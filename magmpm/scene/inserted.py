@@ -1,7 +1,7 @@
 """The part of a catheter that a guide has let out: what `Scene.inserted` returns.
 
 The catheter is straight and held inside the guide. So what has left the guide is a shorter catheter, clamped at the guide's exit, and each
-depth of an insertion is an ordinary scene of statics. Its grid begins exactly at the exit.
+depth of an insertion is an ordinary scene of statics. Its grid begins exactly at the exit, and its cells are counted from the tip.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     return {
         **{key: value for key, value in data.items() if key != "reference"},
         "body": {"catheter": catheter_data},
+        "resolution": {**data["resolution"], "from_tip": True},
         "effects": effects,
         "solver": solver,
     }

@@ -163,6 +163,12 @@ class Resolution(Settings):
         description="Particles in a cell along each direction; 2 unless given; one point can't carry a cell's second moments.",
         examples=[2],
     )
+    from_tip: Literal[True] | None = Field(
+        default=None,
+        description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; the one "
+        "at the base takes what is left, 0.5 to 1.5 cells. Unless given, all cells between two materials are equal.",
+        examples=[True],
+    )
     error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = Field(
         default=None,
         description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves the error; "

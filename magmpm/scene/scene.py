@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -26,6 +27,7 @@ from pydantic import (
 )
 
 from magmpm.bodies.body import CATHETER, Body
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Region
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, report
@@ -212,6 +214,18 @@ class Scene(Settings):
         return self.body.shape.cell_size(self.resolution.cells_across)
 
     @property
+    def knots(self) -> Knots:
+        """How cells lie along a straight body; equally where the grid stands in space, as in the updated formulation."""
+        dynamic = self.solver.dynamic
+        updated = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
+        if self.body.shape.line is None or updated:
+            return EVEN
+        used = [self.materials[region.material_name] for region in self.regions()]
+        moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
+        joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
+        return Knots(joints, self.resolution.from_tip is True)
+
+    @property
     def anchored(self) -> bool:
         """Whether it is held at its base alone, and so stays within its length of it."""
         return self.body.shape.clamp == "base"
@@ -347,10 +361,11 @@ class Scene(Settings):
 
         Raises InputError.
         """
-        data, kept = self.to_si(), self.resolution.particles_per_cell
+        data = self.to_si()
+        kept = {key: value for key, value in data["resolution"].items() if key in ("particles_per_cell", "from_tip")}
         if data["body"]["parts"] is not None:
             data["body"]["parts"]["spacing"] = None
-        return Scene.from_si({**data, "resolution": {"cells_across": cells_across, "particles_per_cell": kept}})
+        return Scene.from_si({**data, "resolution": {"cells_across": cells_across, **kept}})
 
     def inserted(self, length: float | str) -> Scene:
         """The scene of the catheter's last `length` (m, or text), outside a guide: an equilibrium, clamped at the exit, the origin.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from magmpm.bodies.catheter import THIN_WALL
 from magmpm.effects.base import SceneLike
-from magmpm.scene.joints import joint_warnings
 
 
 def warnings(scene: SceneLike) -> list[str]:
@@ -24,7 +24,6 @@ def warnings(scene: SceneLike) -> list[str]:
     shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
     one_grid = scene.effects.self_contact is None and (dynamic is None or dynamic.formulation != "updated")
     found += shape.warnings(scene.resolution.cells_across, one_grid=one_grid)
-    found += joint_warnings(scene)
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:
@@ -34,3 +33,8 @@ def warnings(scene: SceneLike) -> list[str]:
     used = {region.material_name for region in scene.regions()}
     found += [f"materials: {name} is not used" for name in scene.materials if name not in used]
     return found
+
+
+def of_known_error(warnings: list[str]) -> list[str]:
+    """Warnings of a result whose error is known: without those of what its cells may do to it."""
+    return [warning for warning in warnings if not warning.startswith(THIN_WALL)]

@@ -59,20 +59,17 @@ def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Arr
         planes = np.concatenate([-planes[:1], planes])  # node 0, eliminated by the clamp
     if model.scene.body.shape.clamp == "both":
         planes[-1] = -planes[-2]  # as at the lower face
-    h = model.grid.spacing[0]
-    cell = np.clip(np.floor(s / h + 1e-12).astype(int), 0, model.grid.cells[0] - 1)
-    N = spline_weights(s / h - cell)
-    u = sum(N[:, a, None] * planes[cell + a] for a in range(3))
+    node, N, _ = model.grid.splines_along(s)
+    u = sum(N[:, a, None] * planes[node + a] for a in range(3))
     return u + np.outer(s, [1.0, 0.0, 0.0]) + np.array(_line(model).base)
 
 
 def splines_along(model: StaticModel, s: Array) -> Array:
     """Splines (m, planes) along the axis at arc lengths s (m,) m, clamps built in: times a plane's weighted coefficients they give u."""
-    h, cells = model.grid.spacing[0], model.grid.cells[0]
-    cell = np.clip(np.floor(s / h + 1e-12).astype(int), 0, cells - 1)
-    N, out = spline_weights(s / h - cell), np.zeros((len(s), cells + 2))
+    node, N, _ = model.grid.splines_along(s)
+    out = np.zeros((len(s), model.grid.nodes[0]))
     for a in range(3):
-        out[np.arange(len(s)), cell + a] += N[:, a]
+        out[np.arange(len(s)), node + a] += N[:, a]
     if model.scene.body.shape.clamp == "both":  # as along_axis has it
         out[:, -2] -= out[:, -1]
         out[:, -1] = 0.0
@@ -82,17 +79,11 @@ def splines_along(model: StaticModel, s: Array) -> Array:
     return np.ascontiguousarray(out)
 
 
-def stations(model: StaticModel) -> Array:
-    """Arc lengths (2 cells + 1,) m of the axis's rows: faces and middles of the cells."""
-    cells = model.grid.cells[0]
-    return np.linspace(0.0, model.grid.spacing[0] * cells, 2 * cells + 1)
-
-
 def centreline(model: StaticModel, grid: Array) -> Array:
     """Rows [s, x, y, z] (2 cells + 1, 4) m: the deformed axis at faces and middles of the cells; no rows for a body without an axis."""
     if model.line is None:
         return np.zeros((0, 4))
-    s = stations(model)
+    s = model.grid.stations
     return np.column_stack([s, along_axis(model, grid, section_weights(model), s)])
 
 

@@ -20,7 +20,7 @@ def carried(coarse: StaticModel, grid: Array, fine: StaticModel) -> Array:
     """Coefficients (planes, m) m on the fine grid of the displacement `grid` (planes, m) m on the coarse one. Straight bodies only."""
     values = grid.reshape(coarse.layout.planes, -1, 3)
     across = np.einsum("kj,pjc->pkc", _section(coarse, fine), values, optimize=True)
-    out = _along(coarse, fine, across.reshape(coarse.layout.planes, -1))
+    out = along(coarse, fine, across.reshape(coarse.layout.planes, -1))
     out[fine.layout.fixed] = 0.0
     return np.ascontiguousarray(out)
 
@@ -52,17 +52,19 @@ def _splines_across(model: StaticModel, points: Array) -> Array:
     return np.asarray(dense[:, node_yz[:, 0], node_yz[:, 1]])
 
 
-def _along(coarse: StaticModel, fine: StaticModel, values: Array) -> Array:
-    """Plane coefficients on the fine grid from those (planes, k) on the coarse one, fitted at Gauss points of the fine cells."""
+def along(coarse: StaticModel, fine: StaticModel, values: Array, moved: float = 0.0) -> Array:
+    """Plane coefficients on the fine grid from those (planes, k) on the coarse one, fitted at Gauss points of the fine cells.
+
+    moved: m, where the fine grid's base lies on the coarse one's axis; nothing is displaced before the coarse one's base.
+    """
     from scipy.linalg import solveh_banded  # only where a solve goes on to a finer grid
 
-    h, cells = fine.grid.spacing[0], fine.grid.cells[0]
     unit = np.polynomial.legendre.leggauss(GAUSS)[0]
-    s = (h * (np.arange(cells)[:, None] + (1 + unit) / 2)).ravel()
+    s = fine.grid.along.at((1 + unit) / 2, np.arange(fine.grid.cells[0])[:, None]).ravel()
     target = splines_along(fine, s)
     used = np.abs(target).max(axis=0) > 0.0  # a far clamp's plane is not
     target = target[:, used]
-    normal, right = target.T @ target, target.T @ (splines_along(coarse, s) @ values)
+    normal, right = target.T @ target, target.T @ (splines_along(coarse, np.clip(s + moved, 0.0, coarse.grid.faces[-1])) @ values)
     bands = np.array([np.concatenate([np.zeros(k), np.diagonal(normal, k)]) for k in (2, 1, 0)])
     out = np.zeros((len(used), values.shape[1]))
     out[used] = solveh_banded(bands, right)

@@ -74,8 +74,10 @@ def _step(model: StaticModel) -> float:
     """Step (m) of a length or diameter: so short that no segment's end crosses a face that it is not on."""
     shape = model.scene.body.shape
     assert isinstance(shape, StraightBody)
-    ends = np.cumsum(shape.segment_lengths())[:-1] / model.grid.spacing[0]
-    off = np.abs(ends - np.round(ends))
+    ends, spans = np.cumsum(shape.segment_lengths())[:-1], model.grid.along
+    cell = model.grid.cell_along(ends)
+    within = (ends - spans.start[cell]) / spans.width[cell] - spans.index[cell]
+    off = np.abs(within - np.round(within))
     least = float(np.min(off[off > ON_A_FACE], initial=1.0))
     return min(STEP, least / 8) * float(model.grid.spacing.min())
 

@@ -114,7 +114,7 @@ class Ladder:
         """Where errors are meant, (k, 3) m: along the centreline, or at the tip."""
         if self.asked.resolution.of == "tip":
             return axis.tip(model, grid)[None]
-        s = np.linspace(0.0, model.grid.spacing[0] * model.grid.cells[0], STATIONS)
+        s = np.linspace(0.0, model.grid.faces[-1], STATIONS)
         return axis.along_axis(model, grid, axis.section_weights(model), s)
 
     def apart(self, coarse: int, fine: int) -> float:
@@ -183,8 +183,8 @@ def step_work(scene: Scene) -> float:
 
 def operations(scene: Scene) -> tuple[float, float]:
     """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
-    grid = scene.body.shape.grid(scene.resolution.cells_across)
-    along, *across = grid.cells
+    grid = scene.body.shape.grid(scene.resolution.cells_across, scene.knots)
+    along, across = grid.nodes[0] - 2, grid.cells[1:]
     m = 3.0 * float(np.prod([n + 2.0 for n in across]))
     if scene.body.shape.in_plane_strain:
         m /= across[0] + 2.0

@@ -78,7 +78,8 @@ def make_layout(model: Model, weights: Array) -> Layout:
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
     """
     cell_first, nodes_along = model.particles.cell_first, model.grid.nodes
-    ix, iy, iz = model.particles.cell[cell_first[:-1]].T
+    cell_x, iy, iz = model.particles.cell[cell_first[:-1]].T
+    ix = model.grid.along.node[cell_x]
 
     # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers.
     _, rows, columns = nodes_along

@@ -122,14 +122,14 @@ class Linearized:
         """Splines along (rows, planes) and weights across (nodes,) that give the axis's rows from the coefficients."""
         if self.model.line is None:
             return np.zeros((0, self.model.layout.planes)), np.zeros(self.model.layout.nodes_per_plane)
-        return axis.splines_along(self.model, axis.stations(self.model)), axis.section_weights(self.model)
+        return axis.splines_along(self.model, self.model.grid.stations), axis.section_weights(self.model)
 
     @cached_property
     def _tip_weights(self) -> Array:
         """Weights (planes, nodes) that give the tip from the coefficients."""
         model = self.model
         if model.line is not None:
-            return axis.splines_along(model, axis.stations(model)[-1:])[0][:, None] * axis.end_face_weights(model)
+            return axis.splines_along(model, model.grid.stations[-1:])[0][:, None] * axis.end_face_weights(model)
         last = model.particles.segment == len(model.scene.regions()) - 1  # the tip of parts: the mean of the last (simulate)
         force = np.where(last[:, None], np.array([-1.0, 0.0, 0.0]), 0.0)[None]
         column = np.zeros((1, len(model.layout.cell_plane)), np.int64)

@@ -19,8 +19,9 @@ from magmpm.model import build
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
+from magmpm.statics import error_estimate as law
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, Convergence, caution, convergence, observed_order
+from magmpm.statics.error_estimate import ALGEBRAIC, PROOF, caution, observed_order
 from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnStep, operations
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import stability
@@ -61,10 +62,6 @@ class _Search:
     begun: float
     beside: Callable[[int], float]
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
-    law: Convergence = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.law = convergence(self.scene)
 
     @property
     def scene(self) -> Scene:
@@ -72,13 +69,13 @@ class _Search:
 
     def prove(self, cells: int) -> None:
         """Solve a grid, and the finer one that tells its error."""
-        finer = self.law.proof[cells]
+        finer = PROOF[cells]
         self.ladder.solve(cells)
         self.ladder.prove(finer, cells)
-        for witness in self.law.witness.get(cells, ()):
+        for witness in law.WITNESS.get(cells, ()):
             self.ladder.prove(witness, cells)
         others = {n: self.ladder.apart(n, finer) for n in self.ladder.solved if n < finer and n != cells}
-        known = self.law.bound(cells, finer, self.ladder.apart(cells, finer), others)
+        known = law.bound(cells, finer, self.ladder.apart(cells, finer), others)
         self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + self.algebraic()
 
     def wall(self, cells: int) -> float:
@@ -97,14 +94,14 @@ class _Search:
 
     def takes(self, cells: int) -> float:
         """What it will take to prove a grid's error, s."""
-        ladder, finer = self.ladder, self.law.proof[cells]
+        ladder, finer = self.ladder, PROOF[cells]
         known = ladder.solved.get(cells)
         solve = 0.0 if known is not None and known.exact else ladder.seconds_at(cells, PER_SOLVE)
         return solve + (0.0 if finer in ladder.solved else ladder.seconds_at(finer, PER_PROOF))
 
     def fits(self, cells: int) -> bool:
         """Whether a grid and its proof fit into memory."""
-        return operations(self.ladder.on(self.law.proof[cells]))[1] <= SHARE * memory.machine()
+        return operations(self.ladder.on(PROOF[cells]))[1] <= SHARE * memory.machine()
 
 
 def choose(
@@ -207,8 +204,7 @@ def check_possible(scene: Scene) -> None:
 
 def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None:
     """The grid to prove next; None where the last one will do. Raises SceneError where none can."""
-    law = search.law
-    finer = [n for n in law.proof if n > tried]
+    finer = [n for n in PROOF if n > tried]
     if failure is not None:
         return finer[0] if finer and finer[0] <= coarsest_cells(search.scene) + 2 else None
     wanted = search.scene.resolution.allowed(search.scene.length)
@@ -217,19 +213,19 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     if search.errors[tried] <= wanted:
         return None
     order = observed_order(search.errors)
-    hoped = law.fastest if order is None else min(max(order, law.least) + HOPE, law.fastest)
+    hoped = law.FASTEST if order is None else min(max(order, law.LEAST) + HOPE, law.FASTEST)
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
         # Two coarse grids far apart may be too coarse, rather than on other branches: then how far they are apart foretells nothing.
         if tried < FIRST_LEAP and search.errors[tried] > LARGEST * search.scene.length:
-            return min(law.proof[tried], FIRST_LEAP)
+            return min(PROOF[tried], FIRST_LEAP)
         raise _out_of_reach(search, wanted)
     if order is None:  # one grid says little of how errors fall here: no leap on its word
         finer = [n for n in finer if n <= FIRST_LEAP]
-    elif order < law.order:  # errors that don't yet fall as they will tell as little
-        finer = [n for n in finer if n <= law.proof[tried]] or finer[:1]
+    elif order < law.ORDER:  # errors that don't yet fall as they will tell as little
+        finer = [n for n in finer if n <= PROOF[tried]] or finer[:1]
     cells = next((n for n in finer if law.foretold(search.errors, n) <= wanted), finer[-1])
-    solved = law.proof[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
-    if solved < cells and solved in law.proof and search.errors[tried] * (tried / solved) ** hoped <= wanted:
+    solved = PROOF[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
+    if solved < cells and solved in PROOF and search.errors[tried] * (tried / solved) ** hoped <= wanted:
         cells = solved
     if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
         raise _out_of_reach(search, wanted, cells)
@@ -254,22 +250,22 @@ def _next_in_time(search: _Search, finer: list[int]) -> int | None:
 
 def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, failed: str = "") -> SceneError:
     """cells: the grid that would do, but for memory or time; failed: what a finer grid failed of."""
-    length, tried, law = search.scene.length, max(search.errors), search.law
+    length, tried = search.scene.length, max(search.errors)
     received, limits = f"{100 * wanted / length:.3g} % of the length", f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s"
     if search.errors[tried] > LARGEST * length:
         return _on_branches(search, received, failed)
-    within = [n for n in law.proof if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed]
+    within = [n for n in PROOF if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed]
     most = max(within, default=tried)
     least = law.foretold(search.errors, most)
     if failed:
         why, limits = failed, ""
     elif cells is None:
-        end = max(law.proof)
+        end = max(PROOF)
         off = 100 * law.foretold(search.errors, end) / length
         why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
     else:
-        needed, seconds = operations(search.ladder.on(law.proof[cells]))[1], search.takes(cells)
-        why = f"{cells} cells across and their proof by {law.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
+        needed, seconds = operations(search.ladder.on(PROOF[cells]))[1], search.takes(cells)
+        why = f"{cells} cells across and their proof by {PROOF[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its errors fall as they should"
@@ -288,7 +284,7 @@ def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError
     received: what was asked for; failed: what a finer grid failed of.
     """
     tried, length = max(search.errors), search.scene.length
-    key, proof = "seconds" if search.scene.resolution.error is None else "error", search.law.proof[tried]
+    key, proof = "seconds" if search.scene.resolution.error is None else "error", PROOF[tried]
     return SceneError(
         f"resolution.{key}",
         received=received,
@@ -310,7 +306,7 @@ def _best_in_time(search: _Search) -> int:
 def _chosen(search: _Search) -> Choice:
     cells = max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search)
     ladder, asked, length = search.ladder, search.scene.resolution, search.scene.length
-    last, finer, error = ladder.solved[cells], ladder.solved[search.law.proof[cells]], search.errors[cells]
+    last, finer, error = ladder.solved[cells], ladder.solved[PROOF[cells]], search.errors[cells]
     order, spent = observed_order(search.errors), sum(one.seconds for one in ladder.solved.values())
     told = {
         "cells_across": cells,
@@ -319,7 +315,7 @@ def _chosen(search: _Search) -> Choice:
         "error_of_length": error / length,
         "algebraic_error": search.algebraic(),
         "order": order,
-        "asymptotic": search.law.steady(order),
+        "asymptotic": law.steady(order),
         "tried": [
             {
                 "cells_across": n,

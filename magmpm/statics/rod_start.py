@@ -57,10 +57,19 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     # the field above cancel between its terms; along x they do not. Node 0 comes before plane 0, with minus its value (the clamp).
     before = np.concatenate([-u[:1], u[:-1]])
     after = np.concatenate([u[1:], 2 * u[-1:] - u[-2:-1]])
-    u = u - (before - 2 * u + after) / 8
+    down, here, up = _second_difference(grid.node_widths[int(model.clamped_face) :])
+    u = u - (down * before + here * u + up * after) / 8
     out = np.ascontiguousarray(u.reshape(layout.planes, layout.m))
     out[layout.fixed] = 0.0
     return out
+
+
+def _second_difference(width: Array) -> tuple[Array, Array, Array]:
+    """Weights (planes, 1, 1) of the plane before, the plane and the next one in h^2 f'' for planes of these node widths h (planes,) m."""
+    h = width[:, None, None]
+    below, above = (np.concatenate([h[:1], h[:-1]]) + h) / 2, (np.concatenate([h[1:], h[-1:]]) + h) / 2
+    both = below + above
+    return 2 * h * h / (below * both), -2 * h * h / (below * above), 2 * h * h / (above * both)
 
 
 def plane_frames(model: StaticModel, rod: RodShape) -> Array:

@@ -22,7 +22,6 @@ from magmpm.results.measures import largest_distance
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.scene.joints import without_joints
 from magmpm.simulate import choose_effects, run
 from magmpm.studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
 
@@ -242,7 +241,7 @@ def _at_rest(scene: Scene, result: Result, number: int, found: Checked) -> None:
 def _finer(scene: Scene, result: Result, found: Checked) -> None:
     """One more cell across; where the finer answer is far away, it must be near an equilibrium of the coarse grid, found in another way."""
     other = _try(scene.with_cells(scene.resolution.cells_across + 1))
-    if other is None or _soft(result) or _soft(other) or without_joints(result.warnings) or without_joints(other.warnings):
+    if other is None or _soft(result) or _soft(other) or result.warnings or other.warnings:
         return
     found.done.append("finer grid")
     apart = _apart(scene, result, other)
@@ -258,7 +257,7 @@ def _finer(scene: Scene, result: Result, found: Checked) -> None:
 
 def _rod(scene: Scene, result: Result, found: Checked) -> None:
     """A slender body is near the rod where the rod holds: no strain beyond the model's limits, no wall below a cell (both warn)."""
-    if scene.body.shape.line is None or scene.length < SLENDER * scene.thickness or without_joints(result.warnings) or _soft(result):
+    if scene.body.shape.line is None or scene.length < SLENDER * scene.thickness or result.warnings or _soft(result):
         return
     if scene.body.shape.clamp != "base" or scene.effects.magnetic_interaction is not None:
         return
@@ -318,7 +317,7 @@ def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Check
             where = found.wrong if apart > max(bound, GROWN * grown) else found.branches
             where.append(f"mirror image: {apart:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
     options = scene.to_si()["solver"]["dynamic"]
-    if number % 2 == 0 or without_joints(result.warnings):  # with such strains the updated formulation tears, or is about to
+    if number % 2 == 0 or result.warnings:  # with such strains the updated formulation tears, or is about to
         changed, name, bound = {**options, "safety": 0.4}, "half the step", HALF_STEP * largest + 1e-5
         if scene.effects.ground or scene.effects.walls:
             bound += 1e-3  # at which step a particle touches

@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene, memory
-from magmpm.statics.error_estimate import convergence
+from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.ladder import operations
 from magmpm.studies.insertion import Insertion
 from magmpm.studies.schedule import Schedule
@@ -90,8 +90,7 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
     for the study's grid; rms_m, finer_rms_m: of this equilibrium from the target on either grid, None where the target is not at hand.
     """
     cells = again.scene.resolution.cells_across
-    law = convergence(again.scene)
-    proof = law.proof.get(cells)
+    proof = PROOF.get(cells)
     if proof is None:
         return f"not known: no finer grid tells the error of {cells} cells across"
     fine = again.scene.with_cells(proof)
@@ -107,7 +106,7 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
         "finer_cells": proof,
         "moved_m": moved,
         "tip_moved_m": float(np.linalg.norm(np.asarray(result.tip) - found.tip)),
-        "error_estimate_m": law.factor(cells, proof) * moved,
+        "error_estimate_m": factor(cells, proof) * moved,
         "rms_m": rms[0],
         "finer_rms_m": rms[1],
     }

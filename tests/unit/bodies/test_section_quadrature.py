@@ -111,7 +111,7 @@ def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count:
     lengths = np.array(shares) / np.sum(shares) * 20e-3
     ends = np.cumsum(lengths)
     outer, inner = 2e-3, 2e-3 * ratio
-    grid = bodies.rod_grid(float(ends[-1]), 2 * outer, cells)
+    grid = bodies.rod_grid(np.asarray(ends), 2 * outer, cells)
     p = bodies.rod_particles(grid, outer=outer, inner=inner, segment_ends=ends, particles_per_cell=count)
     grid.locate(p.position, p.cell)  # raises if a particle lies outside its cell
     area = np.pi * (outer**2 - inner**2)
@@ -129,7 +129,7 @@ def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
     """0.1 + 0.2 is not 0.3: no cell may be cut into a full part and one of the size of a rounding error, which
     would be a cell without stiffness.
     """
-    grid = bodies.rod_grid(3e-3, 1e-3, 4)  # faces every 0.25 mm
+    grid = bodies.rod_grid(np.array([3e-3]), 1e-3, 4)  # faces every 0.25 mm
     ends = np.array([1e-3 * (1 + 4e-16), 2e-3 * (1 - 4e-16), 3e-3])
     p = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends, particles_per_cell=2)
     one = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends[-1:], particles_per_cell=2)
@@ -150,7 +150,7 @@ def test_section_errors_see_a_wrong_section() -> None:
     """The printed value is measured on the particles: points moved inward by 1 % give moments that are 2 %
     too small.
     """
-    grid = bodies.rod_grid(8e-3, 4e-3, 4)
+    grid = bodies.rod_grid(np.array([8e-3]), 4e-3, 4)
     p = bodies.rod_particles(grid, outer=2e-3, inner=0.0, segment_ends=np.array([8e-3]), particles_per_cell=2)
     wrong = bodies.Particles(p.position * [1, 0.99, 0.99], p.volume * 1.003, p.segment, p.cell)
     errors = bodies.section_errors(wrong, outer=2e-3, inner=0.0, length=8e-3)
@@ -161,7 +161,7 @@ def test_section_errors_see_a_wrong_section() -> None:
 def test_grid_has_knots_on_both_end_faces() -> None:
     """The clamp is exact only on a face of the grid, and the free end needs no spline beyond it."""
     for length, diameter, cells in ((40e-3, 4e-3, 4), (10.3e-3, 4e-3, 3), (6e-3, 4e-3, 2)):
-        grid = bodies.rod_grid(length, diameter, cells)
+        grid = bodies.rod_grid(np.array([length]), diameter, cells)
         assert grid.origin[0] == 0
         assert grid.spacing[0] * grid.cells[0] == pytest.approx(length, rel=1e-15)
         assert grid.cells[0] >= 3

@@ -1,0 +1,74 @@
+"""Where the grid's cells lie along a straight body: equal ones, in runs between the places where its stiffness jumps.
+
+Where two materials meet, the strain jumps. Splines follow it if a cell face lies there and the knot is repeated: then the displacement
+stays continuous and its slope may jump. Errors of jointed bodies fall with the square of the cell size in this way, and only with the cell
+size without it (docs/accuracy.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.bodies.grid import Grid, Run
+from magmpm.compiled.arrays import Array
+
+SHORT = 0.5  # cells: a joint nearer to the next one, or to an end, gets no knot
+FEWEST = 3  # cells along a body
+
+
+@dataclass(frozen=True)
+class Knots:
+    """How cells lie along a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
+    size are counted from the tip, or from the next joint, and the one nearest to the base takes what is left; like: the grid of nearly
+    the same body, for as many cells everywhere."""
+
+    joints: tuple[int, ...] = ()
+    from_tip: bool = False
+    like: Grid | None = None
+
+
+EVEN = Knots()
+
+
+def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[Run, ...]]:
+    """Cells of about h m along a body whose segments end at `ends` (k,) m: their number, the least width (m), and their runs (none if all
+    are equal)."""
+    like, length = knots.like, float(ends[-1])
+    joints = _kept(ends, h, knots.joints) if like is None else [run.after for run in like.runs if run.after is not None]
+    from_tip = knots.from_tip and (length >= (FEWEST - 0.5) * h if like is None else bool(like.runs))
+    if not joints and not from_tip:
+        along = max(FEWEST, round(length / h)) if like is None else like.cells[0]
+        return along, length / along, ()
+    faces = [0.0, *ends[joints].tolist(), length]
+    widths = np.diff(faces)
+    counts = [max(1, round(width / h)) for width in widths] if like is None else _counts(like.runs)
+    runs: list[Run] = []
+    for start, width, count, after in zip(faces, widths.tolist(), counts, [None, *joints], strict=False):
+        rest = width - (count - 1) * h
+        if from_tip and count > 1:
+            runs += [Run(start, rest, 1, after), Run(start + rest, h, count - 1)]
+        else:
+            runs.append(Run(start, width / count, count, after))
+    return sum(counts), min(run.width for run in runs), tuple(runs)
+
+
+def _kept(ends: Array, h: float, joints: tuple[int, ...]) -> list[int]:
+    """The joints that get a knot, chosen from the tip on."""
+    kept, last = [], float(ends[-1])
+    for joint in reversed(joints):
+        if min(last - ends[joint], ends[joint]) >= SHORT * h:
+            kept.append(joint)
+            last = ends[joint]
+    return kept[::-1]
+
+
+def _counts(runs: tuple[Run, ...]) -> list[int]:
+    """Cells between repeated knots."""
+    counts = [0]
+    for run in runs:
+        if run.after is not None:
+            counts.append(0)
+        counts[-1] += run.cells
+    return counts
