@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
 from magmpm.results import readable
-from magmpm.results.whole_file import whole_file
 from magmpm.viz import style
 from magmpm.viz.annotations import Page, Sign, field_arrow, field_text, signs, varies
 from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import Views, bare
 from magmpm.viz.movies import MOST_FRAMES, Movie, chosen, frames_movie
+from magmpm.viz.picture_file import save_image
 from magmpm.viz.snapshot import Snapshot, seconds
 from magmpm.viz.worker import Renderer
 
@@ -44,7 +43,7 @@ def moments(motion: MotionRenderer) -> list[int]:
 
 
 def figure(motion: MotionRenderer, path: str | Path, renderer: Renderer, numbers: Sequence[int] | None = None, width: int = 1800) -> Path:
-    """Moments of a motion side by side, or one below another where they are wide, as one PNG.
+    """Moments of a motion side by side, or one below another where they are wide, as one picture.
 
     numbers: of frames, by default those of `moments`. width: pixels, about. All are seen from the same place at the same scale.
     Raises RenderError.
@@ -53,7 +52,7 @@ def figure(motion: MotionRenderer, path: str | Path, renderer: Renderer, numbers
     across = len(numbers) if motion.framing_of(numbers).aspect < _STACKED else 1
     if across == 1:  # a page's width, as the others are three panels wide
         width = 2 * width // 3
-    return save(composed([(motion, k) for k in numbers], renderer, across, width), path)
+    return save_image(composed([(motion, k) for k in numbers], renderer, across, width), path, optimize=True)
 
 
 def beside(
@@ -77,15 +76,6 @@ def beside(
         return composed(shown, renderer, len(motions), width, [words(motion, k) for motion in motions], framing)
 
     return frames_movie(path, image, numbers, fps)
-
-
-def save(image: np.ndarray, path: str | Path) -> Path:
-    """Write a picture (h, w, 3) uint8 as PNG; its folder is made."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as unfinished:
-        Image.fromarray(image).save(unfinished, format="PNG", optimize=True)
-    return path
 
 
 def composed(

@@ -105,10 +105,10 @@ def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: 
     return _write_mp4(shown(), path, round(fps), (first.shape[1], first.shape[0]))
 
 
-def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, numbers: Sequence[int]) -> list[Path]:
-    """PNG pictures of frames, folder/frame_0012.png. Raises RenderError."""
+def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, numbers: Sequence[int], kind: str = "png") -> list[Path]:
+    """Pictures of frames, folder/frame_0012.png; kind: png, svg or pdf. Raises RenderError."""
     return [
-        renderer.render(motion.snapshot(int(k)), Path(folder) / f"frame_{int(k):04d}.png", framing=motion.framing) for k in numbers
+        renderer.render(motion.snapshot(int(k)), Path(folder) / f"frame_{int(k):04d}.{kind}", framing=motion.framing) for k in numbers
     ]
 
 

@@ -33,12 +33,10 @@ LOOK: Any = {
     "legend.fontsize": 8.0,
     "xtick.direction": "in",
     "ytick.direction": "in",
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
     "savefig.dpi": 200,
-    # No date and no random identifiers: the same numbers give the same file.
-    "svg.hashsalt": "magmpm",
 }
+# Text stays text. No date and no random identifiers: the same numbers give the same file.
+_FILES: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "magmpm"}
 _FINEST, _REFERENCE = "#0077BB", "#CC3311"
 
 # Tol's "bright" scheme; line styles tell the curves apart without color.
@@ -344,10 +342,9 @@ def saved(figure: Figure, path: str | Path) -> Path:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     kind = path.suffix[1:].lower() or "png"
-    # No date in the file: the same numbers give the same bytes.
     metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
     # The layout makes room for the ticks it finds: those of the axes' last size are there only once it has been through.
     figure.draw_without_rendering()
-    with whole_file(path) as unfinished:
+    with whole_file(path) as unfinished, rc_context(_FILES):
         figure.savefig(unfinished, format=kind, metadata=metadata)
     return path

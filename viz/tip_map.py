@@ -22,9 +22,14 @@ def draw(
     path: Path, *, fields: np.ndarray, tips: np.ndarray, marks: np.ndarray, kind: str, axes: Sequence[int], shape: Sequence[int],
     length: float, name: str, words: Mapping[str, str],
 ) -> Path:  # fmt: skip
-    """Draw a map into a file. fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.tip_map.Fields;
-    length: m, of the body; words: what each mark means."""
+    """Draw a map into a PNG, SVG or PDF.
+
+    fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.tip_map.Fields;
+    length: m, of the body; words: what each mark means.
+    """
     from matplotlib.figure import Figure
+
+    from magmpm.viz.plots import saved
 
     figure = Figure(figsize=(11.5, 4.6), dpi=150, layout="constrained")
     sides, front, chart = figure.subplots(1, 3, width_ratios=[1.0, 1.0, 1.08])
@@ -41,9 +46,7 @@ def draw(
     handles = [sides.lines[0], *handles]  # the undeformed body
     figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
     figure.suptitle(f"{name}: the tip over {len(fields)} fields", fontsize=12, color=style.INK)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
+    return saved(figure, path)
 
 
 def _side(place: Any, tips: np.ndarray, strength: np.ndarray, marks: np.ndarray, pair: tuple[int, int], length: float) -> Any:

@@ -116,7 +116,7 @@ class Renderer:
         framing: Framing | None = None,
         layout: Layout | None = None,
     ) -> Path:
-        """Draw a snapshot into a PNG file; its folder is made. Returns the path.
+        """Draw a snapshot into a PNG file, or as the image of an SVG or PDF page; its folder is made. Returns the path.
 
         size: width and height in pixels, the layout's own unless given. framing: what is in view, by default the body and its target
         (share one to compare pictures). layout: as the snapshot and the framing's shape call for, unless given. Raises RenderError.

@@ -8,16 +8,16 @@ from __future__ import annotations
 import signal
 import sys
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.results.whole_file import FULL, REFUSED, explained, whole_file
+from magmpm.results.whole_file import FULL, REFUSED, explained
 from magmpm.viz import style
 from magmpm.viz.camera import Framing
 from magmpm.viz.layout import PAGE, Layout
 from magmpm.viz.meshes import tube
+from magmpm.viz.picture_file import save_image
 from magmpm.viz.snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _told(error: Exception) -> str:
 
 
 def draw(snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout, path: str | None) -> np.ndarray | None:
-    """Draw in this process: into the PNG file `path`, which is then whole or not there, or return the image (h, w, 3) uint8."""
+    """Draw in this process: into the file `path` (PNG, SVG or PDF), whole or not there, or return the image (h, w, 3) uint8."""
     if _canvas is None:
         raise RuntimeError("no renderer is open in this process; use viz.worker.Renderer")
     from magmpm.viz import drawing  # Pillow stays out of the caller, which imports this file as well
@@ -71,10 +71,7 @@ def draw(snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: La
     image = drawing.draw(_canvas, snapshot, framing, size, layout)
     if path is None:
         return image
-    from PIL import Image
-
-    with whole_file(Path(path)) as unfinished:
-        Image.fromarray(image).save(unfinished, format="PNG", compress_level=4)
+    save_image(image, path, compress_level=4)
     return None
 
 

@@ -30,8 +30,9 @@ from magmpm.cli import main as magmpm
 from magmpm.errors import InputError
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
-from magmpm.viz.figure_panels import beside, composed, figure, save
+from magmpm.viz.figure_panels import beside, composed, figure
 from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.picture_file import save_image
 from magmpm.viz.worker import Renderer
 
 HERE = Path(__file__).resolve().parent
@@ -110,7 +111,7 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
         words = measures().words
         moments = [(shown, k) for shown, some in zip(motions, numbers) for k in some]
         image = composed(moments, renderer, len(numbers[0]), 1800, [words(shown.motion, k) for shown, k in moments])
-        save(image, folders[0] / "moments.png")
+        save_image(image, folders[0] / "moments.png", optimize=True)
         beside(motions, folders[0] / "movie.mp4", renderer, lambda shown, k: words(shown.motion, k))
 
 

@@ -35,7 +35,7 @@ def command(options: argparse.Namespace) -> int:
 
         files = [*save(ladder, folder)]
         if len(ladder.rungs) > 1:  # one alone has no error to be drawn
-            files.append(accuracy(ladder.summary()["rungs"], folder / "accuracy.png", title=scene.name))
+            files.append(accuracy(ladder.summary()["rungs"], folder / f"accuracy.{options.format}", title=scene.name))
         kept.sign_accuracy()
     summary = {**ladder.summary(), "files": [str(path) for path in files]}
     print_summary(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.cli.answers import STYLES
+from magmpm.results.file_names import FORMATS
 
 Commands = Any  # argparse gives its sub-commands no public type
 
@@ -85,6 +86,7 @@ def _accuracy(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("scene", metavar="SCENE", help="scene file; its `reference` is compared with where given")
     parser.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
     parser.add_argument("--motion", action="store_true", help="compare with motions that settle, in both formulations, too")
+    _format(parser)
     _overwriting(parser, "results of another scene")
     _common(parser, "runs/NAME, with the scene's name")
     return parser
@@ -114,6 +116,7 @@ def _render(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--frames", metavar="N,N,...", help="frames of a motion as pictures of their own, or `all`")
     parser.add_argument("--fps", type=_rate, metavar="N", help="frames of the movie a second [it lasts about 6 s]")
     _style(parser, "surface for a run, particles for a study")
+    _format(parser)
     _common(parser, "into the folder itself")
     return parser
 
@@ -177,6 +180,7 @@ def _map(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--strengths", type=int, metavar="N", help="strengths along each direction [8]")
     parser.add_argument("--plane", metavar="AXES", help="a grid of two components, such as xz, in place of directions to all sides")
     parser.add_argument("--cells", type=int, metavar="N", help="cells across, in place of the scene's resolution")
+    _format(parser)
     _common(parser, "runs/NAME, with the scene's name")
     return parser
 
@@ -255,6 +259,7 @@ def _fit(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument("--known", metavar="NAME=SHARE,...", help="constants known beforehand, with standard deviations, remanence=2%%")
     parser.add_argument("--level", metavar="PERCENT", type=float, default=95.0, help="of the intervals [95]")
     parser.add_argument("--quick", action="store_true", help="one descent alone, and no finer grid to compare with")
+    _format(parser)
     _common(parser, "runs/NAME-fit, with the scene's name")
     return parser
 
@@ -286,6 +291,10 @@ def _overwriting(parser: argparse.ArgumentParser, what: str) -> None:
 
 def _style(parser: argparse.ArgumentParser, usual: str) -> None:
     parser.add_argument("--style", choices=STYLES, help=f"what a body at rest is drawn by [{usual}]")
+
+
+def _format(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--format", choices=FORMATS, default="png", help="of pictures: plots are drawn in lines, bodies are an image [png]")
 
 
 def _rate(text: str) -> float:

@@ -224,16 +224,16 @@ def refuse_study(folder: Path) -> None:
         raise InputError(worded(f"{folder}: holds a study", rule=rule, remedy="use another --out"))
 
 
-def render_study(folder: Path, out: Path, *, smooth: bool = False) -> tuple[list[Path], str]:
+def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "png") -> tuple[list[Path], str]:
     """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note.
 
-    smooth: bodies are drawn by their surface in place of their particles.
+    smooth: bodies are drawn by their surface in place of their particles; kind: of picture files, png, svg or pdf.
     """
     from magmpm.viz.worker import Renderer
 
     report = saved_report(folder)
     with Renderer() as renderer:
-        return draw_study(folder, report, saved_target(folder), renderer, out, smooth=smooth), renderer.note
+        return draw_study(folder, report, saved_target(folder), renderer, out, smooth=smooth, kind=kind), renderer.note
 
 
 def saved_report(folder: Path) -> dict[str, Any]:
@@ -275,6 +275,7 @@ def draw_study(
     out: Path | None = None,
     *,
     smooth: bool = False,
+    kind: str = "png",
 ) -> list[Path]:
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.inputs.csv_tables import write_centreline
@@ -303,7 +304,7 @@ def draw_study(
     files = []
     if (folder / BEST).exists():
         best = snapshot(folder / BEST)
-        files.append(renderer.render(best, out / "best.png", size=FINAL_SIZE if best.insets else None))
+        files.append(renderer.render(best, out / f"best.{kind}", size=FINAL_SIZE if best.insets else None))
         files += draw_movie(folder / BEST, out, report["name"], renderer)
     if report["rms_m"]:
         penalised = report["failed_trials"]
@@ -311,14 +312,14 @@ def draw_study(
             renderer.run(
                 plots.convergence,
                 report["rms_m"],
-                out / "convergence.png",
+                out / f"convergence.{kind}",
                 report["stop_rms_m"],
                 report["name"],
                 penalised,
             )
         )
     if report.get("pareto"):
-        files.append(renderer.run(plots.pareto, report, out / "pareto.png"))
+        files.append(renderer.run(plots.pareto, report, out / f"pareto.{kind}"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
         files.append(

@@ -12,7 +12,7 @@ from typing import Any
 from magmpm.cli.answers import print_summary, results_folder
 from magmpm.errors import InputError, report
 
-REPORT, TABLE, SCENE, PICTURE = "fit.json", "residuals.csv", "fitted_scene.yaml", "fit.png"
+REPORT, TABLE, SCENE = "fit.json", "residuals.csv", "fitted_scene.yaml"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -43,13 +43,13 @@ def command(options: argparse.Namespace) -> int:
             raise
         for warning in found.warnings:
             print(f"magmpm: warning: {warning}", file=sys.stderr)
-        files = _saved(folder, found, Path(options.scene))
+        files = _saved(folder, found, Path(options.scene), options.format)
     numbers = {**summary(found), "folder": str(folder), "files": [str(path) for path in files]}
     print_summary(options, numbers, "\n".join([text(found), *(f"  saved            {path}" for path in files)]))
     return 0
 
 
-def _saved(folder: Path, found: Any, source: Path) -> list[Path]:
+def _saved(folder: Path, found: Any, source: Path, kind: str) -> list[Path]:
     """The report, the residuals, the fitted scene and the picture."""
     from magmpm.results.whole_file import whole_file, write_json
     from magmpm.studies.fitting import fitted_scene, residuals_table, shown, summary
@@ -60,7 +60,7 @@ def _saved(folder: Path, found: Any, source: Path) -> list[Path]:
     for name, content in ((TABLE, residuals_table(found)), (SCENE, fitted_scene(found, source, folder))):
         with whole_file(folder / name) as part:
             part.write_text(content, encoding="utf-8")
-    picture = fitted(shown(found), folder / PICTURE, title=found.scene.name)
+    picture = fitted(shown(found), folder / f"fit.{kind}", title=found.scene.name)
     return [*(folder / name for name in (REPORT, TABLE, SCENE)), picture]
 
 

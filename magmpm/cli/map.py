@@ -36,7 +36,7 @@ def command(options: argparse.Namespace) -> int:
     files = found.save(folder)
     files.append(
         draw(
-            folder / "map.png", fields=fields.values, tips=found.tip, marks=found.mark, kind=fields.kind, axes=fields.axes,
+            folder / f"map.{options.format}", fields=fields.values, tips=found.tip, marks=found.mark, kind=fields.kind, axes=fields.axes,
             shape=fields.shape, length=scene.length, name=scene.name, words=MARKS,
         )
     )  # fmt: skip

@@ -22,17 +22,23 @@ if TYPE_CHECKING:
 
 def command(options: argparse.Namespace) -> int:
     """Draw, and say what was made. Returns the exit status. Raises InputError, RenderError."""
-    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps, style=options.style)
+    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps, style=options.style, kind=options.format)
     print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
     return 0
 
 
 def render(
-    folder: Path, out: Path | None, *, frames: str | None = None, fps: float | None = None, style: str | None = None
+    folder: Path,
+    out: Path | None,
+    *,
+    frames: str | None = None,
+    fps: float | None = None,
+    style: str | None = None,
+    kind: str = "png",
 ) -> list[str]:
     """Draw what a run or a study left in a folder, into `out` or the folder itself; the files. A note of the renderer goes to stderr.
 
-    style: SURFACE or PARTICLES; unless given, a surface for a run and particles for a study.
+    style: SURFACE or PARTICLES; unless given, a surface for a run and particles for a study. kind: of picture files, one of FORMATS.
 
     Raises InputError where there is nothing to draw or `out` can't be written, RenderError where nothing can be drawn.
     """
@@ -49,18 +55,18 @@ def render(
         )
     if is_study(folder):
         with folder_lock(out or folder):
-            return _told(*render_study(folder, out or folder, smooth=style == SURFACE))
+            return _told(*render_study(folder, out or folder, smooth=style == SURFACE, kind=kind))
     if not any((folder / name).exists() for name in (MOTION, NUMBERS)):
         raise InputError(
             f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
         )
     with folder_lock(out or folder):
-        return draw_run(folder, out or folder, frames=frames, fps=fps, style=style)
+        return draw_run(folder, out or folder, frames=frames, fps=fps, style=style, kind=kind)
 
 
-def draw_run(folder: Path, out: Path, **kind: Any) -> list[str]:
+def draw_run(folder: Path, out: Path, **options: Any) -> list[str]:
     """Draw what a run left in a folder into `out`; the files. Options as of `render_run`."""
-    return _told(*render_run(folder, out, **kind))
+    return _told(*render_run(folder, out, **options))
 
 
 def _told(files: list[Path], note: str) -> list[str]:
@@ -70,14 +76,14 @@ def _told(files: list[Path], note: str) -> list[str]:
 
 
 def render_run(
-    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None, style: str | None = None
+    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None, style: str | None = None, kind: str = "png"
 ) -> tuple[list[Path], str]:
     """Draw what a run left in a folder into `out`. Returns the files, and a note on what could not be done as wished, or "".
 
     A motion gets its movie, its moments (the first, the last, and that between which is most unlike both), its last moment as a picture
     and its energies; an equilibrium gets its picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps:
     frames of the movie a second; style: how an equilibrium is drawn, by its surface unless given. Motions are always drawn by it.
-    Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
+    kind: of picture files. Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
     """
     from magmpm.viz.worker import Renderer
 
@@ -91,11 +97,11 @@ def render_run(
         )
     with Renderer() as renderer:
         if motion is not None:
-            files, note = _render_motion(motion, out, renderer, frames, fps)
+            files, note = _render_motion(motion, out, renderer, frames, fps, kind)
         else:
             from magmpm.results.result import Result
 
-            files, note = [draw_result(Result.load(folder), out / PICTURE, renderer, style)], ""
+            files, note = [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)], ""
         return files, " ".join(filter(None, (note, renderer.note)))
 
 
@@ -125,7 +131,7 @@ def motion_of(folder: Path) -> Motion | None:
 
 
 def _render_motion(
-    motion: Motion, out: Path, renderer: Renderer, frames: str | None, fps: float | None
+    motion: Motion, out: Path, renderer: Renderer, frames: str | None, fps: float | None, kind: str
 ) -> tuple[list[Path], str]:
     from magmpm.viz import movies, plots
     from magmpm.viz.figure_panels import figure
@@ -139,15 +145,20 @@ def _render_motion(
     shown = MotionRenderer(motion)
     if read_mapping(motion.folder / NUMBERS).get("failure"):
         shown.title += " (stopped before its end)"
-    files = movies.pictures(shown, out / FRAMES, renderer, wanted)
+    files = movies.pictures(shown, out / FRAMES, renderer, wanted, kind)
     last = len(motion) - 1
-    files.append(renderer.render(shown.snapshot(last), out / PICTURE, framing=shown.framing))
-    files.append(figure(shown, out / MOMENTS, renderer))
+    files.append(renderer.render(shown.snapshot(last), _named(out / PICTURE, kind), framing=shown.framing))
+    files.append(figure(shown, _named(out / MOMENTS, kind), renderer))
     if motion.energies:
         jumps = [jump["time"] for jump in motion.jumps]
-        files.append(renderer.run(plots.motion, motion.energies, motion.contacts, out / ENERGIES_PLOT, motion.name, jumps))
+        energies = _named(out / ENERGIES_PLOT, kind)
+        files.append(renderer.run(plots.motion, motion.energies, motion.contacts, energies, motion.name, jumps))
     made = movies.movie(shown, out / MOVIE, renderer, fps=fps)
     return [made.path, *files], made.note
+
+
+def _named(path: Path, kind: str) -> Path:
+    return path.with_suffix(f".{kind}")
 
 
 def _numbers(text: str | None, count: int) -> Sequence[int]:

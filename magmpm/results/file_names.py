@@ -13,8 +13,17 @@ OWNER, EARLIER, FAILED, TRYING = "scene-file.json", "earlier", "failed", "trying
 
 OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
 OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, STEPS, JUMPS, ABOUT)
-PICTURES = (PICTURE, MOVIE, "movie.gif", MOMENTS, ENERGIES_PLOT)
-OF_ACCURACY = ("accuracy.csv", "accuracy.json", "accuracy.png")  # of `magmpm accuracy`
+
+FORMATS = ("png", "svg", "pdf")  # of pictures
+
+
+def forms(name: str) -> tuple[str, ...]:
+    """A picture's names in every form that `--format` offers."""
+    return tuple(str(Path(name).with_suffix(f".{kind}")) for kind in FORMATS)
+
+
+PICTURES = (MOVIE, "movie.gif", *forms(PICTURE), *forms(MOMENTS), *forms(ENERGIES_PLOT))
+OF_ACCURACY = ("accuracy.csv", "accuracy.json", *forms("accuracy.png"))  # of `magmpm accuracy`
 
 
 def forget_motion(folder: Path | str) -> None:

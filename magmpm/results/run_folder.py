@@ -20,6 +20,7 @@ from magmpm.results.file_names import (
     CHECKPOINT,
     EARLIER,
     FAILED,
+    FORMATS,
     FRAMES,
     MOTION,
     NUMBERS,
@@ -192,8 +193,9 @@ def _remove(folder: Path, names: tuple[str, ...] = (*OF_EQUILIBRIUM, *OF_MOTION,
         if name not in kept:
             (folder / name).unlink(missing_ok=True)
     frames = folder / FRAMES
-    for picture in frames.glob("frame_*.png"):
-        picture.unlink()
+    for picture in frames.glob("frame_*"):
+        if picture.suffix[1:] in FORMATS:
+            picture.unlink()
     if folder.name in (EARLIER, FAILED):
         (folder / LOCK).unlink(missing_ok=True)  # of `magmpm render`
     for empty in (frames, folder):

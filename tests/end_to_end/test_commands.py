@@ -161,6 +161,8 @@ def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, capsys: pytest
     files = json.loads(capsys.readouterr().out)["files"]
     assert {Path(f).name for f in files} >= {"best.png", "convergence.png"}
     assert all(Path(f).exists() for f in files)
+    assert main(["render", "runs/study", "--out", "paper", "--format", "pdf"]) == 0
+    assert {path.name for path in (folder / "paper").glob("*.pdf")} == {"best.pdf", "convergence.pdf"}
 
 
 def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,6 +174,8 @@ def test_accuracy_leaves_table_and_picture(folder: Path, capsys: pytest.CaptureF
     assert errors[0] > errors[1] > 0
     for name in ("accuracy.csv", "accuracy.json", "accuracy.png"):
         assert (folder / "runs/small" / name).exists(), name
+    assert main(["accuracy", "scene.yaml", "--cells", "2,3", "--format", "svg"]) == 0
+    assert "<text" in (folder / "runs/small/accuracy.svg").read_text(encoding="utf-8"), "text as text"
 
 
 def test_every_broken_scene_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

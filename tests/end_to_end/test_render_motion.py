@@ -30,6 +30,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "runs" / "bending"
 
 
+@pytest.mark.parametrize("kind", ["svg", "pdf"])
+def test_pictures_for_papers(folder: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "runs/bending", "--json", "--frames", "0", "--format", kind]) == 0
+    files = json.loads(capsys.readouterr().out)["files"]
+    names = ["movie.mp4", *(f"{name}.{kind}" for name in ("frames/frame_0000", "picture", "moments", "energies"))]
+    assert files == [f"runs/bending/{name}" for name in names]
+    begins = {"svg": b"<?xml", "pdf": b"%PDF-"}[kind]
+    assert all(Path(file).read_bytes().startswith(begins) for file in files[1:])
+    assert not list(folder.glob("**/*.png"))
+    if kind == "svg":
+        assert "energy since the start" in (folder / "energies.svg").read_text(encoding="utf-8"), "text as text"
+
+
 def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
