@@ -33,8 +33,13 @@ def telling_states(script: str) -> str:
     return COLUMN.sub(NEW_COLUMN, CHIP.sub(NEW_CHIP, script))
 
 
-def page(app: Application) -> Application:
-    """The dashboard, a WSGI application, with that script."""
+# Buttons that are refused without --write are not shown.
+EDITING = ", ".join(f"[aria-label='{label}']" for label in ("delete study", "rename study", "delete artifact"))
+READ_ONLY = f'document.head.insertAdjacentHTML("beforeend", "<style>{EDITING} {{display: none !important}}</style>");\n'
+
+
+def page(app: Application, write: bool) -> Application:
+    """The dashboard, a WSGI application, with that script. `write`: it may edit."""
     made: list[bytes] = []  # from the first request on
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
@@ -44,7 +49,7 @@ def page(app: Application) -> Application:
             body = _whole(app, environ)
             if body is None:
                 return app(environ, start)
-            made.append(telling_states(body).encode())
+            made.append((("" if write else READ_ONLY) + telling_states(body)).encode())
         headers = [("Content-Type", "text/javascript; charset=utf-8"), ("Content-Length", str(len(made[0])))]
         start("200 OK", [*headers, ("Cache-Control", "no-store")])  # another dashboard at this address has another script
         return made

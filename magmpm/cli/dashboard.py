@@ -71,7 +71,7 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(report(f"storage {shown_url(url)}", rule=rule, remedy=remedy)) from None
     Notes(study, folder, artifacts).keep_up()
     guard, start = Guard(), f"/dashboard/studies/{study._study_id}"
-    app = guarded(page(wsgi(DashboardView(storage), artifact_store=artifacts)), guard, start, options.write)
+    app = guarded(page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write), guard, start, options.write)
     try:
         server = make_server(LOOPBACK, port, app, _Server, _Handler)
     except OSError as error:

@@ -69,6 +69,7 @@ KINDS = {
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _NOT_FINITE = re.compile(r"[+-]?\.?(?:nan|inf|infinity)\b", re.IGNORECASE)
+MOST_UNIT = 40  # characters of a unit, also in messages
 # three-digit or chained exponents name no unit, and would let pint raise factors to absurd powers
 _ABSURD_UNIT = re.compile(r"\d{3}|(?:\*\*|\^)[^*/ ]*(?:\*\*|\^)")
 
@@ -96,7 +97,7 @@ def parse_quantity(text: str, kind: Kind) -> float:
         raise BadQuantity(f"{a(kind.name)} must begin with a number", write)
     unit = text[number.end() :].strip()
     if not unit:
-        raise BadQuantity(f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()} {kind.example.split()[1]}"')
+        raise BadQuantity(f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()[:MOST_UNIT]} {kind.example.split()[1]}"')
     if unit.startswith("/"):
         unit = f"1{unit}"
     if unit[0] == "," or (unit[0].isdigit() and not unit.startswith("1/")):
@@ -140,11 +141,11 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     """Exact factor from `unit` to the kind's SI unit, by pint. Raises BadQuantity."""
     kind = KINDS[kind_name]
     write = f'use a unit such as in "{kind.example}"'
+    if _ABSURD_UNIT.search(unit) or len(unit) > MOST_UNIT:
+        raise BadQuantity(f'"{unit[:MOST_UNIT]}" is not a unit', write)
     registry = _registry()
     import pint
 
-    if _ABSURD_UNIT.search(unit) or len(unit) > 40:
-        raise BadQuantity(f'"{unit}" is not a unit', write)
     try:
         found, wanted = registry.parse_units(unit), registry.parse_units(kind.si)
         names = set(found._units)
@@ -173,7 +174,7 @@ def _factor(unit: str, kind: Kind) -> Fraction:
     """Exact factor from `unit` to the kind's SI unit. Raises BadQuantity."""
     plain = kind.plain.get(unit)
     if plain is None and kind.name == "percentage":  # pint would take any number without a dimension, such as degrees
-        raise BadQuantity(f'a percentage is due here, and "{unit}" is not %', f'write, say, "{kind.example}"')
+        raise BadQuantity(f'a percentage is due here, and "{unit[:MOST_UNIT]}" is not %', f'write, say, "{kind.example}"')
     return plain if plain is not None else _factor_in_pint(unit, kind.name)
 
 

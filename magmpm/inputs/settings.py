@@ -53,6 +53,7 @@ __all__ = [
 
 M = TypeVar("M", bound=BaseModel)
 MOST_TOLD = 20  # problems of a file: more would hide the first
+MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are told
 
 
 class Settings(BaseModel):
@@ -169,25 +170,27 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
     if path is None and isinstance(data, Document):
         path = data.path
     file = Path(path) if path is not None else None
-    problems = empty_values(data) if file is not None else []
+    problems, left = empty_values(data) if file is not None else [], 0
     empty = {problem.at for problem in problems}
     try:
         result = model.model_validate(dict(data), context={"file": file})
         if not problems:
             return result
     except ValidationError as error:
-        found = [translate(model, data, dict(e)) for e in error.errors(include_url=False) if not overruled(e)]
+        errors = [e for e in error.errors(include_url=False) if not overruled(e)]
+        found, left = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]], max(0, len(errors) - MOST_WORDED)
         # a misspelled key that is required is one mistake, not two
         meant = {(*p.at[:-1], near) for p in found if (near := nearest_key(model, p.at)) is not None}
         problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
     lines = data.lines if isinstance(data, Document) else {}
     told = sorted(problems, key=lambda p: p.line(lines))[:MOST_TOLD]
     text = "\n".join(problem.text(file, lines) for problem in told)
-    if len(problems) > MOST_TOLD:
-        text += f"\n... and {len(problems) - MOST_TOLD} more"
-    if len(problems) > 1:
-        text = f"{len(problems)} problems in {file if file is not None else 'the input'}\n{text}"
-    raise (NotThereYet if all(p.later for p in problems) else InputError)(text)
+    count = len(problems) + left
+    if count > MOST_TOLD:
+        text += f"\n... and {count - MOST_TOLD} more"
+    if count > 1:
+        text = f"{count} problems in {file if file is not None else 'the input'}\n{text}"
+    raise (NotThereYet if all(p.later for p in problems) and not left else InputError)(text)
 
 
 class _InputSchema(GenerateJsonSchema):

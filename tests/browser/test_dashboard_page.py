@@ -179,6 +179,26 @@ def test_the_printed_address_opens_on_the_study(page: Any, served: Any, address:
     assert page.evaluate("document.cookie") == ""
 
 
+def test_the_list_of_studies_has_no_button_that_would_be_refused(page: Any, tools: Any, out: Path, address: str, tmp_path: Path) -> None:
+    """Begun with --write, it has."""
+    from dashboard_client import dashboard
+
+    page.goto(f"{address}/dashboard")
+    page.get_by_text("probe").first.wait_for(timeout=60000)
+    button = page.get_by_label("delete study")
+    assert button.count() == 1
+    assert not button.is_visible()
+    keep(page, "dashboard_list.png")
+    shutil.copytree(out, tmp_path / "out")  # one dashboard writes to a folder
+    browser = tools.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    with dashboard(tmp_path / "out", "--write") as editing:
+        edits = browser.new_page()
+        edits.goto(editing.url)
+        edits.goto(f"{editing.address}/dashboard")
+        edits.get_by_label("delete study").wait_for(state="visible", timeout=60000)
+    browser.close()
+
+
 def test_a_rebinding_name_and_a_foreign_page_get_nothing(tools: Any, served: Any) -> None:
     """Chromium takes evil.example for this machine, as after DNS rebinding; its page asks and deletes."""
     rules = f"--host-resolver-rules=MAP evil.example 127.0.0.1:{served.port}"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bad_scene import GOOD, BadScene, expected, write
 from bad_scenes import CASES, DAMAGE
 
 from magmpm.errors import InputError, NotThereYet
+from magmpm.inputs import settings
 from magmpm.scene import load_scene
 
 
@@ -58,6 +60,30 @@ def test_damaged_files_never_crash(tmp_path: Path) -> None:
             messages.append(str(error))
     assert all(str(path) in message for message in messages)
     assert len(messages) > 200  # of 400: most damages matter
+
+
+def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes a millisecond: 60 000 keys held a reader up for more than a minute."""
+    worded: list[Any] = []
+    real = settings.translate
+    monkeypatch.setattr(settings, "translate", lambda *given: worded.append(given) or real(*given))
+    path = tmp_path / "probe.yaml"
+    path.write_text(GOOD + "".join(f"k{number}: 1\n" for number in range(3000)))
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    lines = str(caught.value).splitlines()
+    assert lines[0] == f"3000 problems in {path}"
+    assert lines[-1] == "... and 2980 more"
+    assert len(worded) == settings.MOST_WORDED
+
+
+@pytest.mark.parametrize("text", ["1" * 5000, "1" + "e1" * 5000, "1 " + "m" * 5000, "1 m" + "*m" * 5000])
+def test_a_text_without_end_is_not_told_in_full(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "probe.yaml"
+    path.write_text(GOOD.replace("40 mm", f"'{text}'"))
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    assert len(str(caught.value)) < 1000
 
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
