@@ -11,6 +11,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 from magmpm.cli.design import is_study, saved_report
 from magmpm.errors import InputError, report
 from magmpm.inputs.page_guard import LOOPBACK, Guard, GuardedHandler, GuardedServer
+from magmpm.results.folder_lock import refuse_links
 
 
 class _Server(GuardedServer, WSGIServer):
@@ -60,6 +61,7 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.studies.storage import must_exist, open_storage
     from magmpm.studies.storage_url import shown_url
 
+    refuse_links(folder)
     saved = saved_report(folder)
     url = _url(saved["storage"], options.storage)
     must_exist(url, folder)

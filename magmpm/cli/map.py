@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from magmpm.cli.answers import print_summary, results_folder
+from magmpm.cli.design import refuse_study
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError, report
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.yaml_document import of_file
+from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import load_scene
 
 if TYPE_CHECKING:
@@ -31,15 +33,16 @@ def command(options: argparse.Namespace) -> int:
     if options.plane and options.strengths is not None:
         raise InputError("--strengths: belongs to directions over the sphere; leave it out with --plane")
     folder: Path = options.out or results_folder(scene.name)
-    with Progress(f"map of {scene.name}") as progress, of_file(options.scene):
-        found = map_tips(ready(scene, options.cells), fields, progress.at)
-    files = found.save(folder)
-    files.append(
-        draw(
+    with folder_lock(folder):
+        refuse_study(folder)
+        with Progress(f"map of {scene.name}") as progress, of_file(options.scene):
+            found = map_tips(ready(scene, options.cells), fields, progress.at)
+        files = found.save(folder)
+        picture = draw(
             folder / f"map.{options.format}", fields=fields.values, tips=found.tip, marks=found.mark, kind=fields.kind, axes=fields.axes,
             shape=fields.shape, length=scene.length, name=scene.name, words=MARKS,
-        )
-    )  # fmt: skip
+        )  # fmt: skip
+    files.append(picture)
     print_summary(options, {**found.summary(), "files": [str(path) for path in files]}, _text(found, files))
     return 0
 

@@ -11,6 +11,8 @@ CHECKPOINT = "checkpoint.npz"
 PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
 OWNER, EARLIER, FAILED, TRYING = "scene-file.json", "earlier", "failed", "trying"
 
+SUBFOLDERS = (FRAMES, EARLIER, FAILED, TRYING, "best", "improvements", "pictures", "artifacts", "schedule")  # a run's and a study's
+
 OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
 OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, STEPS, JUMPS, ABOUT)
 

@@ -17,7 +17,7 @@ from tempfile import TemporaryFile
 from typing import IO
 
 from magmpm.errors import InputError, report
-from magmpm.results.file_names import CHECKPOINT
+from magmpm.results.file_names import CHECKPOINT, SUBFOLDERS
 
 LOCK = ".lock"
 PATIENCE = 2.0  # s: a process that has just been killed may need a moment to go
@@ -32,7 +32,8 @@ class FolderInUse(InputError):
 def folder_lock(folder: Path | str) -> Iterator[None]:
     """Hold a folder of results, made if missing, as its only writer. A thread that holds it already goes on.
 
-    Raises FolderInUse, which says who holds it and since when; InputError where the folder can't be written.
+    Raises FolderInUse, which says who holds it and since when; InputError where the folder can't be written, or what is written there
+    would land elsewhere.
     """
     folder = Path(folder)
     key = (folder.resolve(), threading.get_ident())
@@ -48,6 +49,7 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
         if not os.access(folder, os.W_OK | os.X_OK):
             number = errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES
             raise OSError(number, os.strerror(number), str(folder))
+        refuse_links(folder)
         while True:
             stream = (folder / LOCK).open("a+", encoding="utf-8")
             _take(stream, folder)
@@ -64,6 +66,21 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
             del _held[key]
             with suppress(OSError):
                 (folder / LOCK).unlink()
+
+
+def refuse_links(folder: Path) -> None:
+    """Raises InputError where a link leads out of a folder of results, perhaps someone else's: writing would follow it to any file."""
+    for path in (*folder.iterdir(), *(inner for name in SUBFOLDERS for inner in _below(folder / name))):
+        if path.is_symlink() and (path.name in SUBFOLDERS or not path.is_dir()) and not path.resolve().is_relative_to(folder.resolve()):
+            rule = "what is written to a folder of results must not land elsewhere"
+            received = f"a link to {os.readlink(path)}"
+            raise InputError(report(str(path), received=received, rule=rule, remedy="remove the link, or use another folder"))
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """All that a folder holds, links not followed."""
+    for at, folders, files in os.walk(folder):
+        yield from (Path(at) / name for name in (*folders, *files))
 
 
 @contextmanager

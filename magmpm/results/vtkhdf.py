@@ -304,12 +304,30 @@ def opened(path: Path) -> h5py.File:
         if state != seen:
             seen, since = state, now
         try:
-            return h5py.File(path, "r", locking=False)
+            return self_contained(path, h5py.File(path, "r", locking=False))
         except OSError:
             patience = _PATIENCE if marked_in_order(path) else _MOMENT
             if now - since > patience or now - begun > _LONGEST:
                 raise
             clock.sleep(_MOMENT)
+
+
+def self_contained(path: Path, file: h5py.File) -> h5py.File:
+    """The file, if all that it holds is in it. Raises InputError where HDF5 would read, or on `--resume` write, another file."""
+    foreign: list[str] = []
+
+    def look(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            foreign.append(name)
+        elif isinstance(link, h5py.HardLink) and isinstance(item := file[name], h5py.Dataset) and (item.external or item.is_virtual):
+            foreign.append(name)
+
+    file.visititems_links(look)
+    if foreign:
+        file.close()
+        rule = "a motion's file holds all of its data itself"
+        raise InputError(report(f"{path}: {foreign[0]}", received="data of another file", rule=rule, remedy="run the scene again"))
+    return file
 
 
 def steady(path: Path, read: Callable[[h5py.File], T]) -> T:
