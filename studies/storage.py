@@ -259,6 +259,10 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
         with storage_faults(url, timeout):
             connection = sqlite3.connect(path, timeout=timeout)
             try:
+                code = connection.execute("SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')").fetchone()
+                if code is not None:
+                    rule = "a database of trials has tables alone: triggers and views are code, which would run here"
+                    raise InputError(report(f"{path}: holds the {code[0]} {code[1]}", rule=rule, remedy="use another --out or --storage"))
                 connection.execute("PRAGMA journal_mode=WAL")
                 (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
                 if found != "ok":

@@ -172,6 +172,20 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
     assert (tmp_path / "out/study.db").read_text().startswith("minutes")
 
 
+@pytest.mark.parametrize("code", [
+    "CREATE TRIGGER t AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
+    "ALTER TABLE trial_values RENAME TO v; CREATE VIEW trial_values AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c",
+])  # fmt: skip
+def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
+    """It would delete trials, or keep a reader busy without end."""
+    run(tmp_path, trials=1)
+    connection = sqlite3.connect(tmp_path / "out/study.db")
+    connection.executescript(code)
+    connection.close()
+    with pytest.raises(InputError, match="holds the (trigger|view) t"):
+        run(tmp_path)
+
+
 def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
     """The message says what may save it, and does not claim that the study resumes."""
     run(tmp_path, trials=3)
