@@ -66,6 +66,18 @@ def test_units_and_columns(tmp_path: Path) -> None:
     assert found.states[0].lines.tolist() == [3, 4]
 
 
+@pytest.mark.parametrize(("column", "field"), [
+    ("field_mT", (6e-3, 0.0, 8e-3)),  # along the scene's
+    ("field_y_mT", (3e-3, 10e-3, 4e-3)),  # components without a column are the scene's
+    ("s_mm", None),
+])  # fmt: skip
+def test_the_field_of_a_row(column: str, field: tuple[float, ...] | None, tmp_path: Path) -> None:
+    scene, measured = SCENE.with_field([3e-3, 0.0, 4e-3]), "x_mm" if column == "s_mm" else "tip_x_mm"
+    (state,) = read_measured(table(tmp_path, f"{column},{measured}\n10,38\n10,39\n"), scene).states
+    assert state.field == (None if field is None else pytest.approx(field, rel=1e-14))  # to rounding
+    assert len(state.lines) == 2, "one state of the body"
+
+
 @pytest.mark.parametrize(("separator", "point"), [(";", "."), (";", ","), ("\t", "."), ("\t", ",")])
 def test_spreadsheets_separate_by_semicolons_and_tabs(tmp_path: Path, separator: str, point: str) -> None:
     """With decimal commas too, as in most of Europe: the same numbers."""
