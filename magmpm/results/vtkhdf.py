@@ -317,9 +317,8 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
     foreign: list[str] = []
 
     def look(name: str, link: Any) -> None:
-        if isinstance(link, h5py.ExternalLink):
-            foreign.append(name)
-        elif isinstance(link, h5py.HardLink) and isinstance(item := file[name], h5py.Dataset) and (item.external or item.is_virtual):
+        item = file[name] if isinstance(link, h5py.HardLink) else None
+        if isinstance(link, h5py.ExternalLink) or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
             foreign.append(name)
 
     file.visititems_links(look)

@@ -174,7 +174,8 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
 
 @pytest.mark.parametrize("code", [
     "CREATE TRIGGER t AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
-    "ALTER TABLE trial_values RENAME TO v; CREATE VIEW trial_values AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c",
+    "ALTER TABLE trial_values RENAME TO v; "
+    "CREATE VIEW trial_values AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c",
 ])  # fmt: skip
 def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
     """It would delete trials, or keep a reader busy without end."""
@@ -182,7 +183,7 @@ def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
     connection = sqlite3.connect(tmp_path / "out/study.db")
     connection.executescript(code)
     connection.close()
-    with pytest.raises(InputError, match="holds the (trigger|view) t"):
+    with pytest.raises(InputError, match=r"holds the (trigger|view) t"):
         run(tmp_path)
 
 
