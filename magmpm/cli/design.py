@@ -307,17 +307,8 @@ def draw_study(
         files.append(renderer.render(best, out / f"best.{kind}", size=FINAL_SIZE if best.insets else None))
         files += draw_movie(folder / BEST, out, report["name"], renderer)
     if report["rms_m"]:
-        penalised = report["failed_trials"]
-        files.append(
-            renderer.run(
-                plots.convergence,
-                report["rms_m"],
-                out / f"convergence.{kind}",
-                report["stop_rms_m"],
-                report["name"],
-                penalised,
-            )
-        )
+        shown = (report["rms_m"], out / f"convergence.{kind}", report["stop_rms_m"], report["name"], report["failed_trials"])
+        files.append(renderer.run(plots.convergence, *shown))
     if report.get("pareto"):
         files.append(renderer.run(plots.pareto, report, out / f"pareto.{kind}"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
