@@ -1,7 +1,8 @@
 """`make faults`: injects faults into studies and motions, and counts the completed trials and frames that are lost.
 
 python tests/faults/faults.py [--kills N] [--seed S] [--out DIR] [--only PART]: prints the table, adds it to that of DIR/faults.json; exit
-status 1 where something was lost, or was not as it has to be. "met" counts the faults that found completed trials (or frames) to lose.
+status 1 where something was lost, or was not as it has to be. "met" counts the faults that found completed trials (or frames) to lose;
+N is of kills that did.
 """
 
 from __future__ import annotations
@@ -52,7 +53,10 @@ def rows(faults: dict[str, Fault]) -> Iterator[Row]:
         except Exception as error:
             traceback.print_exc()
             found = Row(name, wrong=[f"the probe itself failed: {error!r}"[:300]])
-        yield from found if isinstance(found, list) else [found]
+        for row in found if isinstance(found, list) else [found]:
+            if row.injected and not row.met:
+                row.wrong.append("it met no completed trial or frame, so it shows nothing")
+            yield row
 
 
 def add(found: list[Row], row: Row) -> None:
@@ -78,7 +82,7 @@ def show(row: Row) -> None:
 def main() -> int:
     """Inject them. Returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=500, help="SIGKILLs in all [500]")
+    parser.add_argument("--kills", type=int, default=500, help="SIGKILLs that meet completed trials or frames, in all [500]")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/faults"))
     parser.add_argument("--only", choices=PARTS, action="append", help="these parts of the table alone")

@@ -121,15 +121,29 @@ def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: s
         row.wrong.append("a traceback")
 
 
+def until_met(row: Row, count: int) -> Iterator[int]:
+    """Numbers of attempts, until so many kills have met something complete, or hopelessly many have been tried (the row then says so).
+
+    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough.
+    """
+    for attempt in range(3 * count + 20):
+        if row.met >= count:
+            return
+        yield attempt
+    if row.met < count:
+        row.wrong.append(f"{row.met} of {count} kills met something complete")
+
+
 def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int) -> Row:
-    """SIGKILL of the session, or of one of its workers, at random moments."""
+    """SIGKILL of the session, or of one of its workers, at random moments, until `count` of them have met completed trials."""
     row = Row(f"SIGKILL, studies, {'one process' if not workers else f'{workers} workers'}")
-    trials, k = 40, 0
-    while row.injected < count:
-        k += 1
-        folder = base / f"kills-{workers}-{k}"
+    trials, attempts = 40, until_met(row, count)
+    for number in attempts:
+        folder = base / f"kills-{workers}-{number}"
         study, out = study_of(folder, trials), folder / "out"
-        while row.injected < count and finished(out) < trials:
+        for _ in attempts:
+            if finished(out) >= trials:
+                break
             child = begin(study, out, workers, TEST_SECONDS="0.02")
             begun, known = time.monotonic(), finished(out)
             early = drawn.random() < 0.2  # some kills meet the start: tables, locks, the first trial
@@ -157,17 +171,20 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
 
 
 def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
-    """SIGKILL of motions at random moments, each resumed; at the end all frames are there, and the last state is bit for bit the same."""
-    row, k = Row("SIGKILL, motions (frames)"), 0
+    """SIGKILL of motions at random moments, until `count` of them have met frames, each resumed.
+
+    At the end all frames are there, and the last state is bit for bit the same.
+    """
+    row = Row("SIGKILL, motions (frames)")
+    attempts = until_met(row, count)
     dynamic = "duration: 200 ms, output_every: 1 ms"
     whole = base / "whole"
     _motion(motion_scene(base, dynamic), whole).communicate()
     wanted = Motion.load(whole)
-    while row.injected < count:
-        k += 1
-        out = base / f"motion-{k}"
+    for number in attempts:
+        out = base / f"motion-{number}"
         scene, more = motion_scene(base, dynamic), []
-        while row.injected < count:
+        for _ in attempts:
             child = _motion(scene, out, *more)
             begun = time.monotonic()
             while not (out / CHECKPOINT).exists() and child.poll() is None and time.monotonic() < begun + 120:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,37 @@ import yaml
 from hypothesis import strategies as st
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENES = sorted((ROOT / "data/scenes").rglob("*.yaml"))
-STUDIES = sorted((ROOT / "data/studies").glob("*.yaml"))
+REAL_ROBOTS = ROOT.parent / "shared/robots"  # robots of the magneticMPM format, if they lie beside the project
+
+
+def texts(files: Iterable[Path]) -> list[str]:
+    return [path.read_text(encoding="utf-8") for path in sorted(files)]
+
+
+ROBOT = """name: Tiny
+n_segments: 2
+remenance: 0.138
+segments:
+- {mesh: base.STL, magnetisation_vector: [0, 0, 0], density: 927, shear_modulus: 120000, fixed: true}
+- {mesh: cube.STL, magnetisation_vector: [0.8, 0, 0.6], density: 1882, shear_modulus: 120000, fixed: false}
+"""
+PARTS = """name: two parts
+materials:
+  rubber: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}
+body:
+  parts:
+    unit: mm
+    meshes:
+    - {mesh: meshes/base.STL, material: rubber, clamp: true}
+    - {mesh: part.stl, material: rubber, magnetization: [1, 0, 0]}
+field: {uniform: [0 mT, 0 mT, 8 mT]}
+effects: {magnetic_torque: {}, gravity: {}}
+solver: {static: {}}
+resolution: {cells_across: 2}
+"""
+SCENES = texts((ROOT / "data/scenes").rglob("*.yaml"))
+STUDIES = texts((ROOT / "data/studies").glob("*.yaml"))
+ROBOTS = [ROBOT, *texts(REAL_ROBOTS.rglob("*.yaml"))]
 
 SCRIPT = "<script>alert(1)</script>"
 _QUANTITIES = [
@@ -53,10 +82,9 @@ def _into(data: Any, at: tuple[Any, ...]) -> Any:
 
 
 @st.composite
-def documents(draw: Callable[..., Any], files: list[Path]) -> str:
-    """The text of one of these YAML files after one to four changes of its content or its text."""
-    source = draw(st.sampled_from(files))
-    data = yaml.safe_load(source.read_text(encoding="utf-8"))
+def documents(draw: Callable[..., Any], sources: list[str]) -> str:
+    """One of these YAML texts after one to four changes of its content or its text."""
+    data = yaml.safe_load(draw(st.sampled_from(sources)))
     for _ in range(draw(st.integers(1, 4))):
         known = places(data)
         if not known:
@@ -101,12 +129,16 @@ _ODD = ["", " ", "nan", "inf", "-inf", "1e400", "1e-400", "0x1F", "1_0", "\u0661
 CELLS = [*_ODD, "0", "-0", "1e9", "9" * 400, "1;2", SCRIPT]
 
 
+def table(header: str, rows: list[list[str]]) -> str:
+    """A CSV table; each row is repeated or cut to the header's width."""
+    width = header.count(",") + 1
+    return "\n".join([header, *(",".join((row * width)[:width]) for row in rows)])
+
+
 @st.composite
 def tables(draw: Callable[..., Any], headers: list[str], rows: list[list[str]]) -> bytes:
     """A CSV table after changes of its header, cells and bytes."""
-    header = draw(st.sampled_from(headers)).split(",")
-    lines = [list(row) for row in rows]
-    lines = [(line * len(header))[: len(header)] for line in lines]
+    header, *lines = (line.split(",") for line in table(draw(st.sampled_from(headers)), rows).split("\n"))
     for _ in range(draw(st.integers(0, 4))):
         change = draw(st.sampled_from(["cell", "cell", "number", "header", "row", "swap", "many"]))
         if change == "header":

@@ -1,6 +1,8 @@
 """Whatever a file holds, its reader gives a sound value, or an InputError that says what to do: no traceback, hang or nonsense.
 
 `make fuzz` runs 10 000 inputs, INPUTS=N another number; `make test` runs a few of each kind. A hang ends the process with a traceback.
+Every input is a base with changes. Each base is accepted as it is, and `make fuzz` and `make test-long` run it: a mutant of a base that is
+refused gets no further than that refusal.
 """
 
 from __future__ import annotations
@@ -11,8 +13,11 @@ import json
 import math
 import os
 import struct
+import sys
+import tempfile
 import traceback
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +25,33 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from reference.solids import box
 
-from fuzz.hostile import ROOT, SCENES, STUDIES, damaged, documents, tables
+import magmpm
+from fuzz.hostile import PARTS, REAL_ROBOTS, ROBOTS, ROOT, SCENES, STUDIES, damaged, documents, table, tables
+from magmpm.bodies.surface_mesh import write_stl
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
+from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.magnetic_mpm_import import import_robot
 
 INPUTS = int(os.environ.get("INPUTS", "0"))
 SEED = int(os.environ.get("SEED", "1"))
 LONGEST = 60.0  # s for one input: readers take milliseconds
 SHARES = {
-    "scene": 0.3, "study": 0.13, "axis": 0.1, "measured": 0.15, "map": 0.07, "schedule": 0.05, "stl": 0.13, "robot": 0.03, "result": 0.04,
+    "scene": 0.27, "study": 0.12, "axis": 0.1, "measured": 0.1, "in time": 0.04, "map": 0.07, "schedule": 0.05, "stl": 0.12,
+    "part": 0.05, "robot": 0.04, "result": 0.04,
 }  # fmt: skip
 SMALLEST = 6  # of each kind, in `make test`
 
 
 BAD: dict[str, dict[str, str]] = {}  # kind -> where it went wrong -> the input that did it
 DONE: dict[str, int] = dict.fromkeys(SHARES, 0)
+ACCEPTED: dict[str, int] = dict.fromkeys(SHARES, 0)
+CHECKS: dict[str, Callable[..., bool]] = {}  # kind -> whether an input is accepted; an AssertionError where it is nonsense
+BASES: dict[str, list[dict[str, Any]]] = {}  # kind -> inputs before any change
 
 
 def inputs(kind: str) -> Callable[[Any], Any]:
@@ -49,12 +63,14 @@ def inputs(kind: str) -> Callable[[Any], Any]:
     )
 
     def decorate(test: Any) -> Any:
+        CHECKS[kind], BASES[kind] = test, test.bases
+
         @functools.wraps(test)
         def tried(**given_values: Any) -> None:
             DONE[kind] += 1
             faulthandler.dump_traceback_later(LONGEST, exit=True)
             try:
-                test(**given_values)
+                ACCEPTED[kind] += test(**given_values)
             except Exception as error:
                 last = traceback.extract_tb(error.__traceback__)[-1]
                 where = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
@@ -73,11 +89,11 @@ def inputs(kind: str) -> Callable[[Any], Any]:
     return decorate
 
 
-def drawn(**strategies: Any) -> Callable[[Any], Any]:
-    """What a test's inputs are drawn from, as a decorator below `inputs`."""
+def drawn(bases: list[dict[str, Any]], **strategies: Any) -> Callable[[Any], Any]:
+    """What a test's inputs are drawn from, and the bases of these, as a decorator below `inputs`."""
 
     def decorate(test: Any) -> Any:
-        test.strategies = strategies
+        test.strategies, test.bases = strategies, bases
         return test
 
     return decorate
@@ -85,11 +101,18 @@ def drawn(**strategies: Any) -> Callable[[Any], Any]:
 
 @pytest.fixture(autouse=True)
 def _here(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with the tables that scenes name, beside the hostile file."""
+    """A folder with the tables and meshes that scenes and robots name, beside the hostile file."""
     folder = tmp_path_factory.mktemp("project")
     for name in ("targets", "references", "measured", "scenes"):
         (folder / name).symlink_to(ROOT / "data" / name)
-    (folder / "hostile").mkdir()
+    meshes = folder / "hostile" / "meshes"
+    meshes.mkdir(parents=True)
+    for path in (ROOT / "data/scenes/gallery").glob("*.csv"):
+        (folder / "hostile" / path.name).symlink_to(path)
+    for path in [*(ROOT / "data/scenes/gallery/meshes").iterdir(), *REAL_ROBOTS.glob("*/meshes/*")]:
+        (meshes / path.name).symlink_to(path)
+    write_stl(box((0, 0, -1), (1, 1, 0)), meshes / "base.STL")
+    (meshes / "cube.STL").write_bytes(cube(False))
     monkeypatch.chdir(folder / "hostile")
 
 
@@ -120,8 +143,8 @@ def written(name: str, content: str | bytes) -> Path:
 
 
 @inputs("scene")
-@drawn(text=documents(SCENES))
-def test_scenes(text: str) -> None:
+@drawn([{"text": text} for text in SCENES], text=documents(SCENES))
+def test_scenes(text: str) -> bool:
     """A scene that is taken has finite numbers, and is the same after a trip through plain data."""
     scene = judged(lambda: load_scene(written("scene.yaml", text)))
     if scene is not None:
@@ -130,72 +153,92 @@ def test_scenes(text: str) -> None:
         assert Scene.from_si(json.loads(json.dumps(data))).hash() == scene.hash()
         assert scene.name
         assert "/" not in scene.name
+    return scene is not None
 
 
 @inputs("study")
-@drawn(text=documents(STUDIES))
-def test_studies(text: str) -> None:
+@drawn([{"text": text} for text in STUDIES], text=documents(STUDIES))
+def test_studies(text: str) -> bool:
     from magmpm.studies.definition import load_study
 
     study = judged(lambda: load_study(written("study.yaml", text)))
     if study is not None:
         assert 1 <= study.trials <= 1_000_000
         assert np.isfinite(study.target).all()
+    return study is not None
+
+
+def of_tables(headers: list[str], rows: list[list[str]]) -> dict[str, Any]:
+    """Bases of tables with these headers, and what is drawn from them."""
+    return {"bases": [{"content": table(header, rows).encode()} for header in headers], "content": tables(headers, rows)}
 
 
 AXIS = [["0", "0", "0", "0"], ["10", "9", "0", "1"], ["20", "18", "0", "3"]]
 
 
 @inputs("axis")
-@drawn(content=tables(["s_mm,x_mm,y_mm,z_mm", "x_mm,s_mm,z_mm,y_mm"], AXIS))
-def test_tables_of_axes(content: bytes) -> None:
+@drawn(**of_tables(["s_mm,x_mm,y_mm,z_mm", "x_mm,s_mm,z_mm,y_mm"], AXIS))
+def test_tables_of_axes(content: bytes) -> bool:
     rows = judged(lambda: read_centreline(written("axis.csv", content)))
     if rows is not None:
         assert np.isfinite(rows).all()
         assert np.all(np.diff(rows[:, 0]) > 0)
         assert np.abs(rows).max() <= 10.0
+    return rows is not None
 
 
-HEADERS = [
-    "field_z_mT,tip_x_mm,tip_z_mm", "field_mT,tip_x_mm,tip_angle_deg", "s_mm,x_mm,y_mm,z_mm", "field_x_mT,field_y_mT,x_mm,z_mm",
-    "x_mm,z_mm", "t_ms,s_mm,x_mm,y_mm,z_mm", "t_ms,tip_x_mm", "marker,s_mm,x_mm",
-]  # fmt: skip
+AT_REST = of_tables(
+    ["field_z_mT,tip_x_mm,tip_z_mm", "field_mT,tip_x_mm,tip_angle_deg", "s_mm,x_mm,y_mm,z_mm", "field_x_mT,field_y_mT,x_mm,z_mm",
+     "x_mm,z_mm", "marker,s_mm,x_mm"], [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]])  # fmt: skip
+IN_MOTION = of_tables(["t_ms,s_mm,x_mm,y_mm,z_mm", "t_ms,tip_x_mm"], [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]])
 STATIC = load_scene(ROOT / "data/scenes/axial_transverse.yaml")
 MOVING = Scene.from_si({**STATIC.to_si(), "solver": {"dynamic": {"duration": 0.1}}, "materials": {
     "magnetic silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "remanence": 0.1, "density": 1882.0}}})  # fmt: skip
 
 
-@inputs("measured")
-@drawn(content=tables(HEADERS, [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]]), moving=st.booleans())
-def test_measurements(content: bytes, moving: bool) -> None:
+def measured_by(content: bytes, scene: Scene) -> bool:
     from magmpm.studies.fitting import read_measured
 
-    measured = judged(lambda: read_measured(written("tips.csv", content), MOVING if moving else STATIC))
+    measured = judged(lambda: read_measured(written("tips.csv", content), scene))
     if measured is not None:
         assert measured.numbers > 0
         for state in measured.states:
             assert state.field is None or np.isfinite(state.field).all()
             assert not np.isinf(state.points).any()
+    return measured is not None
 
 
-MAP = [[str(x), str(y), str(z), "1", "0", "2"] for x in (0, 1, 2) for y in (0, 1, 2) for z in (0, 1, 2)]
+@inputs("measured")
+@drawn(**AT_REST)
+def test_measurements(content: bytes) -> bool:
+    return measured_by(content, STATIC)
+
+
+@inputs("in time")
+@drawn(**IN_MOTION)
+def test_measurements_in_time(content: bytes) -> bool:
+    return measured_by(content, MOVING)
+
+
+MAP = [[str(x), str(y), str(z), "1", "0", "2"] for x in range(4) for y in range(4) for z in range(4)]
 
 
 @inputs("map")
-@drawn(content=tables(["x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT", "x_m,y_m,z_m,Bx_T,By_T,Bz_T"], MAP))
-def test_maps(content: bytes) -> None:
+@drawn(**of_tables(["x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT", "x_m,y_m,z_m,Bx_T,By_T,Bz_T"], MAP))
+def test_maps(content: bytes) -> bool:
     from magmpm.fields.measured_map import read_map
 
     found = judged(lambda: read_map(written("map.csv", content)))
     assert found is None or all(np.isfinite(part).all() for part in found)
+    return found is not None
 
 
 @inputs("schedule")
-@drawn(content=tables(["time_s,strength", "time_ms,Bx_mT,By_mT,Bz_mT"], [["0", "0", "0", "1"], ["1", "1", "0", "2"]]))
-def test_schedules(content: bytes) -> None:
+@drawn(**of_tables(["time_s,strength", "time_ms,Bx_mT,By_mT,Bz_mT"], [["0", "0", "0", "1"], ["1", "1", "0", "2"]]))
+def test_schedules(content: bytes) -> bool:
     from magmpm.fields.measured_map import read_schedule
 
-    judged(lambda: read_schedule(written("schedule.csv", content)))
+    return judged(lambda: read_schedule(written("schedule.csv", content))) is not None
 
 
 def cube(text: bool) -> bytes:
@@ -229,9 +272,12 @@ def meshes(draw: Callable[..., Any]) -> bytes:
     return bytes(binary)
 
 
+CUBES = [{"content": cube(text)} for text in (True, False)]
+
+
 @inputs("stl")
-@drawn(content=meshes())
-def test_meshes(content: bytes) -> None:
+@drawn(CUBES, content=meshes())
+def test_meshes(content: bytes) -> bool:
     """A mesh that is taken encloses a volume."""
     from magmpm.bodies.shells import MeshError
     from magmpm.bodies.surface_mesh import read_stl, volume_of
@@ -244,33 +290,89 @@ def test_meshes(content: bytes) -> None:
 
     mesh = judged(read)
     assert mesh is None or (np.isfinite(mesh.vertices).all() and volume_of(mesh.triangles) > 0)
+    return mesh is not None
+
+
+@inputs("part")
+@drawn([{"text": PARTS, **base} for base in CUBES], text=st.just(PARTS) | documents([PARTS]), content=meshes())
+def test_parts(text: str, content: bytes) -> bool:
+    """Bodies of two parts, one of them this mesh."""
+    written("part.stl", content)
+    return CHECKS["scene"](text)
 
 
 @inputs("robot")
-@drawn(text=documents([*sorted((ROOT.parent / "shared/robots").rglob("*.yaml")), SCENES[0]]))
-def test_robots(text: str) -> None:
-    from magmpm.scene.magnetic_mpm_import import import_robot
-
-    judged(lambda: import_robot(written("robot.yaml", text), Path("made.yaml"), overwrite=True))
+@drawn([{"text": text} for text in ROBOTS], text=documents(ROBOTS))
+def test_robots(text: str) -> bool:
+    return judged(lambda: import_robot(written("robot.yaml", text), Path("made.yaml"), overwrite=True)) is not None
 
 
-NUMBERS = {"name": "x", "scene": {}, "scene_hash": "0", "converged": True, "iterations": 3, "tip": [0, 0, 0], "seconds": {}}
+def saved() -> dict[str, bytes]:
+    """Both files of a result that has a small value of each field's type."""
+    small = {"str": "x", "bool": True, "int": 1, "float": 1.0, "dict": {}, "list": [], "Array": np.ones((2, 4)), "NDArray": np.ones(2, int)}
+    folder = Path(tempfile.mkdtemp(prefix="magmpm-fuzz-"))
+    Result(**{f.name: small[str(f.type).split("[")[0].split(" ")[0]] for f in fields(Result)}).save(folder)  # type: ignore[arg-type]
+    return {"content": (folder / NUMBERS).read_bytes(), "arrays": (folder / ARRAYS).read_bytes()}
+
+
+SAVED = saved()
+nonsense = st.recursive(st.none() | st.floats() | st.text(), st.lists).map(lambda data: json.dumps(data).encode())
 
 
 @inputs("result")
-@drawn(content=st.one_of(damaged(json.dumps(NUMBERS).encode()), st.recursive(st.none() | st.floats() | st.text(), st.lists).map(
-    lambda data: json.dumps(data).encode())), arrays=st.binary(max_size=200))  # fmt: skip
-def test_saved_results(content: bytes, arrays: bytes) -> None:
+@drawn([SAVED], content=st.just(SAVED["content"]) | damaged(SAVED["content"]) | nonsense,
+       arrays=st.just(SAVED["arrays"]) | damaged(SAVED["arrays"]) | st.binary(max_size=200))  # fmt: skip
+def test_saved_results(content: bytes, arrays: bytes) -> bool:
     folder = Path("run")
     folder.mkdir(exist_ok=True)
-    (folder / "result.json").write_bytes(content)
-    (folder / "state.npz").write_bytes(arrays)
-    judged(lambda: Result.load(folder))
+    (folder / NUMBERS).write_bytes(content)
+    (folder / ARRAYS).write_bytes(arrays)
+    return judged(lambda: Result.load(folder)) is not None
+
+
+def as_it_is(read: Callable[[], Any]) -> Any:
+    """In place of `judged`: a refusal is an error."""
+    return read()
+
+
+@pytest.mark.parametrize("kind", SHARES)
+def test_bases_are_accepted(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "judged", as_it_is)
+    for base in BASES[kind]:
+        assert CHECKS[kind](**base)
+
+
+def coarse(scene: Scene) -> Scene:
+    """The scene with two cells across, and 0.1 ms of its motion."""
+    data = scene.to_si()
+    data["resolution"] = {"cells_across": 2}
+    if data["solver"]["dynamic"]:
+        data["solver"]["dynamic"].update(duration=1e-4, output_every=1e-4)
+    return Scene.from_si(data)
+
+
+RUN = [(kind, number) for kind in ("scene", "part", "robot", "study") for number in range(len(BASES[kind]))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "number"), RUN)
+def test_bases_run(kind: str, number: int, tmp_path: Path) -> None:
+    """Scenes (among them one with a measured map and one with a table over time), parts, robots, and one trial of each study."""
+    base = BASES[kind][number]
+    if "content" in base:
+        written("part.stl", base["content"])
+    path = written(f"{kind}.yaml", base["text"])
+    if kind == "study":
+        assert magmpm.design(path, folder=tmp_path, trials=1).best is not None
+        return
+    if kind == "robot":
+        import_robot(path, path := Path("made.yaml"), overwrite=True)
+    assert magmpm.run(coarse(load_scene(path))).particles > 0
 
 
 def test_table_of_all() -> None:
-    """What `make fuzz` prints: inputs of each kind, and the kinds of failure."""
-    rows = [f"{kind:<12}{DONE[kind]:>8}{len(BAD.get(kind, {})):>8}" for kind in SHARES]
-    total = f"{'all':<12}{sum(DONE.values()):>8}{sum(map(len, BAD.values())):>8}"
-    print("\n".join(["", f"{'inputs':<12}{'tried':>8}{'bad':>8}", *rows, total]))
+    """What `make fuzz` prints: inputs of each kind, how many were accepted, and the kinds of failure."""
+    rows = [f"{kind:<12}{DONE[kind]:>8}{ACCEPTED[kind]:>10}{len(BAD.get(kind, {})):>8}" for kind in SHARES]
+    total = f"{'all':<12}{sum(DONE.values()):>8}{sum(ACCEPTED.values()):>10}{sum(map(len, BAD.values())):>8}"
+    print("\n".join(["", f"{'inputs':<12}{'tried':>8}{'accepted':>10}{'bad':>8}", *rows, total]))
     assert not BAD

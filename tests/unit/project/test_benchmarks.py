@@ -170,6 +170,21 @@ def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected(monkeypa
     assert "TimeoutError" in one.wrong[0]
 
 
+def test_only_kills_that_met_something_complete_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Attempts go on until so many have, and end where none does; a fault that found nothing to lose is no proof."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS.parent / "faults"))
+    faults, kinds = module("faults"), module("kinds")
+    row = faults.Row("kills")
+    for attempt in kinds.until_met(row, 4):
+        row.injected, row.met = row.injected + 1, row.met + attempt % 2  # every other one comes too early
+    assert (row.injected, row.met, row.wrong) == (8, 4, [])
+    never = faults.Row("kills")
+    assert len(list(kinds.until_met(never, 4))) > 4
+    assert never.wrong == ["0 of 4 kills met something complete"]
+    (missed,) = faults.rows({"missed": lambda: faults.Row("missed", injected=1)})
+    assert "shows nothing" in missed.wrong[0]
+
+
 def test_every_target_has_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """`make targets-short` goes over all that the Makefile offers, and every rule but those for files is declared there."""
     monkeypatch.syspath_prepend(str(BENCHMARKS.parent))
