@@ -246,7 +246,7 @@ def _room() -> Iterator[Check]:
         size, kernels = sum(files), sum(1 for path in folder.rglob("*.nbc"))
         found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
         if not kernels:
-            yield Check("cache of kernels", OK, f"{found}: the first run compiles for 5 to 20 s", "magmpm prepare")
+            yield Check("cache of kernels", OK, f"{found}: the first run compiles them, and says how long that takes", "magmpm prepare")
         elif size > LARGE_CACHE:
             yield Check("cache of kernels", OK, found, f"remove {folder}; what is needed is compiled again")
         else:

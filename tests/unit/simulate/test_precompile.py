@@ -41,7 +41,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_who_waits_is_told_what_is_compiled_and_that_it_is_once(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: True)
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: True)
     scene = rod_scene(field=(0.0, 0.0, 5e-3), gravity=(0.0, 0.0, -9.81))
     assert warmup.fill_cache(scene, lines.append)
     assert "statics with gravity + magnetic_torque" in lines[0] or "statics with magnetic_torque + gravity" in lines[0]
@@ -54,7 +54,7 @@ def test_only_what_is_used_is_compiled(empty_cache: Path, monkeypatch: pytest.Mo
     """A plain run asks for no kernels of derivatives; who asks for them later waits for these alone."""
     asked: list[list[str]] = []
     lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: asked.append(list(uses)) or True)
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses, tell: asked.append(list(uses)) or True)
     scene = rod_scene(field=(0.0, 0.0, 5e-3))
     for uses in ([warmup.SOLVE], [warmup.SOLVE, warmup.DERIVATIVES], [warmup.SOLVE, warmup.DERIVATIVES, warmup.RODS]):
         warmup.fill_cache(scene, lines.append, uses)
@@ -67,7 +67,7 @@ def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypa
     """Two processes need the same kernels: one compiles them, the other finds them ready."""
     begun, go_on = threading.Event(), threading.Event()
 
-    def slow(small: object, uses: object) -> bool:
+    def slow(*_: object) -> bool:
         begun.set()
         return go_on.wait(60)
 
@@ -87,9 +87,28 @@ def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypa
     assert sorted(found) == [False, True]
 
 
+def test_the_time_left_is_told_and_follows_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two workers, each part taking four times as long as the piece let expect: what is left is soon told in that measure."""
+    now, lines = [100.0], list[str]()
+    monkeypatch.setattr(warmup.time, "perf_counter", lambda: now[0])
+    parts = warmup.parts_of(rod_scene())
+    whole = sum(warmup.SHARES[part] for part in parts)
+    clock = warmup._Clock(parts, 2, warmup.PIECE_SHARE, lines.append)
+    assert lines == [f"that takes about {5 * round(whole / 10)} s"]  # half of the work for each, in seconds of the machine of SHARES
+    first, second = parts[:2]
+    for part in (first, second):
+        clock.begin(part)
+    now[0] += 4 * warmup.SHARES[second]
+    clock.end(second)
+    rest = 4 * (whole - 2 * warmup.SHARES[second]) / 2  # the first has worked as long
+    assert clock.left() == pytest.approx(rest, rel=0.05)  # the piece, as quick as expected, still counts
+    assert lines[1].endswith(" s left")
+    assert int(lines[1].split()[1]) == pytest.approx(rest, abs=5)  # said to 5 s
+
+
 def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cache that could not be filled is not marked as filled."""
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: False)
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: False)
     assert warmup.fill_cache(rod_scene(), lambda _: None)
     assert warmup.fill_cache(rod_scene(), lambda _: None), "it is tried again"
 
@@ -97,7 +116,7 @@ def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, 
 def test_without_room_on_the_disk_nothing_is_compiled_ahead(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernels could not be stored: each run compiles its own, once instead of twice."""
     lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses: pytest.fail("compiled"))
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: pytest.fail("compiled"))
     monkeypatch.setattr("magmpm.precompile.ROOM", 1e30)
     assert warmup.fill_cache(rod_scene(), lines.append)
     (line,) = lines
