@@ -219,7 +219,7 @@ def _rounded(seconds: float) -> int:
     return max(1, round(seconds)) if seconds < 10.0 else 5 * round(seconds / 5)
 
 
-def _piece(a, b, out):
+def _piece(a: NDArray[np.float64], b: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """A product of matrices: what a worker compiles first, to see how fast this machine compiles."""
     for n in range(len(a)):
         for i in range(3):
