@@ -7,6 +7,7 @@ size without it (docs/accuracy.md).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from magmpm.bodies.grid import Grid, Run
 from magmpm.compiled.arrays import Array
 
 SHORT = 0.5  # cells: a joint nearer to the next one, or to an end, gets no knot
+THIN = 0.02  # cells: the same where cells are counted from the tip, and the least width of the cell that takes what is left
 FEWEST = 3  # cells along a body
 
 
@@ -36,14 +38,17 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
     """Cells of about h m along a body whose segments end at `ends` (k,) m: their number, the least width (m), and their runs (none if all
     are equal)."""
     like, length = knots.like, float(ends[-1])
-    joints = _kept(ends, h, knots.joints) if like is None else [run.after for run in like.runs if run.after is not None]
+    if like is None:
+        joints = _kept(ends, (THIN if knots.from_tip else SHORT) * h, knots.joints)
+    else:
+        joints = [run.after for run in like.runs if run.after is not None]
     from_tip = knots.from_tip and (length >= (FEWEST - 0.5) * h if like is None else bool(like.runs))
     if not joints and not from_tip:
         along = max(FEWEST, round(length / h)) if like is None else like.cells[0]
         return along, length / along, ()
     faces = [0.0, *ends[joints].tolist(), length]
     widths = np.diff(faces)
-    counts = [max(1, round(width / h)) for width in widths] if like is None else _counts(like.runs)
+    counts = [_count(width / h, from_tip) for width in widths] if like is None else _counts(like.runs)
     runs: list[Run] = []
     for start, width, count, after in zip(faces, widths.tolist(), counts, [None, *joints], strict=False):
         rest = width - (count - 1) * h
@@ -54,11 +59,17 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
     return sum(counts), min(run.width for run in runs), tuple(runs)
 
 
-def _kept(ends: Array, h: float, joints: tuple[int, ...]) -> list[int]:
+def _count(width: float, from_tip: bool) -> int:
+    """Cells in a run that is `width` cells wide. From the tip, the first one takes THIN to 1 + THIN: so a new cell begins with a width of
+    almost nothing, and changes the answer by as little."""
+    return max(1, math.ceil(width - THIN) if from_tip else round(width))
+
+
+def _kept(ends: Array, least: float, joints: tuple[int, ...]) -> list[int]:
     """The joints that get a knot, chosen from the tip on."""
     kept, last = [], float(ends[-1])
     for joint in reversed(joints):
-        if min(last - ends[joint], ends[joint]) >= SHORT * h:
+        if min(last - ends[joint], ends[joint]) >= least:
             kept.append(joint)
             last = ends[joint]
     return kept[::-1]

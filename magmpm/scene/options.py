@@ -166,7 +166,7 @@ class Resolution(Settings):
     from_tip: Literal[True] | None = Field(
         default=None,
         description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; the one "
-        "at the base takes what is left, 0.5 to 1.5 cells. Unless given, all cells between two materials are equal.",
+        "at the base takes what is left. Unless given, all cells between two materials are equal.",
         examples=[True],
     )
     error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = Field(

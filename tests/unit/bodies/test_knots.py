@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from magmpm.bodies.grid import Grid
-from magmpm.bodies.knots import EVEN, Knots, runs_along
+from magmpm.bodies.knots import EVEN, THIN, Knots, runs_along
 
 H = 1e-3
 
@@ -66,7 +66,7 @@ def test_cells_counted_from_the_tip_stay_in_the_material(joints: tuple[int, ...]
         faces = grid([outside - 3.7e-3, outside], Knots(joints, from_tip=True)).faces
         from_tip = (faces[-1] - faces[1:])[::-1]  # m, of all faces but the base
         assert np.abs(from_tip[: len(known)] - known).max(initial=0.0) < 1e-12 * outside  # rounding
-        assert 0.5 * H * (1 - 1e-9) <= faces[1] - faces[0] <= 1.5 * H * (1 + 1e-9)
+        assert THIN * H * (1 - 1e-9) <= faces[1] - faces[0] <= (1 + THIN) * H * (1 + 1e-9)
         known = from_tip
 
 
