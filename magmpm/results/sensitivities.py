@@ -22,6 +22,9 @@ class Neighborhood(Protocol):
     @property
     def centreline(self) -> Array: ...
 
+    @property
+    def stations(self) -> Array: ...
+
     def adjoint(self, gradient: Array) -> Array: ...
 
 
@@ -46,7 +49,7 @@ class Sensitivities:
     def centreline(self) -> Array:
         """Derivatives (stations, 3, k), m per unit, of x, y, z in `result.centreline`, row by row; no rows for a body without an axis.
 
-        A row keeps its share of the length, so where the body gets longer its arc length grows; `at` is for fixed arc lengths.
+        A row stays in its place in a cell, so where a segment gets longer the row's arc length grows; `at` is for fixed arc lengths.
         """
         return self._near.centreline
 
@@ -70,8 +73,8 @@ class Sensitivities:
         stations, _, k = self.centreline.shape
         values, _ = on_rows(rows[:, 0], self.centreline.reshape(stations, 3 * k), s)
         _, slope = on_rows(rows[:, 0], rows[:, 1:], s)
-        longer = np.array([variable.lengthens for variable in self.variables])
-        return values.reshape(len(s), 3, k) - (slope * (s / rows[-1, 0])[:, None])[:, :, None] * longer
+        moved, _ = on_rows(rows[:, 0], self._near.stations, s)
+        return values.reshape(len(s), 3, k) - slope[:, :, None] * moved[:, None, :]
 
     def adjoint(self, gradient: Array) -> Array:
         """dJ/d(variable) (k,) of an objective J with this gradient dJ/d(centreline) (stations, 3), in J's unit per m.

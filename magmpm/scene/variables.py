@@ -46,11 +46,6 @@ class Variable:
         """
         return _CHANGES[self.kind](self, scene, float(amount))
 
-    @property
-    def lengthens(self) -> float:
-        """How much longer (m) the body's axis gets for each unit of the variable: 1 for a length, else 0."""
-        return 1.0 if self.kind == "length" else 0.0
-
 
 def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
     """The unit vectors along which a direction (3,) turns: toward growing azimuth about +z, and toward growing elevation.

@@ -30,7 +30,8 @@ Residual = Callable[[StaticModel, Array], Array]
 
 @dataclass(frozen=True)
 class GeometryChange:
-    """Changes at fixed coefficients: of the residual (planes, m) N, of the axis's rows (rows, 3) m and of the tip (3,) m, per unit."""
+    """Changes at fixed coefficients: of the residual (planes, m) N, of the axis's rows [s, x, y, z] (rows, 4) m and of the tip (3,) m, per
+    unit."""
 
     residual: Array
     rows: Array
@@ -64,7 +65,7 @@ def _change(model: StaticModel, grid: Array, variable: Variable, residual: Resid
         sides = []
         for sign in (1.0, -1.0):
             near = _near(model, variable, sign * k * step)
-            sides.append((residual(near, grid), axis.centreline(near, grid)[:, 1:], axis.tip(near, grid)))
+            sides.append((residual(near, grid), axis.centreline(near, grid), axis.tip(near, grid)))
         slope = [weight * (ahead - behind) / (2 * k * step) for ahead, behind in zip(*sides, strict=True)]
         total = [a + b for a, b in zip(total, slope, strict=True)] if total else slope
     return GeometryChange(*total)

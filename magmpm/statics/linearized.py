@@ -104,7 +104,15 @@ class Linearized:
         along, across = self._axis
         out = np.einsum("rp,pkni,n->rik", along, self._by_node(self.unknowns), across, optimize=True)
         for k, change in self._geometry.items():
-            out[:, :, k] += change.rows
+            out[:, :, k] += change.rows[:, 1:]
+        return out
+
+    @cached_property
+    def stations(self) -> Array:
+        """Derivatives (rows, k), m per unit, of the rows' arc lengths."""
+        out = np.zeros((len(self.model.grid.stations) if self.model.line else 0, len(self.variables)))
+        for k, change in self._geometry.items():
+            out[:, k] = change.rows[:, 0]
         return out
 
     def adjoint(self, gradient: Array) -> Array:
@@ -114,7 +122,7 @@ class Linearized:
         multiplier = self.solve(self.energy.free_columns(right))
         out = -np.einsum("pm,pkm->k", multiplier[:, 0], self._right)
         for k, change in self._geometry.items():
-            out[k] += np.sum(gradient * change.rows)
+            out[k] += np.sum(gradient * change.rows[:, 1:])
         return out
 
     @cached_property

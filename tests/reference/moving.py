@@ -31,12 +31,12 @@ def moving_scene(
     duration: float = 1.0,
     **more: Any,
 ) -> Scene:
-    """A scene with a body of one material, `m`, in SI. more: other keys of the scene."""
+    """A scene with a body of the material `m`, or `stiff`, ten times as stiff, in SI. more: other keys of the scene."""
     material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": DENSITY, "remanence": BR}
     return Scene.from_si(
         {
             "name": "test",
-            "materials": {"m": material},
+            "materials": {"m": material, **({"stiff": {**material, "shear_modulus": 10 * shear}} if "stiff" in str(body) else {})},
             "body": body,
             "effects": effects,
             "solver": {"dynamic": {"duration": duration, "formulation": formulation}},

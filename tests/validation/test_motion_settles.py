@@ -67,6 +67,14 @@ def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it(formulation: 
     _settles({"strip": strip}, formulation, length=20e-3, field=20e-3)
 
 
+@pytest.mark.parametrize("formulation", ["total"])
+def test_a_jointed_catheter_settles_where_statics_has_it(formulation: str) -> None:
+    """Its middle third is ten times as stiff: knots are repeated at its ends, in motion as in statics."""
+    segments = [{"magnetization": [1.0, 0.0, 0.0], "material": name} for name in ("m", "stiff", "m")]
+    catheter = {"length": 20e-3, "diameter": 4e-3, "material": "m", "segments": segments}
+    _settles({"catheter": catheter}, formulation, length=20e-3, field=20e-3)
+
+
 @pytest.mark.parametrize("formulation", CLAMPED)
 def test_a_beam_on_a_held_base_settles_where_statics_has_it(formulation: str, tmp_path: Path) -> None:
     """Exactly the face of the base is at rest; the held part does not move at all."""

@@ -56,6 +56,7 @@ CASES = {
     "both ends": STRIP.replace("thickness", "clamp: both\n    thickness") + UNIFORM,
     "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness") + UNIFORM.replace("4 mT", "0 mT"),
     "pulled": CATHETER + DIPOLE,
+    "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
     "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
     "parts": UNIFORM + """
 body:
@@ -68,7 +69,7 @@ body:
 """,
 }  # fmt: skip
 MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("tube", "both ends", "plane strain", "pulled", "interacting", "parts")]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("tube", "inserted", "both ends", "plane strain", "pulled", "interacting", "parts")]
 # Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
 CLOSE = 1e-7
 
