@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from magmpm.bodies.grid import (
     spline_slopes,
     spline_weights,
 )
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
@@ -110,7 +112,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
             rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (statics.effects_choice) alone",
             remedy="name those that `magmpm run` tells it has chosen",
         )
-    made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell, scene.knots)
+    made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell, knots_of(scene))
     made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
     if scene.effects.in_a_field:
         scene.outside_field().check_at_rest(made.particles.position, moving=not scene.static, time=time)
@@ -120,13 +122,25 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     return model
 
 
+def knots_of(scene: Scene) -> Knots:
+    """How cells lie along a straight body; equally where the grid stands in space, as in the updated formulation."""
+    dynamic = scene.solver.dynamic
+    updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
+    if scene.body.shape.line is None or updated:
+        return EVEN
+    used = [scene.materials[region.material_name] for region in scene.regions()]
+    moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
+    joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
+    return Knots(joints, scene.resolution.from_tip is True)
+
+
 def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None) -> Model:
     """The model with another body of the same kind; its scene, loads and field stay as they are.
 
     made: its grid and particles; unless given, on as many cells, for a body of nearly the same shape.
     """
     at = model.scene.resolution
-    made = made or shape.discretize(at.cells_across, at.particles_per_cell, replace(model.scene.knots, like=model.grid))
+    made = made or shape.discretize(at.cells_across, at.particles_per_cell, replace(knots_of(model.scene), like=model.grid))
     return _filled(model.scene, shape, made, model.effects, model.time)
 
 

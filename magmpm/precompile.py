@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import itertools
 import json
 import os
 import shutil
@@ -56,14 +57,6 @@ from magmpm.statics.stability import mass
 
 LOCK = "compiling.lock"
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
-# Processor seconds of parts, each compiled alone in this order, and of the first _piece beside them: only their ratios matter.
-SHARES = {
-    "stability": 22.0, "factorization": 9.0, "tangent": 7.0, "rod": 5.0, "energy": 4.0,
-    "total steps": 15.0, "total rest": 5.0, "measured": 5.0,
-}  # fmt: skip
-USUAL_SHARE = 5.0  # of the other parts: the median of these
-PIECE_SHARE = 0.46
-EVERY = 5.0  # s between two lines of the time left
 SOLVE, DERIVATIVES, RODS, PROOFS = "solve", "sensitivities", "rods", "proofs of errors"  # what kernels are for
 Tell = Callable[[str], None]
 _ready: set[str] = set()
@@ -182,64 +175,14 @@ def _alone(tell: Tell) -> Iterator[None]:
         yield
 
 
-class _Clock:
-    """How much longer parts take: from their usual shares, and the time of this machine for a piece of the same work, or for parts done."""
-
-    def __init__(self, parts: Sequence[str], workers: int, piece: float, tell: Tell) -> None:
-        """piece: s that each of the workers took for _piece."""
-        self._left, self._workers, self._tell = set(parts), workers, tell
-        self._begun: dict[str, float] = {}
-        self._shares, self._seconds = PIECE_SHARE, piece  # of what is done
-        tell(f"that takes about {_rounded(self.left())} s")
-        self._said = time.perf_counter()
-
-    def begin(self, part: str) -> None:
-        """A worker begins a part."""
-        self._begun[part] = time.perf_counter()
-
-    def end(self, part: str) -> None:
-        """A part is done: say what is left, unless a line has just been written."""
-        now = time.perf_counter()
-        self._seconds += now - self._begun[part]
-        self._shares += SHARES.get(part, USUAL_SHARE)
-        self._left.discard(part)
-        if self._left and now > self._said + EVERY:
-            self._said = now
-            self._tell(f"about {_rounded(self.left())} s left")
-
-    def left(self) -> float:
-        """Seconds until all parts are done, if the longest ones come first."""
-        now, scale = time.perf_counter(), self._seconds / self._shares
-        each = [max(scale * SHARES.get(part, USUAL_SHARE) - (now - self._begun.get(part, now)), 0.0) for part in self._left]
-        return max(sum(each) / self._workers, max(each, default=0.0))
-
-
-def _rounded(seconds: float) -> int:
-    """Seconds as one says them: to 1 s below 10 s, to 5 s above."""
-    return max(1, round(seconds)) if seconds < 10.0 else 5 * round(seconds / 5)
-
-
-def _piece(a: NDArray[np.float64], b: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """A product of matrices: what a worker compiles first, to see how fast this machine compiles."""
-    for n in range(len(a)):
-        for i in range(3):
-            for j in range(3):
-                out[n, i, j] = 0.0
-                for k in range(3):
-                    out[n, i, j] += a[n, i, k] * b[n, k, j]
-
-
 def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
     """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
     todo = deque(part for use in uses for part in parts_of(small, use))
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
     try:
-        speeds = [worker.speed() for worker in workers]
-        if None in speeds:
-            return False
-        clock = _Clock(todo, len(workers), max(speed for speed in speeds if speed is not None), tell)
-        threads = [threading.Thread(target=worker.take_from, args=(todo, clock)) for worker in workers]
+        progress = map(f"{{}} of {len(todo)} parts compiled".format, itertools.count(1))
+        threads = [threading.Thread(target=worker.take_from, args=(todo, lambda: tell(next(progress)))) for worker in workers]
         for thread in threads:
             thread.start()
         for thread in threads:
@@ -266,24 +209,17 @@ class _Worker:
         self._small = json.dumps(small.to_si())
         self.failed = False
 
-    def speed(self) -> float | None:
-        """Seconds that it took to compile _piece, once it is ready to work; None where it has died."""
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        return float(line) if line else None
-
-    def take_from(self, todo: deque[str], clock: _Clock) -> None:
-        """Compile parts until none is left."""
+    def take_from(self, todo: deque[str], done: Callable[[], None]) -> None:
+        """Compile parts until none is left; done(): called after each."""
         while True:
             try:
                 part = todo.popleft()
             except IndexError:
                 return
-            clock.begin(part)
             if not self.do(part):
                 self.failed = True
                 return
-            clock.end(part)
+            done()
 
     def do(self, part: str) -> bool:
         """Compile one. Returns whether that could be done."""
@@ -345,10 +281,7 @@ def differentiate_small(small: Scene) -> None:
 
 
 def serve() -> None:
-    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`. Before: see _piece."""
-    begun = time.perf_counter()
-    numba.njit(_piece)(*np.ones((3, 1, 3, 3)))
-    print(time.perf_counter() - begun, flush=True)
+    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`."""
     for line in sys.stdin:
         part, small = json.loads(line)
         scene = Scene.from_si(json.loads(small))

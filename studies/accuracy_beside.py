@@ -13,7 +13,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.materials import young_modulus
-from magmpm.model import build
+from magmpm.model import build, knots_of
 from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
@@ -128,7 +128,7 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
     times = []
     for shift in SHIFTS:
         begun = perf_counter()
-        model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, scene.knots, shift)))
+        model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, knots_of(scene), shift)))
         try:
             found = solve_static(model, judged=False)
         except SolveError as error:

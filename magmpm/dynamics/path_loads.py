@@ -16,7 +16,7 @@ from magmpm.bodies.regions import Line
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import Records
-from magmpm.model import Model, build, reshaped
+from magmpm.model import Model, build, knots_of, reshaped
 from magmpm.results import measures
 from magmpm.scene import Scene
 from magmpm.statics import axis
@@ -118,7 +118,7 @@ class FeedLoads:
             part = self._free.inserted(self.inserted(time))
             base = np.array([self._exit, 0.0, 0.0])
             shape, resolution = part.body.shape, part.resolution
-            made = shape.discretize(resolution.cells_across, resolution.particles_per_cell, part.knots)
+            made = shape.discretize(resolution.cells_across, resolution.particles_per_cell, knots_of(part))
             grid, particles = made.grid, made.particles
             made = replace(
                 made, grid=replace(grid, origin=grid.origin + base), particles=replace(particles, position=particles.position + base)

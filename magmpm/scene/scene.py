@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -27,7 +26,6 @@ from pydantic import (
 )
 
 from magmpm.bodies.body import CATHETER, Body
-from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Region
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, report
@@ -212,18 +210,6 @@ class Scene(Settings):
     def cell(self) -> float:
         """Width of the grid's cells, m, as asked for; the grid's own fit the body and may be a little smaller."""
         return self.body.shape.cell_size(self.resolution.cells_across)
-
-    @property
-    def knots(self) -> Knots:
-        """How cells lie along a straight body; equally where the grid stands in space, as in the updated formulation."""
-        dynamic = self.solver.dynamic
-        updated = self.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
-        if self.body.shape.line is None or updated:
-            return EVEN
-        used = [self.materials[region.material_name] for region in self.regions()]
-        moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
-        joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
-        return Knots(joints, self.resolution.from_tip is True)
 
     @property
     def anchored(self) -> bool:

@@ -87,25 +87,6 @@ def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypa
     assert sorted(found) == [False, True]
 
 
-def test_the_time_left_is_told_and_follows_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two workers, each part taking four times as long as the piece let expect: what is left is soon told in that measure."""
-    now, lines = [100.0], list[str]()
-    monkeypatch.setattr(warmup.time, "perf_counter", lambda: now[0])
-    parts = warmup.parts_of(rod_scene())
-    whole = sum(warmup.SHARES[part] for part in parts)
-    clock = warmup._Clock(parts, 2, warmup.PIECE_SHARE, lines.append)
-    assert lines == [f"that takes about {5 * round(whole / 10)} s"]  # half of the work for each, in seconds of the machine of SHARES
-    first, second = parts[:2]
-    for part in (first, second):
-        clock.begin(part)
-    now[0] += 4 * warmup.SHARES[second]
-    clock.end(second)
-    rest = 4 * (whole - 2 * warmup.SHARES[second]) / 2  # the first has worked as long
-    assert clock.left() == pytest.approx(rest, rel=0.05)  # the piece, as quick as expected, still counts
-    assert lines[1].endswith(" s left")
-    assert int(lines[1].split()[1]) == pytest.approx(rest, abs=5)  # said to 5 s
-
-
 def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cache that could not be filled is not marked as filled."""
     monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: False)
