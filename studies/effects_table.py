@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,9 +26,6 @@ from magmpm.studies.beyond_effects import Need, needs
 from magmpm.studies.effects_costs import counted
 from magmpm.studies.field_moment import stopped
 
-Progress = Callable[[int, int, str], None]
-STILL = 1e-12  # s, a step in which nothing moves
-RUN, REPEATS = 0.004, 100  # s
 SETTLING = ("damping", "viscosity")  # of which it is told how fast they settle the body
 CONTACTS = ("ground", "walls", "self_contact")
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
@@ -186,7 +182,7 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
 
-def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on_progress: Progress | None = None) -> Table:
+def survey(scene: Scene, *, measure: bool = True, error: float | None = None) -> Table:
     """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
     by; what the scene's resolution asks for, or 1 % of the length, unless given.
 

@@ -37,6 +37,7 @@ def page(facts: Mapping[str, Any], pictures: Pictures) -> str:
         section("How the search went", found.search(facts), shown["convergence"], shown["pareto"], shown["trials"]),
         section("Which parameters mattered", found.importances(facts)),
         section("How accurate the best design is", found.accuracy(facts)) if facts.get("body") else NOTHING,
+        section("The best design in motion", found.motion(facts)),
         section("Settings and versions", found.settings(facts)),
         section("Reproduce it", found.reproduce(facts)),
         section("How to cite", found.cite()),
