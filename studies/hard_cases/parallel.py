@@ -13,15 +13,15 @@ Done = Callable[[int, int, str], None]
 
 
 def outcomes(
-    cases: Sequence[Case], *, controls: bool = False, processes: int = 2, on_done: Done = lambda done, count, name: None
+    cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None
 ) -> list[Outcome]:
-    """The outcomes of cases (or of their controls), in their order. on_done(done, number of cases, name): called after each."""
+    """The outcomes of cases, in their order. on_done(done, number of cases, name): called after each."""
     processes = min(processes, len(cases), os.cpu_count() or 1)
     if processes < 2:
         found = []
         for k, case in enumerate(cases):
             on_done(k, len(cases), case.name)
-            found.append(_outcome(case, controls))
+            found.append(case.run())
         return found
     from concurrent.futures import ProcessPoolExecutor, as_completed
     from multiprocessing import get_context
@@ -29,22 +29,18 @@ def outcomes(
     by_name: dict[str, Outcome] = {}
     with _threads(processes), ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         order = sorted(cases, key=lambda case: not case.slow)
-        futures = {pool.submit(_run, case.name, controls): case.name for case in order}
+        futures = {pool.submit(_run, case.name): case.name for case in order}
         for k, future in enumerate(as_completed(futures)):
             by_name[futures[future]] = future.result()
             on_done(k + 1, len(cases), futures[future])
     return [by_name[case.name] for case in cases]
 
 
-def _outcome(case: Case, controls: bool) -> Outcome:
-    return case.run_control() if controls else case.run()
-
-
-def _run(name: str, controls: bool) -> Outcome:
+def _run(name: str) -> Outcome:
     """What a process does: cases hold functions without a name, so they go by theirs."""
     from magmpm.studies.hard_cases import CASES  # which imports this module
 
-    return _outcome(next(case for case in CASES if case.name == name), controls)
+    return next(case for case in CASES if case.name == name).run()
 
 
 @contextmanager

@@ -74,7 +74,6 @@ def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--seed", "3"], "--seed"),
         (["--out", "here"], "--out"),
         (["--random", "3", "--case", "needle"], "--case"),
-        (["--random", "3", "--controls"], "--controls"),
     ],
 )
 def test_orders_that_make_no_sense_are_refused(given: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
