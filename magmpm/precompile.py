@@ -17,14 +17,13 @@ import hashlib
 import json
 import os
 import shutil
-import subprocess
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import llvmlite.binding
 import numba
@@ -33,6 +32,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.cache import kept_all
 from magmpm.compiled.environment import PACKAGE
+from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
@@ -63,6 +63,7 @@ SHARES = {
 }  # fmt: skip
 USUAL_SHARE = 5.0  # of the other parts: the median of these
 PIECE_SHARE = 0.46
+PIECE = "piece"  # the name of _piece among the parts
 EVERY = 5.0  # s between two lines of the time left
 SOLVE, DERIVATIVES, RODS, PROOFS = "solve", "sensitivities", "rods", "proofs of errors"  # what kernels are for
 Tell = Callable[[str], None]
@@ -193,9 +194,12 @@ class _Clock:
         tell(f"that takes about {_rounded(self.left())} s")
         self._said = time.perf_counter()
 
-    def begin(self, part: str) -> None:
-        """A worker begins a part."""
-        self._begun[part] = time.perf_counter()
+    def begun(self, todo: deque[str]) -> Iterator[str]:
+        """The parts, each as a worker begins it."""
+        while todo:
+            part = todo.popleft()
+            self._begun[part] = time.perf_counter()
+            yield part
 
     def end(self, part: str) -> None:
         """A part is done: say what is left, unless a line has just been written."""
@@ -232,76 +236,21 @@ def _piece(a: NDArray[np.float64], b: NDArray[np.float64], out: NDArray[np.float
 def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
     """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
     todo = deque(part for use in uses for part in parts_of(small, use))
-    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-    workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
-    try:
-        speeds = [worker.speed() for worker in workers]
-        if None in speeds:
+    with started(max(1, min(len(todo), os.cpu_count() or 1)), _begin, small.to_si()) as processes:
+        speeds = [seconds for _, _, seconds in answers(iter([PIECE] * len(processes)), processes)]
+        if not all(isinstance(seconds, float) for seconds in speeds):
             return False
-        clock = _Clock(todo, len(workers), max(speed for speed in speeds if speed is not None), tell)
-        threads = [threading.Thread(target=worker.take_from, args=(todo, clock)) for worker in workers]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        for worker in workers[1:]:
-            worker.close()
-        if any(worker.failed for worker in workers):  # a full disk, say: the rest would not be kept either
-            return False
-        return all(workers[0].do(use) for use in uses)  # what the parts have left out, and proof that they are all there
-    finally:
-        for worker in workers:
-            worker.close()
-
-
-class _Worker:
-    """A process that compiles parts by their names."""
-
-    def __init__(self, small: Scene, path: str) -> None:
-        code = "from magmpm.precompile import serve; serve()"
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-            env={**os.environ, "PYTHONPATH": path},
-        )  # fmt: skip
-        self._small = json.dumps(small.to_si())
-        self.failed = False
-
-    def speed(self) -> float | None:
-        """Seconds that it took to compile _piece, once it is ready to work; None where it has died."""
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        return float(line) if line else None
-
-    def take_from(self, todo: deque[str], clock: _Clock) -> None:
-        """Compile parts until none is left."""
-        while True:
-            try:
-                part = todo.popleft()
-            except IndexError:
-                return
-            clock.begin(part)
-            if not self.do(part):
-                self.failed = True
-                return
+        clock = _Clock(todo, len(processes), max(speeds), tell)
+        for part, _, kept in answers(clock.begun(todo), processes):
+            if kept is not True:  # a full disk, say: the rest would not be kept either
+                return False
             clock.end(part)
-
-    def do(self, part: str) -> bool:
-        """Compile one. Returns whether that could be done."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
+        for process in processes[1:]:
+            process.end()
         try:
-            self._process.stdin.write(json.dumps([part, self._small]) + "\n")
-            self._process.stdin.flush()
-        except OSError:  # it has died
+            return all(processes[0].ask(use) for use in uses)  # what the parts have left out, and proof that they are all there
+        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is told there
             return False
-        return self._process.stdout.readline() == "done\n"
-
-    def close(self) -> None:
-        """End the process."""
-        assert self._process.stdin is not None
-        with suppress(OSError):
-            self._process.stdin.close()
-        self._process.wait()
 
 
 # What the processes do: the parts of a scene's kernels.
@@ -344,18 +293,21 @@ def differentiate_small(small: Scene) -> None:
         found.adjoint(found.centreline[:, :, 0])
 
 
-def serve() -> None:
-    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`. Before: see _piece."""
-    begun = time.perf_counter()
-    numba.njit(_piece)(*np.ones((3, 1, 3, 3)))
-    print(time.perf_counter() - begun, flush=True)
-    for line in sys.stdin:
-        part, small = json.loads(line)
-        scene = Scene.from_si(json.loads(small))
-        work = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}[part]
+def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool | float]:
+    """What a process does: compile parts by their names, and say whether the disk kept them; PIECE, and say how many seconds it took."""
+    every = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}
+    scene = Scene.from_si(small)
+
+    def compile_part(part: str) -> bool | float:
+        if part == PIECE:
+            begun = time.perf_counter()
+            numba.njit(_piece)(*np.ones((3, 1, 3, 3)))
+            return time.perf_counter() - begun
         with suppress(SolveError):
-            work(scene)
-        print("done" if kept_all() else "not kept", flush=True)
+            every[part](scene)
+        return kept_all()
+
+    return compile_part
 
 
 def _built(small: Scene) -> Model:

@@ -36,7 +36,11 @@ class Case:
             value = float(self.measure(self.scene()))
         except SolveError as error:
             value, reason = math.inf, error.reason
-        passed, seconds = value <= self.bound, perf_counter() - begun
+        return self.outcome(value, reason, perf_counter() - begun)
+
+    def outcome(self, value: float, reason: str, seconds: float) -> Outcome:
+        """What a measure, or the reason why there is none, comes to."""
+        passed = value <= self.bound
         return Outcome(self.name, self.weak, self.quantity, value, self.bound, passed, seconds, self.source, reason)
 
 

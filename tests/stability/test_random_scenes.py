@@ -20,8 +20,7 @@ from magmpm.simulate import run
 from magmpm.studies.hard_cases.attempt import remedied
 from magmpm.studies.hard_cases.checks import FINER, LATE, checked
 from magmpm.studies.hard_cases.drawn import drawn
-from magmpm.studies.hard_cases.pool import solved
-from magmpm.studies.hard_cases.random_suite import BROKEN
+from magmpm.studies.hard_cases.random_suite import BROKEN, solved
 from magmpm.studies.hard_cases.twins import MIRROR, twin
 
 
