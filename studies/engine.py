@@ -178,7 +178,7 @@ class _Run(OpenStudy):
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
-                from magmpm.studies.projected import FieldsByRod
+                from magmpm.studies.optuna_samplers import FieldsByRod
 
                 return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
             return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)

@@ -8,8 +8,7 @@ What they find is repaired in the solver, not in the case.
 """
 
 from magmpm.studies.hard_cases import bodies, branches, equilibria, loads, shapes, stepping, upkeep
-from magmpm.studies.hard_cases.case import Case, Outcome, table
-from magmpm.studies.hard_cases.parallel import outcomes as run_cases
+from magmpm.studies.hard_cases.case import Case, Outcome, run_cases, table
 from magmpm.studies.hard_cases.random_suite import BROKEN, random_table, run_random
 
 _FAMILIES = (equilibria, branches, bodies, stepping, loads, shapes, upkeep)
