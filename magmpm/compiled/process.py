@@ -162,7 +162,7 @@ def answers(jobs: Iterator[Job] | deque[Job], processes: Sequence[Process], limi
             try:
                 if process.pipe in ready:
                     kind, found = process.receive()
-                elif limit is not None and time.monotonic() - process.since > limit:
+                elif limit is not None and process.ready and time.monotonic() - process.since > limit:
                     process.end()
                     raise Died(f"no answer in {limit:.0f} s", seconds=time.monotonic() - process.since)
                 else:
