@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from optuna import Study
 from optuna.distributions import BaseDistribution
@@ -14,9 +14,6 @@ from optuna.trial import FrozenTrial
 from magmpm.errors import InputError, report
 from magmpm.studies.blocks import Direction
 from magmpm.studies.search_space import SearchSpace
-
-if TYPE_CHECKING:
-    from magmpm.studies.insertion import Insertion
 
 _ALLOWED = {  # module -> names
     "cmaes": {"CMA", "SepCMA", "CMAwM"},
@@ -84,13 +81,13 @@ class SobolSampler(QMCSampler):
 
 
 class FieldsByRod(BaseSampler):
-    """`base` samples the directions of an insertion; the rod finds the fields.
+    """`base` samples the directions of an insertion (studies.insertion.Insertion); the rod finds the fields.
 
     Fields at different depths do not touch each other's shapes, so for given directions each depth's best field can be found by itself, in
     milliseconds (rod_trajectory). That leaves two numbers a segment, in place of three more a depth. All are stored as parameters.
     """
 
-    def __init__(self, base: BaseSampler, insertion: Insertion) -> None:
+    def __init__(self, base: BaseSampler, insertion: Any) -> None:
         self.base, self.insertion = base, insertion
         self.names = {name for block in insertion.space.blocks if isinstance(block, Direction) for name in block.bounds()}
 
