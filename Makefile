@@ -152,8 +152,8 @@ claims: $(VENV)/.ready-test
 validate: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/validate.py
 
-stability: $(VENV)/.ready
-	$(BIN)/magmpm stability $(if $(QUICK),--quick) $(if $(CONTROLS),--controls) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0))
+stability: $(VENV)/.ready$(if $(CONTROLS),-test)
+	$(if $(CONTROLS),$(BIN)/python -m pytest -v tests/stability/test_controls.py,$(BIN)/magmpm stability $(if $(QUICK),--quick) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0)))
 
 $(VENV)/.ready-docs: $(VENV)/.ready
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[docs,notebook,test]'

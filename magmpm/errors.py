@@ -90,6 +90,10 @@ class SceneError(InputError):
         return report(f"{place}: {found}" if received is None else f"{place}: received {received}; {found}", rule=rule, remedy=remedy)
 
 
+class RenderError(MagmpmError):
+    """A picture that could not be drawn; the message says why. A trial goes on without its picture."""
+
+
 class SolveError(MagmpmError):
     """A run that became unstable or did not converge.
 

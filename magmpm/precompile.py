@@ -14,18 +14,15 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import itertools
 import json
 import os
 import shutil
-import subprocess
 import sys
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import llvmlite.binding
 import numba
@@ -34,6 +31,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.cache import kept_all
 from magmpm.compiled.environment import PACKAGE
+from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
@@ -177,67 +175,18 @@ def _alone(tell: Tell) -> Iterator[None]:
 
 def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
     """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
-    todo = deque(part for use in uses for part in parts_of(small, use))
-    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-    workers = [_Worker(small, path) for _ in range(max(1, min(len(todo), os.cpu_count() or 1)))]
-    try:
-        progress = map(f"{{}} of {len(todo)} parts compiled".format, itertools.count(1))
-        threads = [threading.Thread(target=worker.take_from, args=(todo, lambda: tell(next(progress)))) for worker in workers]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        for worker in workers[1:]:
-            worker.close()
-        if any(worker.failed for worker in workers):  # a full disk, say: the rest would not be kept either
-            return False
-        return all(workers[0].do(use) for use in uses)  # what the parts have left out, and proof that they are all there
-    finally:
-        for worker in workers:
-            worker.close()
-
-
-class _Worker:
-    """A process that compiles parts by their names."""
-
-    def __init__(self, small: Scene, path: str) -> None:
-        code = "from magmpm.precompile import serve; serve()"
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-            env={**os.environ, "PYTHONPATH": path},
-        )  # fmt: skip
-        self._small = json.dumps(small.to_si())
-        self.failed = False
-
-    def take_from(self, todo: deque[str], done: Callable[[], None]) -> None:
-        """Compile parts until none is left; done(): called after each."""
-        while True:
-            try:
-                part = todo.popleft()
-            except IndexError:
-                return
-            if not self.do(part):
-                self.failed = True
-                return
-            done()
-
-    def do(self, part: str) -> bool:
-        """Compile one. Returns whether that could be done."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
+    todo = [part for use in uses for part in parts_of(small, use)]
+    with started(max(1, min(len(todo), os.cpu_count() or 1)), _begin, small.to_si()) as processes:
+        for done, (_, _, kept) in enumerate(answers(iter(todo), processes), start=1):
+            if kept is not True:  # a full disk, say: the rest would not be kept either
+                return False
+            tell(f"{done} of {len(todo)} parts compiled")
+        for process in processes[1:]:
+            process.end()
         try:
-            self._process.stdin.write(json.dumps([part, self._small]) + "\n")
-            self._process.stdin.flush()
-        except OSError:  # it has died
+            return all(processes[0].ask(use) for use in uses)  # what the parts have left out, and proof that they are all there
+        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is told there
             return False
-        return self._process.stdout.readline() == "done\n"
-
-    def close(self) -> None:
-        """End the process."""
-        assert self._process.stdin is not None
-        with suppress(OSError):
-            self._process.stdin.close()
-        self._process.wait()
 
 
 # What the processes do: the parts of a scene's kernels.
@@ -280,15 +229,17 @@ def differentiate_small(small: Scene) -> None:
         found.adjoint(found.centreline[:, :, 0])
 
 
-def serve() -> None:
-    """Compile parts that are named on stdin, a line each, until it ends; `done` on stdout after each, or `not kept`."""
-    for line in sys.stdin:
-        part, small = json.loads(line)
-        scene = Scene.from_si(json.loads(small))
-        work = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}[part]
+def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
+    """What a process does: compile parts by their names, and say whether the disk kept them."""
+    every = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}
+    scene = Scene.from_si(small)
+
+    def compile_part(part: str) -> bool:
         with suppress(SolveError):
-            work(scene)
-        print("done" if kept_all() else "not kept", flush=True)
+            every[part](scene)
+        return kept_all()
+
+    return compile_part
 
 
 def _built(small: Scene) -> Model:

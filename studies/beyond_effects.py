@@ -1,4 +1,4 @@
-"""Beyond effects: whether a scene needs three dimensions, dynamics, double precision and its particles; in seconds saved and error added.
+"""Beyond effects: whether a scene needs three dimensions, dynamics and its particles; in seconds saved and error added.
 
 Seconds are of a run on two cores of about 2.7 GHz, to a factor of two, from the measured rates of docs/design.md; errors are the rod's
 (magmpm.rod.shifts), so there are none where the body is no rod.
@@ -43,7 +43,7 @@ class Need:
 def needs(scene: Scene, answers: RodAnswers, error: float) -> list[Need]:
     """The answers for a scene whose answer may be off by an error, m."""
     cost = seconds(scene)
-    return [_three_dimensions(scene, answers, error, cost), _dynamics(scene, answers, error, cost), _precision(), _particles(scene, cost)]
+    return [_three_dimensions(scene, answers, error, cost), _dynamics(scene, answers, error, cost), _particles(scene, cost)]
 
 
 def seconds(scene: Scene) -> float:
@@ -132,10 +132,6 @@ def _solve(scene: Scene, cells: int) -> float:
     strip = scene.body.strip
     wide = 1.0 if strip is None or strip.plane_strain else max(1.0, (strip.width / strip.thickness) ** WIDE)
     return SOLVE * (cells / 4) ** ORDER * scene.length / (10 * scene.thickness) * wide
-
-
-def _precision() -> Need:
-    return Need("double precision", True, 0.0, None, "equilibria are solved to 1e-11 of the energy, where single precision ends at 1e-7")
 
 
 def _particles(scene: Scene, cost: float) -> Need:

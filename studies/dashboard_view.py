@@ -20,6 +20,7 @@ from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.studies.objectives import NAMES
+from magmpm.studies.optuna_ids import storage_of, study_id, trial_id
 from magmpm.studies.report import feasible, refused
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         return found
 
     def _shown(self, trial: FrozenTrial, study_id: int) -> FrozenTrial:
-        self._of_trial[trial._trial_id] = factors = self.factors(study_id)
+        self._of_trial[trial_id(trial)] = factors = self.factors(study_id)
         found = copy.copy(trial)
         found.user_attrs, found.system_attrs = dict(trial.user_attrs), dict(trial.system_attrs)
         if trial.state != TrialState.COMPLETE:
@@ -154,7 +155,7 @@ class Notes:
             save_note(self.study, about)
         for trial in self.study.get_trials(deepcopy=False):
             if trial.state.is_finished() and trial.number not in self._done:
-                there = SimpleNamespace(storage=self.study._storage, study=self.study, _trial_id=trial._trial_id)
+                there = SimpleNamespace(storage=storage_of(self.study), study=self.study, _trial_id=trial_id(trial))
                 if not get_note(there):  # type: ignore[arg-type]
                     save_note(there, self._of_trial(trial))  # type: ignore[arg-type]
                 self._done.add(trial.number)
@@ -205,7 +206,7 @@ class Notes:
             f"Study file: `{_plain(self._file)}`",
             *([f"{_plain(report['why'])}."] if "why" in report else []),
             f"Reproduce:\n\n```\n{_plain(self._command())}\n```",
-            *(f"![{name}](/artifacts/{self.study._study_id}/{pictures[name]})" for name in OF_STUDY[:3] if name in pictures),
+            *(f"![{name}](/artifacts/{study_id(self.study)}/{pictures[name]})" for name in OF_STUDY[:3] if name in pictures),
         ]
         return "\n\n".join(lines)
 

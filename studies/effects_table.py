@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,6 +14,7 @@ from magmpm.effects.acting import ONLY_IN_MOTION, Effects
 from magmpm.effects.base import Effect
 from magmpm.effects.estimates import MEASURE, no_rest
 from magmpm.errors import MagmpmError, SolveError
+from magmpm.fields.sources import FieldSource
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
 from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, variants, verdict
@@ -25,11 +25,7 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects, run
 from magmpm.studies.beyond_effects import Need, needs
 from magmpm.studies.effects_costs import counted
-from magmpm.studies.field_moment import stopped
 
-Progress = Callable[[int, int, str], None]
-STILL = 1e-12  # s, a step in which nothing moves
-RUN, REPEATS = 0.004, 100  # s
 SETTLING = ("damping", "viscosity")  # of which it is told how fast they settle the body
 CONTACTS = ("ground", "walls", "self_contact")
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
@@ -186,7 +182,7 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
 
-def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on_progress: Progress | None = None) -> Table:
+def survey(scene: Scene, *, measure: bool = True, error: float | None = None) -> Table:
     """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
     by; what the scene's resolution asks for, or 1 % of the length, unless given.
 
@@ -268,3 +264,40 @@ def _ignored(scene: Scene, key: str) -> tuple[str, ...]:
     if found and over is not None and over.endless is None:
         found.append("schedule")
     return (*found, *(name for name in (*CONTACTS, "feed") if name != key and getattr(named, name) is not None))
+
+
+ANGLES = 24  # of a turn, among which the moment is looked for
+
+
+def stopped(scene: Scene) -> tuple[Scene, str | None]:
+    """The scene with the endless parts of its field stopped at their strongest, and that moment in words; the scene and None if all end.
+
+    An oscillation is stopped at its largest strength. A rotating field is stopped at the angle, among ANGLES, with the largest sum of
+    |Br x B| over the segments, with B at the middle of the undeformed body. Parts that end are at their end, as in statics.
+    """
+    over = scene.field.over_time
+    if over is None or over.endless is None:
+        return scene, None
+    data, words = scene.to_si(), []
+    changed = data["field"]["over_time"]
+    swing = over.oscillation
+    if swing is not None and swing.cycles is None:
+        top = np.pi / 2 if swing.mean * swing.amplitude >= 0 else -np.pi / 2
+        changed["oscillation"]["cycles"] = (top - swing.phase) / (2 * np.pi) % 1.0 or 1.0
+        words.append("at the largest of its swing")
+    if over.rotation is not None and over.rotation.turns is None:
+        angles = [1.0, *(np.arange(1, ANGLES) / ANGLES).tolist()]  # a whole turn is none
+        torques = [_torque(scene, {**changed, "rotation": {**changed["rotation"], "turns": turns}}) for turns in angles]
+        best = angles[int(np.argmax(np.array(torques) > (1 - 1e-9) * max(torques)))]
+        changed["rotation"]["turns"] = best
+        words.append(f"turned by {360 * (best % 1.0):g} deg, where its torque on the undeformed body is largest")
+    return Scene.from_si(data), "the field, which has no end, is taken " + ", and ".join(words)
+
+
+def _torque(scene: Scene, over_time: dict[str, object]) -> float:
+    """Sum of |Br x B| over the segments, T^2, with B at the end of this schedule."""
+    data = scene.field.model_dump(mode="json")
+    source = FieldSource.model_validate({**data, "over_time": over_time})
+    middle = np.mean(scene.box(), axis=0)
+    B = replace(scene.outside_field(), source=source).at(middle)[0]
+    return float(np.linalg.norm(np.cross(scene.region_remanence(), B), axis=1).sum())

@@ -26,6 +26,7 @@ from magmpm.studies.judge import FAILURES, Judge, Judged, Picture, trial_of
 from magmpm.studies.linear_model import Differentiate, needs_derivatives
 from magmpm.studies.objectives import trial_values
 from magmpm.studies.opened import STARTS, OpenStudy
+from magmpm.studies.optuna_ids import trial_id
 from magmpm.studies.report import StudyReport
 from magmpm.studies.samplers import check_available, check_suits, check_workers, make_sampler
 from magmpm.studies.search_space import SearchSpace
@@ -177,7 +178,7 @@ class _Run(OpenStudy):
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
-                from magmpm.studies.projected import FieldsByRod
+                from magmpm.studies.optuna_samplers import FieldsByRod
 
                 return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
             return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
@@ -211,7 +212,7 @@ class _Run(OpenStudy):
         try:
             return self.keep(asked, self.judge.judged(asked.number, asked.params), begun)
         except KeyboardInterrupt:
-            self.session.put_back(asked._trial_id)
+            self.session.put_back(trial_id(asked))
             raise
 
     def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
@@ -270,7 +271,7 @@ class _Run(OpenStudy):
 
         asked = self.store(asked_for)
         if self.shared:
-            self.store(lambda: self.storage.set_trial_user_attr(asked._trial_id, READY, True))
+            self.store(lambda: self.storage.set_trial_user_attr(trial_id(asked), READY, True))
         return asked
 
     def in_time(self, asked: optuna.Trial) -> bool:
@@ -281,7 +282,7 @@ class _Run(OpenStudy):
         before = sum(t.number < asked.number and t.state != TrialState.FAIL for t in known)
         if before < self.study.trials:
             return True
-        self.session.withdraw(asked._trial_id)
+        self.session.withdraw(trial_id(asked))
         return False
 
     def keep(self, asked: optuna.Trial, judged: Judged, begun: float) -> Trial | None:
@@ -330,7 +331,7 @@ class _Run(OpenStudy):
             values = trial_values(self.study.minimize, self.space, asked.params, judged.outcome.value, not judged.outcome.accepted)
             self.kept.tell(asked, values)
         except (UpdateFinishedTrialError, ValueError):
-            state = self.storage.get_trial(asked._trial_id).state
+            state = self.storage.get_trial(trial_id(asked)).state
             if not state.is_finished():
                 raise
             return state == TrialState.COMPLETE

@@ -32,6 +32,7 @@ from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number, Step
+from magmpm.studies.optuna_ids import storage_of, trial_id
 from magmpm.studies.running import others_running
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
@@ -82,7 +83,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
         running, _ = others_running(study, trial, search_space)
         plan = self._plan(trials, running)
-        study._storage.set_trial_system_attr(trial._trial_id, PLAN, plan.kept)
+        storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, plan.kept)
         return plan.params
 
     def sample_independent(

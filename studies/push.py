@@ -1,6 +1,4 @@
-"""The push of a design through its guide, as a motion: the dynamic scene of an insertion, and how far it is from the equilibria.
-
-    python -m magmpm.studies.push runs/insertion_s          runs the scene of the best design, and compares
+"""The push of a design through its guide, as a motion: the dynamic scene of an insertion (`magmpm report --motion` runs it).
 
 The scene is OUT/best/scene.yaml. Its catheter is longer than the study's by a plain piece that stays in the guide; `feed` pushes it at one
 speed, and the field passes from each depth's to the next's evenly. It begins one diameter out, without a field.
@@ -8,8 +6,6 @@ speed, and the field passes from each depth's to the next's evenly. It begins on
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,7 +45,7 @@ def write_push(folder: Path, study: Study, space: SearchSpace, params: Mapping[s
     head = (
         f"# The best design of the study {study.name}, pushed through its guide while the field passes from depth to depth.\n"
         f"# `magmpm design` writes it anew when a trial is better: copy it before you change it.\n#\n#   magmpm run {path} --render\n"
-        f"#   python -m magmpm.studies.push {folder.parent}        runs it and compares it with the equilibria of the study\n\n"
+        f"#   magmpm report {folder.parent} --motion        runs it and compares it with the equilibria of the study\n\n"
     )
     text = head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
     part = path.with_suffix(".part")
@@ -109,79 +105,3 @@ def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
     shift = np.array([exit_at - (0.0 if scene.effects.feed is None else scene.effects.feed.exit), 0.0, 0.0])
     path = [[f"{1e3 * x:.9g} mm" for x in np.asarray(point) + shift] for point in walls.tube.path]
     return {"walls": {"tube": {"radius": f"{1e3 * walls.tube.radius:.9g} mm", "path": path}, "friction": walls.friction}}
-
-
-def compare(folder: Path) -> list[dict[str, float]]:
-    """Distances, m, of the pushed body from the equilibria of a study's best design, at each depth.
-
-    In folder/push: the motion of best/scene.yaml. Each row: depth_m, largest_m and rms_m along the inserted length, tip_m, contact_N.
-    """
-    from magmpm.results.trajectory import Motion
-
-    design = json.loads((folder / "best" / "design.json").read_text(encoding="utf-8"))
-    motion = Motion.load(folder / "push")
-    scene = motion.scene
-    assert scene is not None  # the file says what was run
-    exit_at = scene["effects"]["feed"]["exit"]
-    length, diameter = scene["body"]["catheter"]["length"], scene["body"]["catheter"]["diameter"]
-    depths = np.array([each["depth_m"] for each in design["insertion"]])
-    reference = np.asarray(motion.reference, dtype=float)
-    rows = []
-    for depth, when, shape in zip(depths, times(depths, diameter), design["shapes"], strict=True):
-        number = int(np.argmin(np.abs(np.asarray(motion.times) - when)))
-        s, axis = _axis(reference, np.asarray(motion.position(number), dtype=float), length - depth)
-        known = np.array(shape["axis_m"])
-        at = np.linspace(0.0, depth, len(known))
-        there = np.stack([np.interp(s, at, column) for column in known.T], axis=1) + np.array([exit_at, 0.0, 0.0])
-        apart = np.linalg.norm(axis - there, axis=1)
-        force = _contact(motion, when)
-        rows.append(
-            {
-                "depth_m": float(depth),
-                "largest_m": float(apart.max()),
-                "rms_m": float(np.sqrt(np.mean(apart**2))),
-                "tip_m": float(apart[-1]),
-                "contact_N": force,
-            }
-        )
-    return rows
-
-
-def _axis(reference: Array, position: Array, inside: float) -> tuple[Array, Array]:
-    """Arc lengths (k,) m from the exit on, and the mean places (k, 3) m of the particles of each layer outside the guide."""
-    layer, of = np.unique(np.round(reference[:, 0], 9), return_inverse=True)
-    count = np.bincount(of)
-    mean = np.stack([np.bincount(of, column) / count for column in position.T], axis=1)
-    outside = layer > inside
-    return layer[outside] - inside, mean[outside]
-
-
-def _contact(motion: Any, when: float) -> float:
-    """The size of the force of walls on the body at a time, N; 0 where no walls are named."""
-    contact = motion.contacts.get("walls")
-    if contact is None or not len(contact["t"]):
-        return 0.0
-    k = int(np.argmin(np.abs(np.asarray(contact["t"]) - when)))
-    return float(np.linalg.norm([contact[name][k] for name in ("Fx", "Fy", "Fz")]))
-
-
-def main() -> None:
-    """Run the push of a study's best design, unless it has run, and print how far it is from the equilibria."""
-    from magmpm.simulate import run
-
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="of the study, such as runs/insertion_s")
-    parser.add_argument("--again", action="store_true", help="run the motion though it is there")
-    options = parser.parse_args()
-    if options.again or not (options.folder / "push" / "result.json").exists():
-        run(options.folder / "best" / SCENE, folder=options.folder / "push", resume=not options.again)
-    rows = compare(options.folder)
-    (options.folder / "push.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    print("depth mm   largest mm   rms mm   tip mm   contact mN")
-    for row in rows:
-        a, b, c, d, e = (1e3 * row[key] for key in ("depth_m", "largest_m", "rms_m", "tip_m", "contact_N"))
-        print(f"{a:8.2f} {b:12.3f} {c:8.3f} {d:8.3f} {e:12.3g}")
-
-
-if __name__ == "__main__":
-    main()

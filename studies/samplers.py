@@ -144,7 +144,7 @@ def _gp(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
 
 
 def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from magmpm.studies.cmaes_sampler import DataOnlyCmaEsSampler
+    from magmpm.studies.optuna_samplers import DataOnlyCmaEsSampler
 
     return DataOnlyCmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
 
@@ -180,7 +180,7 @@ def _optuna_gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
 
 
 def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from magmpm.studies.quasi_random import SobolSampler
+    from magmpm.studies.optuna_samplers import SobolSampler
 
     return SobolSampler(space, seed, finished)
 

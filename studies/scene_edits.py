@@ -109,9 +109,9 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
         else:
             used = dict.fromkeys(regions[i].material_name for i in magnetized)
             found += [Number(f"remanence_of_{name}_mT", "remanence", low, high, 1e3, name) for name in used]
-    if vary.moduli is not None:
-        low, high = vary.moduli.min, vary.moduli.max
-        if vary.moduli.per == "segment":
+    if vary.shear_modulus is not None:
+        low, high = vary.shear_modulus.min, vary.shear_modulus.max
+        if vary.shear_modulus.per == "segment":
             found += [Number(f"{name}_shear_modulus_kPa", "shear_modulus", low, high, 1e-3, i) for i, name in enumerate(names)]
         else:
             used = dict.fromkeys(region.material_name for region in regions)

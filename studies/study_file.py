@@ -13,7 +13,6 @@ from magmpm.studies.vary import Vary
 
 MOST_TRIALS = 1_000_000
 MOST_DEPTHS = 200
-OBJECTIVES = ("rms", "largest_field", "magnetized_volume")
 
 
 class Match(Settings):

@@ -127,9 +127,6 @@ class Vary(Settings):
     shear_modulus: VaryShearModulus | None = Field(
         default=None, description="The shear modulus of the materials, within bounds.", examples=["{min: 50 kPa, max: 500 kPa}"]
     )
-    stiffness: VaryShearModulus | None = Field(
-        default=None, description="Another word for shear_modulus.", examples=["{min: 50 kPa, max: 500 kPa}"]
-    )
     order: VaryOrder | None = Field(
         default=None, description="The order of magnetized and plain segments along the body: {}.", examples=["{}"]
     )
@@ -138,11 +135,4 @@ class Vary(Settings):
     def _something(self) -> Vary:
         if not any(getattr(self, key) is not None for key in type(self).model_fields):
             raise fault("a study must vary something", "add `magnetization: {}`")
-        if self.shear_modulus is not None and self.stiffness is not None:
-            raise fault("give `shear_modulus` or `stiffness`: they are two words for one quantity", "remove one", ("stiffness",))
         return self
-
-    @property
-    def moduli(self) -> VaryShearModulus | None:
-        """The bounds of the shear moduli, by either word."""
-        return self.shear_modulus or self.stiffness

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import MagmpmError
+from magmpm.errors import MagmpmError, RenderError
 from magmpm.fields.magnets import frame_of
 from magmpm.scene import Scene
 from magmpm.viz.body import Body
 from magmpm.viz.camera import Framing, best_direction, extremes
 from magmpm.viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
-from magmpm.viz.process import RenderError
 from magmpm.viz.snapshot import History, Obstacle, Snapshot
 
 LOOKS = 60  # frames looked at to place the camera

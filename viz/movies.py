@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.errors import RenderError
 from magmpm.viz import style
 from magmpm.viz.camera import Framing
 from magmpm.viz.layout import page_of
-from magmpm.viz.process import RenderError
 from magmpm.viz.snapshot import Snapshot
 from magmpm.viz.worker import Renderer
 

@@ -1,7 +1,7 @@
 """Pictures are drawn in a process of their own, used for every frame, so that a crash there cannot harm the simulation.
 
 A missing OpenGL library is a segmentation fault inside VTK, and a driver may hang. So all drawing happens in
-a worker process (viz.process). When it dies or hangs it is started once more; when that does not help,
+a worker process. When it dies or hangs it is started once more; when that does not help,
 matplotlib draws that picture.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import pickle
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import InputError, report
+from magmpm.compiled.process import Died, Process, with_threads
+from magmpm.errors import InputError, RenderError, report
 from magmpm.viz.camera import Framing
 from magmpm.viz.layout import Layout, page_of
-from magmpm.viz.process import WINDOW_VARIABLE, RenderError, Worker, WorkerDied
 from magmpm.viz.snapshot import Snapshot
-from magmpm.viz.worker_main import draw
+from magmpm.viz.worker_main import begin, draw
 
 Size = tuple[int, int]
 BACKENDS = ("pyvista", "matplotlib")
@@ -31,6 +32,8 @@ BACKENDS = ("pyvista", "matplotlib")
 # Set to one of BACKENDS to have pictures drawn by it, whatever is installed.
 BACKEND_VARIABLE = "MAGMPM_RENDER"
 
+# Which of VTK's windows to use; its classes that need no display are EGL's and OSMesa's.
+WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 # VTK's windows that need no display: EGL (libegl1, libgl1-mesa-dri), then OSMesa (libosmesa6).
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
@@ -47,6 +50,8 @@ NO_PYVISTA = (
 )
 GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
 
+CLOSING = 1.0  # s that the drawing process gets to end by itself
+
 # After so many pictures in a row that PyVista could not draw even after a restart, it is not asked again.
 MOST_FAILURES = 3
 
@@ -62,6 +67,35 @@ def forced_backend() -> str | None:
         remedy = f"write, say, {BACKEND_VARIABLE}=matplotlib, or unset it"
         raise UnknownBackend(report(BACKEND_VARIABLE, received=forced, rule=f"must be one of {', '.join(BACKENDS)}", remedy=remedy))
     return forced
+
+
+class Worker(Process):
+    """One drawing process with one backend. The constructor only begins its start; `wait_ready` does."""
+
+    def __init__(self, backend: str, window: str | None = None) -> None:
+        """window: the class of VTK's window, for backend "pyvista"."""
+        # One thread for OpenGL and BLAS, and memory given back at once.
+        env = {**with_threads(1), "LP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
+        env["MALLOC_TRIM_THRESHOLD_"] = env["MALLOC_MMAP_THRESHOLD_"] = str(256 * 1024)
+        env.pop("PYTHONFAULTHANDLER", None)
+        if window is not None:
+            env[WINDOW_VARIABLE] = window
+        # VTK and OpenGL print when they fail, which is not shown: what matters is said in one line by the caller.
+        super().__init__(begin, backend, env=env)
+
+    def wait_ready(self, timeout: float) -> None:
+        """Wait (timeout: s) for its first picture. Raises Died, or RenderError if it cannot draw."""
+        self.ask(timeout=timeout)
+
+    def request(self, function: Callable[..., Any], *args: Any, timeout: float) -> Any:
+        """What function(*args) returns there; function must be of a module's top level, to be sent.
+
+        Raises Died, also when it takes longer than timeout (s), and RenderError for its exceptions.
+        """
+        try:
+            return self.ask((function, args), timeout)
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            raise RenderError(f"this request cannot be sent to the drawing process: {error}") from None
 
 
 class Renderer:
@@ -151,7 +185,7 @@ class Renderer:
             for _ in range(2):
                 try:
                     return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
-                except WorkerDied as death:
+                except Died as death:
                     self._drop_worker()
                     problem = f"the drawing process {death} twice on the same picture"
             raise RenderError(problem)
@@ -194,10 +228,10 @@ class Renderer:
         try:
             spare.wait_ready(self._start_timeout)
             return spare.request(draw, *args, timeout=self._frame_timeout)
-        except WorkerDied as death:
+        except Died as death:
             raise RenderError(f"PyVista: {error}; matplotlib: the drawing process {death}") from None
         finally:
-            spare.close()
+            spare.end(CLOSING)
 
     def _ready_worker(self) -> Worker:
         """The worker, started if it is not; goes down the list of windows, then to matplotlib."""
@@ -206,13 +240,13 @@ class Renderer:
             try:
                 worker.wait_ready(self._start_timeout)
                 return worker
-            except (WorkerDied, RenderError) as problem:
+            except (Died, RenderError) as problem:
                 self._drop_worker()
                 if self.backend == "matplotlib":
                     raise RenderError(f"the drawing process does not start: {problem}") from None
                 self._windows.pop(0)
                 if not self._windows:
-                    crashed = isinstance(problem, WorkerDied) and any(name in str(problem) for name in ("SIGSEGV", "SIGABRT"))
+                    crashed = isinstance(problem, Died) and any(name in str(problem) for name in ("SIGSEGV", "SIGABRT"))
                     reason = " ".join(str(problem).split())
                     self._fall_back(NO_OPENGL if crashed else DOES_NOT_START.format(reason=reason))
 
@@ -230,5 +264,5 @@ class Renderer:
 
     def _drop_worker(self) -> None:
         if self._worker is not None:
-            self._worker.close()
+            self._worker.end(CLOSING)
             self._worker = None

@@ -5,13 +5,13 @@ The first picture is the probe: where OpenGL is missing the process dies of it, 
 
 from __future__ import annotations
 
-import signal
 import sys
-from multiprocessing.connection import Connection
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.errors import RenderError
 from magmpm.results.whole_file import FULL, REFUSED, explained
 from magmpm.viz import style
 from magmpm.viz.camera import Framing
@@ -26,33 +26,24 @@ if TYPE_CHECKING:
 _canvas: Canvas | None = None
 
 
-def main(argv: list[str]) -> None:
-    """argv: ignored, file descriptor of the pipe, backend. Ends when the pipe does."""
-    # Ctrl-C is for the parent to act on; this process ends when the parent closes the pipe, or is gone.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def begin(pipe: object, backend: str) -> Callable[[tuple[Callable[..., Any], tuple[Any, ...]]], Any]:
+    """Open the renderer; return what draws. Raises RenderError, also for all that goes wrong in drawing."""
     _no_core_dump()
-    pipe = Connection(int(argv[1]))
+    global _canvas
     try:
-        global _canvas
-        _canvas = _opened(argv[2])
+        _canvas = _opened(backend)
         _probe()
     except Exception as error:
-        pipe.send(("error", _told(error)))
-        return
-    pipe.send(("ready", None))
-    while True:
-        try:
-            function, args = pipe.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            answer: tuple[str, Any] = ("done", function(*args))
-        except Exception as error:
-            answer = ("error", _told(error))
-        try:
-            pipe.send(answer)
-        except OSError:
-            return
+        raise RenderError(_told(error)) from None
+    return _drawn
+
+
+def _drawn(request: tuple[Callable[..., Any], tuple[Any, ...]]) -> Any:
+    function, args = request
+    try:
+        return function(*args)
+    except Exception as error:
+        raise RenderError(_told(error)) from None
 
 
 def _told(error: Exception) -> str:

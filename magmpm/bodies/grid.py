@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 
-NODES = 3  # B-splines of degree 2 that a cell carries along one axis
-
 
 def spline_weights(xi: Array, ends: Array | float = 0.5) -> Array:
     """Values of the three quadratic B-splines of a cell.

@@ -58,6 +58,7 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.studies.artifact_stores import artifact_store
     from magmpm.studies.dashboard_page import guarded, page
     from magmpm.studies.dashboard_view import DashboardView, Notes
+    from magmpm.studies.optuna_ids import study_id
     from magmpm.studies.storage import must_exist, open_storage
     from magmpm.studies.storage_url import shown_url
 
@@ -72,7 +73,7 @@ def command(options: argparse.Namespace) -> int:
         rule, remedy = f"must hold the study {saved['name']}", "name its database with --storage"
         raise InputError(report(f"storage {shown_url(url)}", rule=rule, remedy=remedy)) from None
     Notes(study, folder, artifacts).keep_up()
-    guard, start = Guard(), f"/dashboard/studies/{study._study_id}"
+    guard, start = Guard(), f"/dashboard/studies/{study_id(study)}"
     app = guarded(page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write), guard, start, options.write)
     try:
         server = make_server(LOOPBACK, port, app, _Server, _Handler)

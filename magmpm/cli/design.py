@@ -85,8 +85,8 @@ def command(options: argparse.Namespace) -> int:
 def _again(options: argparse.Namespace, study: Study) -> int:
     """Solve one trial again, and compare it with what is stored."""
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.again import solved_again
     from magmpm.studies.judge import Judge
+    from magmpm.studies.opened import solved_again
     from magmpm.studies.storage import OUTAGE, TIMEOUT, Store, storage_url
     from magmpm.studies.storage_url import given_url
 
@@ -136,7 +136,7 @@ class TrialPicture:
     def __call__(self, result: Result, path: Path, trial: Trial) -> list[Path]:
         """The files: picture, deformed surface (STL, mm), centreline (CSV)."""
         from magmpm.inputs.csv_tables import write_centreline
-        from magmpm.viz.stl import write_stl
+        from magmpm.viz.from_result import write_stl
 
         table = path.with_suffix(".csv")
         picture = self._drawn(result, path, trial)

@@ -29,7 +29,7 @@ LEAST_DISK = 1_000_000_000  # bytes
 IMPORTS = {"PyYAML": "yaml"}  # where names differ
 PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold self-test compiles kernels
 EXTRAS_FOR = {
-    "render": "pictures by PyVista, and movies", "view": "magmpm view --window", "magnets": "fields of magnets of any shape",
+    "render": "pictures by PyVista, and movies", "magnets": "fields of magnets of any shape",
     "dashboard": "magmpm dashboard", "report": "magmpm report as PDF", "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna",
     "postgresql": "studies in PostgreSQL", "grpc": "studies through Optuna's gRPC proxy", "s3": "pictures in an S3 store",
     "fem": "finite-element references", "browser": "make test-browser", "test": "the tests and linters", "docs": "make docs",

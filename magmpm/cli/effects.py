@@ -15,7 +15,7 @@ def command(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     from magmpm.studies.effects_table import survey  # and what solves, after the file is read
 
-    with Progress(f"effects of {scene.name}") as progress, of_file(options.scene):
-        table = survey(scene, measure=not options.quick, on_progress=progress.at)
+    with Progress(f"effects of {scene.name}"), of_file(options.scene):
+        table = survey(scene, measure=not options.quick)
     print_summary(options, table.summary(), table.text(every=options.all))
     return 0

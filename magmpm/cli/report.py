@@ -43,9 +43,12 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.studies.storage_url import known_url
 
     report = saved_report(folder)
+    if options.motion and not {"insertion", "schedule"} & (report.get("best") or {}).keys():
+        rule = "only the best design of an insertion or a schedule can be run in time"
+        raise InputError(worded("--motion", received=str(folder), rule=rule, remedy="leave it out"))
     storage = known_url(report["storage"], options.storage, os.environ)
     with folder_lock(out):
-        made = write(folder, report, out, storage=storage, quick=options.quick, pdf=not options.no_pdf)
+        made = write(folder, report, out, storage=storage, quick=options.quick, motion=options.motion, pdf=not options.no_pdf)
     for note in made["notes"]:
         print(f"magmpm: note: {note}", file=sys.stderr)
     lines = [f"saved {made['html']}", *([f"saved {made['pdf']}"] if made["pdf"] else [])]
@@ -53,18 +56,21 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def write(folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | None, quick: bool, pdf: bool) -> dict[str, Any]:
-    """Gather, draw, write OUT/report.html and, where it can be printed, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`."""
+def write(
+    folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | None, quick: bool, motion: bool, pdf: bool
+) -> dict[str, Any]:
+    """Gather, draw, write OUT/report.html and, where it can, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`, `motion`."""
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.sheet import gather
     from magmpm.viz.sheet import PrintError, page, printed
 
-    facts = gather(folder, report, run=run, differentiate=sensitivities, storage=storage, quick=quick)
+    facts = gather(folder, report, run=run, differentiate=sensitivities, storage=storage, quick=quick, motion=motion)
     with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
         text = page(facts, _pictures(folder, report, Path(drawn), facts))
     with whole_file(out / PAGE) as part:
         part.write_text(text, encoding="utf-8")
     made: dict[str, Any] = {"html": str(out / PAGE), "pdf": None, "notes": facts["notes"], "best": report.get("best")}
+    made["motion"] = facts.get("motion", [])
     if pdf:
         try:
             printed(text, out / PDF)

@@ -9,16 +9,7 @@ from pathlib import Path
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
 from magmpm.errors import InputError, report
-from magmpm.studies.hard_cases import (
-    BROKEN,
-    CASES,
-    Outcome,
-    controls_table,
-    random_table,
-    run_cases,
-    run_random,
-    table,
-)
+from magmpm.studies.hard_cases import BROKEN, CASES, random_table, run_cases, run_random, table
 
 
 def command(options: argparse.Namespace) -> int:
@@ -31,25 +22,13 @@ def command(options: argparse.Namespace) -> int:
     if not chosen:
         raise InputError(f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}")
     with Progress("hard cases") as progress:
-        outcomes = run_cases(chosen, controls=bool(options.controls), on_done=progress.at)
-    if options.controls:
-        return _controls(options, outcomes)
+        outcomes = run_cases(chosen, on_done=progress.at)
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     summary = {"cases": [outcome.summary() for outcome in outcomes], "failed": failed}
     print_summary(options, summary, table(outcomes))
     if failed:
         print(f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}", file=sys.stderr)
     return 3 if failed else 0
-
-
-def _controls(options: argparse.Namespace, outcomes: list[Outcome]) -> int:
-    """Tell how the controls ended. Returns the exit status: 3 if a case passes with its remedy switched off."""
-    passed = [outcome.name for outcome in outcomes if outcome.passed]
-    summary = {"controls": [outcome.summary() for outcome in outcomes], "passed_all_the_same": passed}
-    print_summary(options, summary, controls_table(outcomes))
-    if passed:
-        print(f"magmpm: {len(passed)} of {len(outcomes)} cases pass with their remedy switched off: {', '.join(passed)}", file=sys.stderr)
-    return 3 if passed else 0
 
 
 def _refuse_mixed(options: argparse.Namespace) -> None:
@@ -60,7 +39,7 @@ def _refuse_mixed(options: argparse.Namespace) -> None:
             rule, remedy = "belongs to random scenes", "add, say, --random 300, or leave it out"
             raise InputError(report(alone[0], rule=rule, remedy=remedy, received="no --random"))
         return
-    cases = [f"--{name}" for name in ("case", "quick", "controls") if getattr(options, name)]
+    cases = [f"--{name}" for name in ("case", "quick") if getattr(options, name)]
     if cases:
         rule, remedy = "chooses among the cases, and --random draws scenes in their place", "leave out one of the two"
         raise InputError(report(cases[0], rule=rule, remedy=remedy, received=f"--random {options.random}"))

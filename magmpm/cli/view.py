@@ -20,10 +20,8 @@ if TYPE_CHECKING:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Serve the page, or open a window, until it is stopped. Returns the exit status. Raises InputError."""
+    """Serve the page until it is stopped. Returns the exit status. Raises InputError."""
     path = Path(options.scene)
-    if options.window:
-        _refuse_no_window()
     scene, path, target, target_name = _asked(path, options)
     if options.port is not None and not 0 <= options.port < 65536:
         raise InputError(report("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one"))
@@ -40,8 +38,6 @@ def command(options: argparse.Namespace) -> int:
         with of_file(path):
             view = ShapeView(_at_rest(scene, options.cells), path, folder, target, target_name)
     try:
-        if options.window:
-            return _window(view)
         return _serve(view, path, options)
     finally:
         view.close()
@@ -88,30 +84,6 @@ def _at_rest(scene: Scene, cells: int | None) -> Scene:
     from magmpm.studies.live import ready
 
     return ready(scene, cells)
-
-
-def _refuse_no_window() -> None:
-    """Raises InputError where a window can't be opened."""
-    import os
-    from importlib.util import find_spec
-
-    if find_spec("pyvista") is None:
-        raise InputError(
-            "--window: PyVista is not installed; install it with: pip install 'magmpm[view]'; or leave --window "
-            "out: `magmpm view` shows the scene in the browser, and needs nothing more"
-        )
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        rule = "a window needs a desktop: this session has no display (DISPLAY and WAYLAND_DISPLAY are not set)"
-        remedy = "leave --window out: `magmpm view` serves a page that a browser shows, here or through `ssh -L`"
-        raise InputError(report("--window", rule=rule, remedy=remedy))
-
-
-def _window(view: Any) -> int:
-    """Open the window, and stay until it is closed."""
-    from magmpm.viz.window import MotionWindow, ShapeWindow
-
-    (MotionWindow if view.scene.in_time else ShapeWindow)(view).show()
-    return 0
 
 
 def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:

@@ -7,8 +7,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from magmpm.errors import BudgetError, Collapsed, Key, LeftField, SolveError, TimeOver, Torn, dotted, undotted
-from magmpm.fields.dipole import MU0
+from magmpm.errors import BudgetError, Collapsed, Key, LeftField, SolveError, TimeOver, Torn, undotted
+from magmpm.fields.over_time import Ramp
+from magmpm.fields.schedule import end_time
 from magmpm.scene.scene import Scene
 
 RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each with many iterations
@@ -18,7 +19,6 @@ SHARE = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
 FAINT = 2e-3  # of the load, where none was
 ENERGY = "energy appeared from nothing"  # how the reason of a motion begins whose steps are too long
-HOLDS = (0.25, 0.03)  # Br^2/(mu0 G): segments whose attraction stretches them by as much; from about 1 on they fall onto each other
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,16 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _shorter_or_weaker(scene, error)
-    less = _less_magnetic(scene) if scene.effects.magnetic_interaction is not None else ()
-    if isinstance(error, Collapsed):
-        return (*less, *_shorter_or_weaker(scene, error))
+    if isinstance(error, Collapsed):  # of segments that attract each other, which no outside field keeps apart
+        return _until(scene, error) if scene.in_time else ()
     if isinstance(error, TimeOver):  # smaller steps would take longer
         borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0
-        return (*less, *((_until(scene, error) if scene.in_time else ()) or (_weaker(scene, error) if borne else ())))
+        return (_until(scene, error) if scene.in_time else ()) or (_weaker(scene, error) if borne else ())
     if isinstance(error, BudgetError):  # it says itself what to raise, and nothing else is wrong
         return ()
     if scene.solver.dynamic is not None:
-        return (*less, *_of_motion(scene, error))
-    return (*less, *_of_equilibria(scene, error))
+        return _of_motion(scene, error)
+    return _of_equilibria(scene, error)
 
 
 def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
@@ -109,7 +108,7 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 def _shorter_or_weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """To end before it went wrong, where that was not at the first step; else a weaker load."""
-    return (_until(scene, error) if scene.in_time else ()) or _weaker(scene, error, by_field=not isinstance(error, Collapsed))
+    return (_until(scene, error) if scene.in_time else ()) or _weaker(scene, error)
 
 
 def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
@@ -130,45 +129,19 @@ def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     return (static, *_weaker(scene, error), Remedy(words, followed))
 
 
-def _less_magnetic(scene: Scene) -> tuple[Remedy, ...]:
-    """Less remanence, so that segments which attract each other are held apart by the softest of their materials; none if they are."""
-    used = {region.material_name for region in scene.regions()}
-    softest = min(scene.materials[name].shear_modulus for name in used)
-    found = []
-    for ratio in HOLDS:
-        most = (ratio * MU0 * softest) ** 0.5
-        most = float(f"{most:.3g}")
-        over = [name for name in used if scene.materials[name].remanence > most]
-        if not over:
-            break
-        words = f"a remanence of at most {1e3 * most:g} mT, where Br^2/(mu0 G) is {ratio:g}; or leave out effects.magnetic_interaction"
-        found.append(Remedy(words, {dotted(("materials", name, "remanence")): most for name in sorted(over)}))
-    return tuple(found)
-
-
-def _weaker(scene: Scene, error: SolveError, *, by_field: bool = True) -> tuple[Remedy, ...]:
-    """A weaker load, where the body finds no rest under the whole one: as much of it as was borne, or parts where that is not known.
-
-    by_field: whether a weaker field is enough, where nothing else loads the body.
-    """
+def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
+    """A weaker field and weight, where there is no rest under the whole load: as much as was borne, or parts where that is not known."""
     share = getattr(error.state, "load_share", 1.0)
     borne = tuple(float(f"{part * share:.3g}") for part in (SHARE, WEAKER[0]))
     parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], FAINT)
-    weight = scene.effects.gravity
-    if by_field and weight is None and scene.field.over_time is None:
-        return tuple(
-            Remedy(
-                f"a weaker field, field.over_time: {{ramp: {{duration: 1 s, begin: {part:g}, end: {part:g}}}}}",
-                {"field.over_time": {"ramp": {"duration": 1.0, "begin": part, "end": part}}},
-            )
-            for part in parts
-        )
+    over, weight = scene.field.over_time, scene.effects.gravity
+    ramp = Ramp(duration=end_time(scene.field) or 1.0, begin=1.0) if over is None or over.ramp is None else over.ramp
     found = []
     for part in parts:
-        changes: dict[str, Any] = {
-            dotted(("materials", name, "remanence")): part * material.remanence for name, material in scene.materials.items()
-        }
-        words = f"a weaker load: remanence of all materials times {part:g}"
+        scaled = {**ramp.model_dump(), "begin": part * ramp.begin, "end": part * ramp.end}
+        changes: dict[str, Any] = {"field.over_time.ramp": scaled}
+        told = ", ".join(f"{key}: {scaled[key]:g}{' s' if key == 'duration' else ''}" for key in ("duration", "begin", "end"))
+        words = f"a weaker field, field.over_time: {{ramp: {{{told}}}}}"
         if weight is not None:
             changes["effects.gravity.acceleration"] = [part * component for component in weight.acceleration]
             words += f", and effects.gravity.acceleration times {part:g}"

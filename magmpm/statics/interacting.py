@@ -162,7 +162,7 @@ def minimize_with_interaction(
         if point.min_det_F < COLLAPSED:
             raise Collapsed(
                 "the segments attract each other more strongly than their material can bear, and fall onto each other: "
-                f"det F fell to {point.min_det_F:.2g}", before
+                f"det F fell to {point.min_det_F:.2g} (bodies bear it up to a Br^2/(mu0 G) of about 1)", before
             )  # fmt: skip
         after = energy.residual(point)
         remembered.append((point.grid - before.grid, after - gradient))

@@ -7,15 +7,11 @@ What they find is repaired in the solver, not in the case.
         print(case.run().summary())
 """
 
-from dataclasses import replace
-
 from magmpm.studies.hard_cases import bodies, branches, equilibria, loads, shapes, stepping, upkeep
-from magmpm.studies.hard_cases.case import Case, Outcome, controls_table, table
-from magmpm.studies.hard_cases.controls import control_of
-from magmpm.studies.hard_cases.parallel import outcomes as run_cases
+from magmpm.studies.hard_cases.case import Case, Outcome, run_cases, table
 from magmpm.studies.hard_cases.random_suite import BROKEN, random_table, run_random
 
 _FAMILIES = (equilibria, branches, bodies, stepping, loads, shapes, upkeep)
-CASES: tuple[Case, ...] = tuple(replace(case, control=control_of(case.name)) for family in _FAMILIES for case in family.CASES)
+CASES: tuple[Case, ...] = tuple(case for family in _FAMILIES for case in family.CASES)
 
-__all__ = ["BROKEN", "CASES", "Case", "Outcome", "controls_table", "random_table", "run_cases", "run_random", "table"]
+__all__ = ["BROKEN", "CASES", "Case", "Outcome", "random_table", "run_cases", "run_random", "table"]

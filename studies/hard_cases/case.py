@@ -1,25 +1,16 @@
-"""What a hard case is, and what running it gives."""
+"""What a hard case is, what running it gives, and running several in processes side by side."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
+from magmpm.compiled.process import DIED, RAISED, answers, started, threads_each, with_threads
 from magmpm.errors import SolveError
 from magmpm.scene import Scene
-
-
-@dataclass(frozen=True)
-class Control:
-    """A remedy that is switched off: what it is, a context that does it, and a change of the scene; either may be nothing."""
-
-    remedy: str
-    off: Callable[[], AbstractContextManager[None]] = nullcontext
-    scene: Callable[[Scene], Scene] = lambda scene: scene
 
 
 @dataclass(frozen=True)
@@ -38,7 +29,6 @@ class Case:
     bound: float
     source: str
     slow: bool = False
-    control: Control | None = None
 
     def run(self) -> Outcome:
         """Measure it. A failed run counts as infinite, with its reason."""
@@ -47,22 +37,11 @@ class Case:
             value = float(self.measure(self.scene()))
         except SolveError as error:
             value, reason = math.inf, error.reason
-        return self._outcome(value, reason, begun)
+        return self.outcome(value, reason, perf_counter() - begun)
 
-    def run_control(self) -> Outcome:
-        """Measure it with its remedy switched off. What a crippled solver raises counts as infinite, but no InputError."""
-        assert self.control is not None
-        begun, reason = perf_counter(), ""
-        try:
-            with self.control.off():
-                value = float(self.measure(self.control.scene(self.scene())))
-        except (SolveError, ArithmeticError, ValueError, IndexError) as error:
-            value, reason = math.inf, str(error)
-        found = self._outcome(value, reason, begun)
-        return replace(found, name=f"{self.name}, without", control=self.control.remedy)
-
-    def _outcome(self, value: float, reason: str, begun: float) -> Outcome:
-        passed, seconds = value <= self.bound, perf_counter() - begun
+    def outcome(self, value: float, reason: str, seconds: float) -> Outcome:
+        """What a measure, or the reason why there is none, comes to."""
+        passed = value <= self.bound
         return Outcome(self.name, self.weak, self.quantity, value, self.bound, passed, seconds, self.source, reason)
 
 
@@ -79,20 +58,10 @@ class Outcome:
     seconds: float
     source: str
     reason: str
-    control: str = ""  # the remedy that was switched off
 
     def summary(self) -> dict[str, Any]:
         """Plain data; a measure that is not finite is None."""
         return {**asdict(self), "measure": self.measure if math.isfinite(self.measure) else None}
-
-
-def controls_table(outcomes: list[Outcome]) -> str:
-    """The outcomes of controls as text."""
-    lines = [f"{'case':<44} {'without':>10} {'bound':>9}  {'':<20} {'seconds':>7}  switched off"]
-    for o in outcomes:
-        word = "PASSED ALL THE SAME" if o.passed else "fails, as it should"
-        lines.append(f"{o.name.removesuffix(', without'):<44} {o.measure:10.2e} {o.bound:9.2e}  {word:<20} {o.seconds:7.1f}  {o.control}")
-    return "\n".join(lines)
 
 
 def table(outcomes: list[Outcome]) -> str:
@@ -104,3 +73,36 @@ def table(outcomes: list[Outcome]) -> str:
         if not o.passed:
             lines.append(f"    a weak code: {o.weak}" + (f"; here: {o.reason}" if o.reason else ""))
     return "\n".join(lines)
+
+
+Done = Callable[[int, int, str], None]
+
+
+def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None) -> list[Outcome]:
+    """The outcomes of cases, in their order. The long ones begin first; each process has its share of the cores.
+
+    on_done(done, number of cases, name): called after each.
+    """
+    processes = min(processes, len(cases), threads_each(1))
+    if processes < 2:
+        found = []
+        for k, case in enumerate(cases):
+            on_done(k, len(cases), case.name)
+            found.append(case.run())
+        return found
+    by_name = dict[str, Outcome]()
+    known = {case.name: case for case in sorted(cases, key=lambda case: not case.slow)}
+    with started(processes, _begin, env=with_threads(threads_each(processes))) as pool:
+        for name, kind, found in answers(iter(known), pool):
+            if kind == RAISED:
+                raise found
+            by_name[name] = known[name].outcome(math.inf, f"the process {found}", found.seconds) if kind == DIED else found
+            on_done(len(by_name), len(cases), name)
+    return [by_name[case.name] for case in cases]
+
+
+def _begin(_: object) -> Callable[[str], Outcome]:
+    """What a process does: cases hold functions without a name, so they go by theirs."""
+    from magmpm.studies.hard_cases import CASES  # which imports this module
+
+    return lambda name: next(case for case in CASES if case.name == name).run()

@@ -9,12 +9,12 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies
 from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics.step_control import LIMIT
 from magmpm.dynamics.steps import take
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
-from magmpm.kernels.watch import LIMIT
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 

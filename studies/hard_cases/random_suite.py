@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import signal
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from magmpm.compiled.process import DIED, RAISED, TOLD, Died, answers, started
 from magmpm.errors import InputError
-from magmpm.studies.hard_cases.attempt import CONVERGED, HUNG, REFUSED, STOPPED, TRACEBACK, WRONG, Outcome
+from magmpm.studies.hard_cases.attempt import (
+    CONVERGED,
+    HUNG,
+    REFUSED,
+    STOPPED,
+    TRACEBACK,
+    WRONG,
+    Outcome,
+    attempt,
+)
 from magmpm.studies.hard_cases.drawn import drawn
-from magmpm.studies.hard_cases.pool import solved
 
 OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
 FIRST = 20  # scenes by which another version of the generator is noticed
-LIMIT = 120.0  # s of processor time for a scene with its checks
+LIMIT = 120.0  # s of processor time for a scene with its checks, which a busy machine does not shorten
+PATIENCE = 20.0  # times as long, and
+COMPILING = 1200.0  # s more, may a process take: it compiles before its limit of processor time begins
+Job = tuple[int, Path, Path]  # number, scene file, folder for what is saved
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
 
@@ -47,6 +61,36 @@ def run_random(
             if on_done is not None:
                 on_done(len(known), count)
     return summary_of([known[number] for number in sorted(known) if number < count], time.monotonic() - begun, folder)
+
+
+def solved(jobs: Iterable[Job], processes: int, limit: float) -> Iterator[tuple[int, Outcome]]:
+    """Number and outcome of each job, in the order in which they end. limit: s of processor time for each.
+
+    Each process compiles a kernel once, for all its scenes; one that ends or hangs is replaced.
+    """
+    known: dict[int, Outcome] = {}  # before remedies are tried
+    env = {**os.environ, "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
+    with started(processes, _begin, limit, env=env) as pool:
+        for (number, path, _), kind, found in answers(iter(jobs), pool, PATIENCE * limit + COMPILING):
+            if kind == RAISED:
+                raise found
+            if kind == TOLD:
+                known[number] = found
+            else:
+                yield number, _without(found, path, known.get(number), limit) if kind == DIED else found
+
+
+def _begin(pipe: Any, limit: float) -> Callable[[Job], Outcome]:
+    return lambda job: attempt(job[1], job[2], limit, lambda known: pipe.send((TOLD, known)))
+
+
+def _without(death: Died, path: Path, known: Outcome | None, limit: float) -> Outcome:
+    """The outcome where a process ended on its own: out of time (in a remedy, which then brought no answer), or otherwise."""
+    late = death.status == -signal.SIGPROF
+    if late and known is not None:
+        return {"file": path.name, "seconds": death.seconds, **known}
+    reason = f"no answer within {limit:g} s of processor time" if late else f"the process {death}"
+    return {"file": path.name, "seconds": death.seconds, "ended": HUNG if late or death.status == 0 else TRACEBACK, "reason": reason}
 
 
 def summary_of(outcomes: list[Outcome], seconds: float, folder: Path) -> dict[str, Any]:

@@ -12,10 +12,11 @@ from typing import Any
 
 import yaml
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, report
 from magmpm.inputs.settings import read_yaml
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
+from magmpm.statics.effects_choice import choose_effects
 from magmpm.studies.best_scene import mended
 from magmpm.studies.live.sliders import AXES, SOURCES, Control, Values, angles, turned
 
@@ -141,3 +142,23 @@ def _put_inserted(content: Data, shown: Scene) -> None:
     kept = shown.effects.named()
     content["effects"] = {key: value for key, value in content["effects"].items() if key in kept}
     content["solver"] = {key: value for key, value in (content.get("solver") or {}).items() if key in ("anti_locking", "static")}
+
+
+USUAL = 4  # cells across, where the scene asks for an error instead
+
+
+def ready(scene: Scene, cells: int | None = None) -> Scene:
+    """The scene with `effects: auto` chosen, and in `cells` cells across, or its own; USUAL where it asks for an error or a time.
+
+    Raises InputError where nothing holds its body, or the cells don't fit it.
+    """
+    if scene.body.shape.clamp == "none":
+        rule, remedy = "only a body that is held somewhere has a rest", "name a clamp, or view a motion: `solver: {dynamic: ...}`"
+        raise InputError(report(f"body.{scene.body.kind}.clamp", received="none", rule=rule, remedy=remedy))
+    if scene.effects.auto:
+        scene = choose_effects(scene).scene
+    if cells is not None and not 2 <= cells <= 16:
+        raise InputError(report("--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4"))
+    if cells is not None or scene.resolution.asked:
+        scene = scene.with_cells(cells or USUAL)
+    return scene

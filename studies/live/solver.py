@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
-import magmpm
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.process import DONE, RAISED, Died, Process
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
@@ -46,20 +41,9 @@ class Solver:
 
     def __init__(self, target: Array | None = None) -> None:
         """target (m, 4) m: rows [s, x, y, z] that shapes are compared with, or None."""
-        self._target, self._newest = target, 0
+        self._newest = 0
         self._counting, self._working = threading.Lock(), threading.Lock()
-        self._start()
-
-    def _start(self) -> None:
-        self._pipe, theirs = Pipe()
-        root = str(Path(magmpm.__file__).resolve().parents[1])
-        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.studies.live.solver import serve; serve({theirs.fileno()})"
-        with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", code], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()], env=os.environ, start_new_session=True,
-            )  # fmt: skip
-        self._pipe.send(self._target)
+        self.process = Process(_begin, target, quiet=False)
 
     def solved(self, scene: Scene) -> Solved:
         """Solve a scene. Raises Overtaken when a newer one was asked for meanwhile."""
@@ -67,55 +51,52 @@ class Solver:
             self._newest += 1
             ticket = self._newest
         with self._working:
-            self._unless_newer(ticket)
+            if ticket != self._newest:
+                raise Overtaken
             begun = time.perf_counter()
+            self.process.give(scene)
             try:
-                self._pipe.send(scene)
-                while not self._pipe.poll(0.02):
-                    if ticket != self._newest and time.perf_counter() - begun > PATIENCE:
-                        self._pipe.send(None)  # give up
-                        self._pipe.recv()
-                        raise Overtaken
-                kind, answer, rms = self._pipe.recv()
-            except (EOFError, OSError):
-                return Solved(None, None, self._revived(), time.perf_counter() - begun)
+                kind, answer, rms = self._answer(ticket)
+            except Died as death:
+                self.process.start()
+                kind, answer, rms = "failure", f"the process that solves {death} and was started anew; move a slider to go on", None
             seconds = time.perf_counter() - begun
             return Solved(answer, rms, "", seconds) if kind == "result" else Solved(None, None, answer, seconds)
 
-    def _unless_newer(self, ticket: int) -> None:
-        if ticket != self._newest:
-            raise Overtaken
-
-    def _revived(self) -> str:
-        status = self.process.wait()
-        self._pipe.close()
-        self._start()
-        return f"the process that solves ended (status {status}) and was started anew; move a slider to go on"
+    def _answer(self, ticket: int) -> tuple[str, Any, float | None]:
+        """What the process says of the scene that it was given. Raises Overtaken, Died."""
+        begun = time.perf_counter()
+        while True:
+            if self.process.pipe.poll(0.02):
+                kind, found = self.process.receive()
+                if kind == RAISED:
+                    raise found
+                if kind == DONE:
+                    return found  # type: ignore[no-any-return]
+            elif ticket != self._newest and time.perf_counter() - begun > PATIENCE:
+                self.process.give(None)  # give up; both are answered
+                answered = 0
+                while answered < 2:
+                    answered += self.process.receive()[0] == DONE
+                raise Overtaken
 
     def close(self) -> None:
         """End the process."""
-        self._pipe.close()
-        self.process.kill()
-        self.process.wait()
+        self.process.end()
 
 
-def serve(descriptor: int) -> None:
-    """The process: solves what comes through the pipe until it closes."""
-    pipe: Any = Connection(descriptor)
+def _begin(pipe: Any, target: Array | None) -> Callable[[Scene | None], Any]:
+    """What the process does: solve the scenes that come; None only ends the solve before it."""
     neighbors = Neighbors(MOST)
     following = Following(neighbors.expected)
-    try:
-        target = pipe.recv()
-        while True:
-            scene = pipe.recv()
-            if scene is None:  # what was to be given up had ended by then
-                continue
-            answer = _answer(scene, following, target, pipe)
-            pipe.send(answer)
-            if answer[0] == "result":
-                neighbors.learn(answer[1].grid_correction)
-    except (EOFError, OSError, KeyboardInterrupt):
-        return
+
+    def answer(scene: Scene | None) -> Any:
+        found: Any = ("overtaken", "", None) if scene is None else _answer(scene, following, target, pipe)
+        if found[0] == "result":
+            neighbors.learn(found[1].grid_correction)
+        return found
+
+    return answer
 
 
 def _answer(scene: Scene, following: Following, target: Array | None, pipe: Any) -> tuple[str, Any, float | None]:

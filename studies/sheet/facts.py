@@ -26,6 +26,7 @@ from magmpm.studies.samplers import settings
 from magmpm.studies.search_space import SearchSpace
 from magmpm.studies.sheet import trials as of_trials
 from magmpm.studies.sheet.finer import judged, last_equilibrium
+from magmpm.studies.sheet.motion import in_time
 from magmpm.studies.sheet.tolerances import SHARE, allowed, together
 from magmpm.studies.storage import must_exist, open_storage, storage_faults
 from magmpm.studies.study import Study
@@ -44,11 +45,12 @@ def gather(
     differentiate: Callable[..., Any],
     storage: str | None = None,
     quick: bool = False,
+    motion: bool = False,
 ) -> dict[str, Any]:
     """What is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
 
     run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is judged again, unless quick. storage: the URL of
-    the trials where the report's lacks a password.
+    the trials where the report's lacks a password. motion: run the best design of an insertion or a schedule in time, too.
     """
     notes: list[str] = []
     facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), **_optuna_version()}}
@@ -65,6 +67,8 @@ def gather(
     result = Result.load(folder / records.BEST)
     body = without_guide(describe_body(_best_scene(folder / records.BEST, result)), len(best.get("magnetization") or ()))
     facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": _of_result(result)}
+    if motion:
+        facts["motion"] = in_time(folder, best, study)
     if not quick:
         facts |= _judged(result, best, study, run, differentiate)
         facts |= _limits_of_errors(facts, body["length_m"])

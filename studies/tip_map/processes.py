@@ -7,18 +7,14 @@ to their rods tells what the next one will add (studies.neighbors). Paths know n
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection, wait
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import magmpm
+from magmpm.compiled.process import DIED, RAISED, TOLD, answers, started, with_threads
 from magmpm.effects import acting
 from magmpm.errors import MagmpmError
 from magmpm.model import build
@@ -43,83 +39,33 @@ class Tip:
 
 
 def solved(scene: Scene, paths: Sequence[Path_], processes: int) -> Iterator[Tip]:
-    """The tips of all fields of all paths, in the order in which they are found."""
-    waiting = iter(paths)
-    pool = [_Process(scene, max((os.cpu_count() or 1) // processes, 1)) for _ in range(min(processes, len(paths)))]
-    try:
-        busy = {one for one in pool if one.begin(next(waiting, None))}
-        while busy:
-            ready = set(wait([one.pipe for one in busy]))
-            for one in [one for one in busy if one.pipe in ready]:
-                yield from one.received()
-                if not one.left and not one.begin(next(waiting, None)):
-                    busy.discard(one)
-    finally:
-        for one in pool:
-            one.end()
+    """The tips of all fields of all paths, in the order in which they are found. Of a process that ends, the field that it was at has no
+    answer, and another one takes up the rest of its path."""
+    left = deque(list(path) for path in paths)
+    env = with_threads(max((os.cpu_count() or 1) // processes, 1))
+    with started(min(processes, len(paths)), _begin, scene, env=env) as pool:
+        for path, kind, found in answers(left, pool):
+            if kind == RAISED:
+                raise found
+            if kind == TOLD:
+                yield found
+                path.pop(0)
+            elif kind == DIED and path:
+                index, _ = path.pop(0)
+                yield Tip(index, None, np.nan, 0, f"the process that solved it {found}")
+                if path:
+                    left.append(path)
 
 
-class _Process:
-    """One process and its pipe; left: the fields of its path that it has not told of."""
+def _begin(pipe: Any, scene: Scene) -> Callable[[Path_], None]:
+    """What a process does: follow a path, and send each tip."""
+    model = static_model(build(scene))
 
-    def __init__(self, scene: Scene, threads: int) -> None:
-        self._scene, self._threads, self.left = scene, threads, list[tuple[int, Sequence[float]]]()
-        self._start()
+    def follow(path: Path_) -> None:
+        for found in _along(scene, model, path):
+            pipe.send((TOLD, found))
 
-    def _start(self) -> None:
-        self.pipe, theirs = Pipe()
-        root = str(Path(magmpm.__file__).resolve().parents[1])
-        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.studies.tip_map.processes import serve; serve({theirs.fileno()})"
-        env = {**os.environ, "OMP_NUM_THREADS": str(self._threads), "NUMBA_NUM_THREADS": str(self._threads)}
-        with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", code], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()], env=env,
-            )  # fmt: skip
-        self.pipe.send(self._scene)
-
-    def begin(self, path: Path_ | None) -> bool:
-        """Begin a path. Returns whether there was one."""
-        if path is None:
-            return False
-        self.left = list(path)
-        self.pipe.send(path)
-        return True
-
-    def received(self) -> list[Tip]:
-        """What it has told; of a process that ended: that the field it was at has no answer. Another one takes up the rest of its path."""
-        try:
-            found: Tip = self.pipe.recv()
-        except (EOFError, OSError):
-            status = self.process.wait()
-            (index, _), rest = self.left[0], self.left[1:]
-            self.end()
-            self._start()
-            self.left = []
-            self.begin(rest or None)
-            return [Tip(index, None, np.nan, 0, f"the process that solved it ended with status {status}")]
-        self.left = [one for one in self.left if one[0] != found.index]
-        return [found]
-
-    def end(self) -> None:
-        """End the process."""
-        self.process.kill()
-        self.process.wait()
-        self.pipe.close()
-
-
-def serve(descriptor: int) -> None:
-    """A process: follows the paths that come through the pipe until it closes."""
-    pipe: Any = Connection(descriptor)
-    try:
-        scene: Scene = pipe.recv()
-        model = static_model(build(scene))
-        while True:
-            path: Path_ = pipe.recv()
-            for found in _along(scene, model, path):
-                pipe.send(found)
-    except (EOFError, OSError, KeyboardInterrupt):
-        return
+    return follow
 
 
 def _along(scene: Scene, model: StaticModel, path: Path_) -> Iterator[Tip]:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.studies.optuna_ids import storage_of, trial_id
+
 if TYPE_CHECKING:
     from optuna import Study
     from optuna.distributions import BaseDistribution
@@ -44,7 +46,7 @@ class PerTrial(BaseSampler):
         self._inner = self._make(trial.number)
         self._given = AGAIN in trial.user_attrs
         if self._session is not None:
-            study._storage.set_trial_user_attr(trial._trial_id, SESSION, self._session)
+            storage_of(study).set_trial_user_attr(trial_id(trial), SESSION, self._session)
         if self._wait and not self._given:
             _wait_for_smaller(study, trial)
         self._inner.before_trial(study, trial)
@@ -61,7 +63,7 @@ class PerTrial(BaseSampler):
             return {}
         found = self._inner.sample_relative(study, trial, search_space)
         if trial.number < len(self._starts):
-            study._storage.set_trial_user_attr(trial._trial_id, "start", "rod")
+            storage_of(study).set_trial_user_attr(trial_id(trial), "start", "rod")
             return {name: value for name, value in self._starts[trial.number].items() if name in search_space}
         return found
 
@@ -81,7 +83,7 @@ def _wait_for_smaller(study: Study, trial: FrozenTrial) -> None:
     """Wait until the running trials with smaller numbers have all their parameters, or for PATIENCE."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
-        trials = study._storage.get_all_trials(study._study_id, deepcopy=False, states=(TrialState.RUNNING,))
+        trials = study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
         if all(READY in t.user_attrs for t in trials if t.number < trial.number):
             return
         time.sleep(0.02)

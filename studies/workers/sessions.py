@@ -25,6 +25,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from magmpm.errors import report
+from magmpm.studies.optuna_ids import storage_of, study_id, trial_id
 from magmpm.studies.storage import StorageError, Store
 from magmpm.studies.storage_url import is_server
 from magmpm.studies.workers.per_trial import AGAIN, SESSION
@@ -47,7 +48,7 @@ class Session:
     def __init__(self, kept: optuna.Study, store: Store, out: Path, shared: bool) -> None:
         """shared: other sessions may work on the study at the same time."""
         self.kept, self.store, self.out, self.shared = kept, store, out, shared
-        self.storage = kept._storage
+        self.storage = storage_of(kept)
         self.name = uuid.uuid4().hex[:12]
         self.lost: list[str] = []  # what became of trials, a sentence each
         self._beats, self._beaten = 0, -BEAT
@@ -84,7 +85,7 @@ class Session:
             if trial.number in mine:
                 continue
             if by == self.name:  # asked for, but the answer was lost
-                self.put_back(trial._trial_id)
+                self.put_back(trial_id(trial))
             elif self._is_dead(by, trial, records):
                 self._take_up(trial)
 
@@ -104,7 +105,7 @@ class Session:
 
         for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
             if not self.shared or trial.user_attrs.get(SESSION) == self.name:
-                self.put_back(trial._trial_id)
+                self.put_back(trial_id(trial))
 
     def withdraw(self, trial_id: int) -> None:
         """Ends a trial that nobody needs."""
@@ -139,9 +140,9 @@ class Session:
         def end() -> bool:
             try:
                 with _one_at_a_time(self.store.url):
-                    if self.storage.get_trial(trial._trial_id).state != TrialState.RUNNING:
+                    if self.storage.get_trial(trial_id(trial)).state != TrialState.RUNNING:
                         return False
-                    return bool(self.storage.set_trial_state_values(trial._trial_id, state=TrialState.FAIL))
+                    return bool(self.storage.set_trial_state_values(trial_id(trial), state=TrialState.FAIL))
             except UpdateFinishedTrialError:
                 return False
 
@@ -157,7 +158,7 @@ class Session:
             system_attrs={**known, "fixed_params": trial.params},
             user_attrs={AGAIN: trial.number, **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs}},
         )
-        self.store(lambda: self.storage.create_new_trial(self.kept._study_id, template_trial=again))
+        self.store(lambda: self.storage.create_new_trial(study_id(self.kept), template_trial=again))
 
     def _requeue(self) -> None:
         """Queues trials that a killed process left running: `ask` takes them up with the same number and parameters.
@@ -174,7 +175,7 @@ class Session:
                 rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
                 remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"
                 raise StorageError(report(f"study {self.kept.study_name}", rule=rule, remedy=remedy))
-            self.storage.set_trial_state_values(trial._trial_id, state=TrialState.WAITING)
+            self.storage.set_trial_state_values(trial_id(trial), state=TrialState.WAITING)
 
 
 def this_process(out: Path) -> dict[str, Any]:

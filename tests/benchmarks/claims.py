@@ -293,11 +293,10 @@ def stability_quick() -> Figures:
 
 
 def _cases(slow: bool) -> Figures:
-    from magmpm.studies.hard_cases import CASES
-    from magmpm.studies.hard_cases.parallel import outcomes
+    from magmpm.studies.hard_cases import CASES, run_cases
 
     cases, found = [case for case in CASES if case.slow == slow], {}
-    for case, outcome in zip(cases, outcomes(cases), strict=True):
+    for case, outcome in zip(cases, run_cases(cases), strict=True):
         found |= {case.name: outcome.measure, f"{case.name} in %": 100 * outcome.measure, f"{case.name} apart": -outcome.measure}
     return found
 

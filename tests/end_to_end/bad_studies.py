@@ -95,7 +95,6 @@ CASES = [
     BadStudy("lengths in another unit", ("field: {max: 10 mT}", "field: {max: 10 mT}\n  length: {min: 4 kPa, max: 12 mm}"), ("vary.length.min", "length")),
     BadStudy("diameter beyond the length", ("field: {max: 10 mT}", "field: {max: 10 mT}\n  diameter: {min: 2 mm, max: 60 mm}"), ("study.yaml:5: vary.diameter", "the length must be 1 to 500 times the diameter", "diameter 60 mm")),
     BadStudy("remanence beyond all magnets", ("field: {max: 10 mT}", "field: {max: 10 mT}\n  remanence: {min: 0 mT, max: 4 T}"), ("vary.remanence.max", "at most 3 T", "4 T")),
-    BadStudy("stiffness by both words", ("field: {max: 10 mT}", "field: {max: 10 mT}\n  stiffness: {min: 10 kPa, max: 1 MPa}\n  shear_modulus: {min: 10 kPa, max: 1 MPa}"), ("vary.stiffness", "two words for one quantity")),
     BadStudy("order of one kind", ("field: {max: 10 mT}", "field: {max: 10 mT}\n  order: {}"), ("study.yaml:5: vary.order", "all 2 of the scene's are magnetized")),
     BadStudy("field at each depth without depths", ("field: {max: 10 mT}", "field: {max: 10 mT, at: each depth}"), ("study.yaml:4: vary.field.at", "needs an insertion")),
     BadStudy("field at each time without times", ("field: {max: 10 mT}", "field: {max: 10 mT, at: each time}"), ("study.yaml:4: vary.field.at", "needs a schedule")),

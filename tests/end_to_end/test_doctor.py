@@ -41,14 +41,14 @@ def test_a_library_that_is_missing_old_or_broken(monkeypatch: pytest.MonkeyPatch
 
 def test_optional_parts_are_one_list_without_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each with what it is for, and one command that a wheel's users can type; what is there but too old is a warning."""
-    monkeypatch.setattr(doctor, "_installed", {"magmpm": "1", "pyvista": "0.49"}.get)
+    monkeypatch.setattr(doctor, "_installed", {"magmpm": "1", "magpylib": "6.1", "pyvista": "0.49"}.get)
     (told,) = doctor._extras()
     assert told.status == doctor.OK
-    assert told.found.startswith("there: view; not there: render (pictures by PyVista, and movies), ")
+    assert told.found.startswith("there: magnets; not there: render (pictures by PyVista, and movies), ")
     assert "postgresql (studies in PostgreSQL)" in told.found
     assert told.found.endswith("pip install 'magmpm[NAME]'")
     monkeypatch.setattr(doctor, "_installed", {"magmpm": "1", "pyvista": "0.1"}.get)
-    assert [check.name for check in doctor._extras() if check.status == doctor.WARN] == ["extra render", "extra view"]
+    assert [check.name for check in doctor._extras() if check.status == doctor.WARN] == ["extra render"]
     assert {needed.extra for needed in doctor._needed()} - {""} == set(doctor.EXTRAS_FOR)
 
 

@@ -200,17 +200,6 @@ def test_a_folder_that_cant_be_written_is_refused_before_the_page_is_served(tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_window_needs_a_display(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Said clearly, before the scene is solved."""
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    assert main(["view", FIVE, "--window"]) == 2
-    said = capsys.readouterr().err
-    assert "no display" in said
-    assert "magmpm view" in said
-
-
 def test_threads_end_with_the_server(server: PageServer) -> None:
     """Two at once: the page asks for a preview and a solution together."""
     answers: list[int] = []

@@ -6,11 +6,8 @@ import json
 
 import pytest
 
-from magmpm.bodies.catheter import Catheter
 from magmpm.cli import main
-from magmpm.statics import equilibrium, newton
 from magmpm.studies.hard_cases import CASES, Case, run_cases
-from magmpm.studies.hard_cases.controls import control_of
 
 PARAMETERS = [pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.slow else []) for case in CASES]
 
@@ -22,35 +19,11 @@ def test_hard_case(case: Case) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_control_fails(case: Case) -> None:
-    """With the remedy switched off that it is about, a case fails: otherwise it would tell nothing. The switch is back afterwards."""
-    outcome = case.run_control()
-    assert not outcome.passed, f"{outcome.control}: {outcome.measure:.3g}, at most {outcome.bound:.3g} all the same"
-
-
-def test_switches_go_back() -> None:
-    """What a control replaces is there again after it, also after an error."""
-    replaced = ((newton, "_search"), (equilibrium, "solve_rod"), (Catheter, "discretize"))
-    before = [(owner, name, getattr(owner, name)) for owner, name in replaced]
-    [one] = [case for case in CASES if case.name == "thin tube, K/G = 100"]
-    for begun in ("needle, L/D 200", "8 offsets", "antiparallel field through buckling"):
-        with pytest.raises(ZeroDivisionError), control_of(begun).off():
-            raise ZeroDivisionError
-    assert all(getattr(owner, name) is value for owner, name, value in before)
-    assert one.run().passed
-    assert not one.run_control().passed
-    assert one.run().passed
-
-
-@pytest.mark.slow
 def test_cases_in_two_processes() -> None:
-    """They and their controls come back in their order, with the same numbers as in one process."""
+    """They come back in their order, with the same numbers as in one process."""
     some = [case for case in CASES if case.name.startswith(("thin tube", "no load"))]
-    for controls in (False, True):
-        one, two = (run_cases(some, controls=controls, processes=count) for count in (1, 2))
-        assert [o.name for o in one] == [o.name for o in two]
-        assert [(o.measure, o.passed) for o in one] == [(o.measure, o.passed) for o in two]
+    one, two = (run_cases(some, processes=count) for count in (1, 2))
+    assert [(o.name, o.measure, o.passed) for o in one] == [(o.name, o.measure, o.passed) for o in two]
 
 
 def test_names_tell_cases_apart() -> None:
@@ -64,11 +37,6 @@ def test_command(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(capsys.readouterr().out)
     assert [case["name"] for case in found["cases"]] == [quick]
     assert found["failed"] == []
-    tube = "thin tube, K/G = 100"
-    assert main(["stability", "--case", tube, "--controls", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [control["name"] for control in found["controls"]] == [f"{tube}, without"]
-    assert found["passed_all_the_same"] == []
     assert main(["stability", "--case", "perpetual motion"]) == 2
     assert quick in capsys.readouterr().err
 

@@ -20,8 +20,7 @@ from magmpm.simulate import run
 from magmpm.studies.hard_cases.attempt import remedied
 from magmpm.studies.hard_cases.checks import FINER, LATE, checked
 from magmpm.studies.hard_cases.drawn import drawn
-from magmpm.studies.hard_cases.pool import solved
-from magmpm.studies.hard_cases.random_suite import BROKEN
+from magmpm.studies.hard_cases.random_suite import BROKEN, solved
 from magmpm.studies.hard_cases.twins import MIRROR, twin
 
 
@@ -74,7 +73,6 @@ def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--seed", "3"], "--seed"),
         (["--out", "here"], "--out"),
         (["--random", "3", "--case", "needle"], "--case"),
-        (["--random", "3", "--controls"], "--controls"),
     ],
 )
 def test_orders_that_make_no_sense_are_refused(given: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from magmpm import Scene
 from magmpm.studies.insertion import EXIT_WEIGHT, STATIONS, Insertion
@@ -59,7 +60,7 @@ def test_a_path_follows_its_rows_and_leaves_along_x():
 def test_frames_do_not_turn_about_the_path():
     """In the plane, y stays y; the tangent is the path's."""
     path = Path(arc())
-    frames = path.frames_at(np.array([0.0, 15e-3]))
+    frames = Rotation.from_quat(path.quaternions_at(np.array([0.0, 15e-3])), scalar_first=True).as_matrix()
     np.testing.assert_allclose(frames[0], np.eye(3), atol=1e-9)
     angle = 15e-3 / RADIUS
     expected = [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]

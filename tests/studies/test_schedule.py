@@ -13,9 +13,10 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.definition import load_study
 from magmpm.studies.engine import run_study
+from magmpm.studies.records import read_design
 from magmpm.studies.schedule import Schedule
-from magmpm.studies.schedule_check import in_motion
 from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.sheet.motion import in_motion, in_time
 
 TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(
     "match: {centreline: target.csv}",
@@ -113,3 +114,17 @@ def test_scenes_of_a_schedule_are_static(tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(SCENE + "solver: {dynamic: {duration: 1 s}}\n")
     with pytest.raises(InputError, match="each of its shapes is an equilibrium"):
         load_study(path)
+
+
+def test_the_best_design_runs_in_time(tmp_path: Path) -> None:
+    """Equilibria along time are near the rod's design; a motion too quick for the body is far from it. A second report reads the runs."""
+    path = reachable(tmp_path, "tpe", 2)
+    path.write_text(path.read_text().replace("0.5 s", "2 ms").replace("time: 2 s", "time: 4 ms").replace("0.25 s", "0 s"), encoding="utf-8")
+    study = load_study(path)
+    run_study(study, solve=solve, out=tmp_path / "out")
+    rows = in_time(tmp_path / "out", read_design(tmp_path / "out/best"), study)
+    assert [row["time_s"] for row in rows] == [0.002, 0.004]
+    for row in rows:  # 1 mm: a rod and two cells across, whose stiffness is off by some percent
+        assert row["quasi_static_m"] == pytest.approx(row["design_m"], abs=1e-3)
+        assert row["motion_m"] != pytest.approx(row["design_m"], rel=0.1)
+    assert in_time(tmp_path / "out", read_design(tmp_path / "out/best"), study) == rows

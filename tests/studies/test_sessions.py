@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from types import SimpleNamespace
 from typing import Any
@@ -42,35 +41,18 @@ def test_a_trial_waits_for_smaller_numbers_alone(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(per_trial, "PATIENCE", 0.2)
     for other, waits in ((1, True), (3, False)):
         running = [SimpleNamespace(number=other, user_attrs={})]
-        study: Any = SimpleNamespace(_study_id=0, _storage=SimpleNamespace(get_all_trials=lambda *_, running=running, **__: running))
+        study: Any = SimpleNamespace(get_trials=lambda *_, running=running, **__: running)
         begun = time.monotonic()
         per_trial._wait_for_smaller(study, SimpleNamespace(number=2))  # type: ignore[arg-type]
         assert (time.monotonic() - begun > 0.1) is waits
 
 
-def test_threads_are_split_among_workers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
-    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
-    assert [pool.threads_each(n) for n in (1, 2, 3, 16)] == [8, 4, 2, 1]
-
-
-def test_a_design_that_ended_two_processes_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Worker(SimpleNamespace):
-        def __init__(self, *_: object) -> None:
-            super().__init__(job=None, ready=True, tries=0)
-
-        def give(self, job: Any) -> None:
-            self.job = job
-
-        def end(self) -> str:
-            return "SIGKILL"
-
-    monkeypatch.setattr(pool, "_Worker", Worker)
+def test_a_design_that_ended_two_processes_is_given_up() -> None:
+    worker: Any = SimpleNamespace(job=(5, {}), ready=True, tries=0, given=[], start=lambda: None)
+    worker.give = worker.given.append
     many: Any = pool.Pool.__new__(pool.Pool)
-    many._payload, many._threads, many._failed_starts, many.deaths = b"", 1, 0, 0
-    many._workers = [Worker()]
-    many._workers[0].give((5, {}))
-    assert many._replaced(0, many._workers[0]) is None
-    again = many._workers[0]
-    assert (again.job, again.tries) == ((5, {}), 1)
-    assert "SIGKILL" in many._replaced(0, again)
+    many._failed_starts = many.deaths = 0
+    assert many._replaced(worker, "ended by SIGKILL") is None
+    assert (worker.given, worker.tries) == ([(5, {})], 1)
+    assert "ended by SIGKILL, 2 times" in many._replaced(worker, "ended by SIGKILL")
+    assert worker.job is None

@@ -25,7 +25,7 @@ MIXED = (
 )
 EVERYTHING = (
     "{magnetization: {}, field: {max: 10 mT}, length: {min: 4 mm, max: 12 mm, total: %s}, diameter: {min: 3 mm, max: 5 mm}, "
-    "remanence: {min: 50 mT, max: 200 mT, per: %s}, stiffness: {min: 60 kPa, max: 300 kPa, per: %s}, order: {}}"
+    "remanence: {min: 50 mT, max: 200 mT, per: %s}, shear_modulus: {min: 60 kPa, max: 300 kPa, per: %s}, order: {}}"
 )
 
 

@@ -18,6 +18,7 @@ from interruptible import draw
 from rod_solve import STUDY, write_study
 
 from magmpm.cli import main
+from magmpm.compiled.process import threads_each
 from magmpm.errors import InputError
 from magmpm.studies.definition import load_study
 from magmpm.studies.engine import allowed_time, run_study
@@ -27,7 +28,6 @@ from magmpm.studies.sampler_names import SAMPLERS
 from magmpm.studies.storage_url import given_url, passwords, shown_url, without_passwords
 from magmpm.studies.trial import Trial
 from magmpm.studies.workers import pool
-from magmpm.studies.workers.pool import threads_each
 
 pytestmark = pytest.mark.slow
 TRIALS = 16
@@ -98,7 +98,7 @@ def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(workers: int, tmp_
     (tmp_path / "poison").touch()
     report = run(tmp_path / "again", "random", session.slow, workers=workers, time_limit=3.0)
     assert (report.trials, report.failed) == (TRIALS, 1)
-    assert report.reasons == ["the process that solved it ended (after 3 s without an answer), 1 times"]
+    assert report.reasons == ["the process that solved it ended after 3 s without an answer, 1 times"]
 
 
 @pytest.mark.parametrize("workers", [None, 2])

@@ -89,7 +89,7 @@ def killed_now_and_then(study: Path, folder: Path, url: str, look: str, kills: i
         k = drawn.randrange(2)
         try:
             family = psutil.Process(sessions[k].pid)
-            workers = [child for child in family.children() if "magmpm.studies.workers.process" in " ".join(child.cmdline())]
+            workers = [child for child in family.children() if "magmpm.studies.workers.pool" in " ".join(child.cmdline())]
             victim = family if drawn.random() < 0.5 or not workers else drawn.choice(workers)
             victim.send_signal(signal.SIGKILL)
             done += 1

@@ -147,6 +147,19 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
     return pairs(rows) + more + tag("p", note, class_="note")
 
 
+def motion(facts: Mapping[str, Any]) -> Markup:
+    """The best design in time, against the equilibria of an insertion or the shapes of a schedule."""
+    rows = facts.get("motion")
+    if not rows:
+        return NOTHING
+    units = {"m": ("mm", 1e3), "s": ("s", 1.0), "N": ("mN", 1e3)}
+    columns = [(key, *units[key.rpartition("_")[2]]) for key in rows[0]]
+    head = [f"{key.rpartition('_')[0].replace('_', ' ')}, {unit}" for key, unit, _ in columns]
+    note = "Distances of the axis, of an insertion from the equilibrium of each depth, of a schedule from each shape (rms)."
+    lines = [[f"{factor * row[key]:.4g}" for key, _, factor in columns] for row in rows]
+    return table(head, lines, class_="numbers") + tag("p", note, class_="note")
+
+
 def settings(facts: Mapping[str, Any]) -> Markup:
     """What was searched, by what, and with which versions."""
     best = facts.get("best") or {}

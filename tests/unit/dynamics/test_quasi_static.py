@@ -298,7 +298,7 @@ def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path
     bad = Scene.from_si({**good.to_si(), "field": field})
     ramped = bad.solver.static.model_copy(update={"field_steps": 4})
     monkeypatch.setattr(equilibrium, "minimize", three)
-    with pytest.raises(SolveError, match=r"equilibrium at t = 0 s: at .* % of the load: enough; to try: .*times 0\.") as caught:
+    with pytest.raises(SolveError, match=r"equilibrium at t = 0 s: at .* % of the load: enough; to try: a weaker field") as caught:
         run(bad.model_copy(update={"solver": bad.solver.model_copy(update={"static": ramped})}), folder=tmp_path)
     state = caught.value.state
     assert isinstance(state, Result)
@@ -322,7 +322,7 @@ def test_a_path_that_fails_on_every_grid_says_what_to_try(tmp_path: Path, monkey
     monkeypatch.setattr(equilibrium, "minimize", never)
     asked = scene({"steps": 2}, cells=2, direction=(0, 1, 0)).to_si()
     asked["resolution"] = {"error": 0.01}
-    with pytest.raises(SolveError, match=r"enough; to try: a weaker load") as caught:
+    with pytest.raises(SolveError, match=r"enough; to try: a weaker field") as caught:
         run(Scene.from_si(asked), folder=tmp_path)
     state = caught.value.state
     assert isinstance(state, Result)

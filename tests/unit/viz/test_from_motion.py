@@ -9,13 +9,13 @@ import pytest
 from reference import drawn, motions
 from reference.drawn import MAGNET, SIZE
 
+from magmpm.errors import RenderError
 from magmpm.results.trajectory import Motion, MotionWriter
 from magmpm.scene import Scene
 from magmpm.viz import annotations, layout, movies, style
 from magmpm.viz.body import Body
 from magmpm.viz.from_motion import MotionRenderer
 from magmpm.viz.meshes import Surface
-from magmpm.viz.process import RenderError
 from magmpm.viz.worker import Renderer
 
 

@@ -13,11 +13,11 @@ from PIL import Image
 from reference import bent_bodies
 from reference.drawn import SIZE
 
+from magmpm.errors import RenderError
 from magmpm.viz import movies, style
 from magmpm.viz.camera import Framing
 from magmpm.viz.from_motion import MotionRenderer
 from magmpm.viz.movies import chosen
-from magmpm.viz.process import RenderError
 from magmpm.viz.snapshot import Snapshot
 from magmpm.viz.worker import Renderer
 

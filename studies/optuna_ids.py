@@ -1,0 +1,29 @@
+"""What Optuna 5 has no public name for: a study's storage, and the numbers by which storages know studies and trials.
+
+Trials that another process left running are put back, ended or copied by the storage's own calls with these numbers; so are a sampler's
+notes on the trial that it is asked for, of which it gets a copy without methods. All private names of Optuna stand here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.storages import BaseStorage
+    from optuna.trial import FrozenTrial
+
+
+def storage_of(study: optuna.Study) -> BaseStorage:
+    """The storage, as the study uses it."""
+    return study._storage
+
+
+def study_id(study: optuna.Study) -> int:
+    """The study's number in its storage."""
+    return study._study_id
+
+
+def trial_id(trial: optuna.Trial | FrozenTrial) -> int:
+    """The trial's number in its storage: another one than its number in its study."""
+    return trial._trial_id
