@@ -164,21 +164,34 @@ class Equilibrium:
         return self.form.mat.Inverse(self.free, inverse="sparsecholesky")
 
     def minimize(self, tolerance: float = 1e-13, max_steps: int = 200) -> None:
-        """Newton's method with backtracking, until a step would lower the energy by less than `tolerance` of it."""
-        state = self.u.vec
+        """Newton's method with backtracking, until a step would lower the energy by less than `tolerance` of it.
+
+        A factorization is kept while each step makes the decrement ten times smaller.
+        """
+        state, inverse, decrement = self.u.vec, None, math.inf
         residual, step, start = (state.CreateVector() for _ in range(3))
         for _ in range(max_steps):
             self.newton_steps += 1
             self.form.Apply(state, residual)
-            step.data = self.tangent_inverse() * residual
+            if inverse is not None:
+                step.data = inverse * residual
+                if not 0 < ngs.InnerProduct(step, residual) < 0.1 * decrement:
+                    inverse = None
+            if inverse is None:
+                inverse = self.tangent_inverse()
+                step.data = inverse * residual
             decrement, energy, fraction = ngs.InnerProduct(step, residual), self.form.Energy(state), 1.0
             start.data = state
             state.data -= step
             if abs(decrement) < tolerance * abs(energy):  # below the rounding error of the energy: no line search
                 return
+            if decrement < 0:  # a start that is rough at a rim: turned round, the step goes down
+                decrement, inverse = -decrement, None
+                state.data = start + step
+                step *= -1.0
             # "not <": the energy is NaN where det F < 0
             while not self.form.Energy(state) < energy - 1e-4 * fraction * decrement:
-                fraction /= 2
+                fraction, inverse = fraction / 2, None
                 if fraction < 1e-6:
                     raise RuntimeError(f"no way down at load {self.load.Get():g}, decrement {decrement:g} mJ")
                 state.data = start - fraction * step

@@ -1,8 +1,10 @@
 """`make validate`: statics against every finite-element reference, for several cell sizes, with and without F-bar.
 
     python tests/benchmarks/validate.py [fem_catheters.json]
+    python tests/benchmarks/validate.py --jointed [NAME ...]
 
-With a path, the two cases of that file (uniform meshes: see docs/design.md) as well.
+With a path, the two cases of that file (uniform meshes: see docs/design.md) as well. With --jointed, instead, the
+jointed catheters and tubes of jointed_catheters.json, or those named, with F-bar.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 from reference.problems import Problem, finite_element_problems  # noqa: E402
 
-CELLS = (3, 4, 6, 8)
+CELLS = (2, 3, 4, 6, 8)
+REFERENCES = ROOT / "data/references"
 
 
 def uniform_mesh_problems(path: Path, like: dict[str, Problem]) -> dict[str, Problem]:
@@ -36,8 +39,12 @@ def uniform_mesh_problems(path: Path, like: dict[str, Problem]) -> dict[str, Pro
 
 def main(paths: list[str]) -> int:
     """Print the table."""
-    problems = finite_element_problems(ROOT / "data/references/fem.json")
-    for path in paths:
+    jointed, lockings = "--jointed" in paths, ("f-bar", "none")
+    problems = finite_element_problems(REFERENCES / ("jointed_catheters.json" if jointed else "fem.json"))
+    if jointed:
+        lockings = ("f-bar",)
+        problems = {name: problem for name, problem in problems.items() if name in paths or len(paths) == 1}
+    for path in [] if jointed else paths:
         problems |= uniform_mesh_problems(Path(path), problems)
     print(
         "largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8"
@@ -46,7 +53,7 @@ def main(paths: list[str]) -> int:
         f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}"
     )
     for name, problem in problems.items():
-        for locking in ("f-bar", "none"):
+        for locking in lockings:
             row, errors = [], []
             for n in CELLS:
                 try:
@@ -57,7 +64,7 @@ def main(paths: list[str]) -> int:
                 errors.append(largest_distance(result, problem.centreline) / problem.length)
                 row.append(f"{100 * errors[-1]:9.4f} ({result.iterations:2d})")
             known = len(errors) == len(CELLS)
-            order = np.polyfit(np.log(CELLS[1:]), np.log(errors[1:]), 1)[0] if known else np.nan
+            order = np.polyfit(np.log(CELLS[2:]), np.log(errors[2:]), 1)[0] if known else np.nan
             yes = "yes" if locking == "f-bar" else "no"
             print(
                 f"{name:<38}{yes:>6}{100 * problem.error:14.4f}" + "".join(row) + f"{-order:8.1f}", flush=True

@@ -46,7 +46,7 @@ class Problem:
 
 
 def finite_element_problems(path: Path) -> dict[str, Problem]:
-    """The problems of a file such as data/references/fem.json (its SOURCES.md says what the keys mean).
+    """The problems of data/references/fem.json or jointed_catheters.json (their SOURCES.md says what the keys mean).
 
     Raises InputError when the file or a table it names can't be read.
     """
@@ -89,9 +89,9 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
         "effects": effects,
     }
     error = 1e-3 * case["centreline_error_mm"] / case["length"]
-    return Problem(
-        name, content, read_centreline(folder / case["centreline"]), error, "data/references/make_fem.py"
-    )
+    rows = case["centreline"]  # a table's name, or the rows themselves in mm
+    centreline = read_centreline(folder / rows) if isinstance(rows, str) else 1e-3 * np.array(rows)
+    return Problem(name, content, centreline, error, "data/references/SOURCES.md")
 
 
 def elastica_problem(load: float, field_angle: float, slenderness: float, centreline: Array) -> Problem:
