@@ -26,7 +26,8 @@ def test_jointed(problem: Problem, cells: int, bound: float) -> None:
     assert largest_distance(run(problem.scene(cells)), problem.centreline) <= bound * problem.length
 
 
-@pytest.mark.xfail(reason="cells cut the wall: 0.25 % of L at 4 cells with a wall of 0.2 of the radius, K/G 20 (6 cells: 0.03 %)", strict=False)
+# 0.25 % of L at 4 cells, 0.03 % at 6: a wall of 0.2 of the radius, K/G 20.
+@pytest.mark.xfail(reason="cells cut the wall of a thin tube", strict=False)
 @pytest.mark.parametrize("problem", TUBES.values(), ids=TUBES)
 def test_tube(problem: Problem) -> None:
     assert largest_distance(run(problem.scene(4)), problem.centreline) <= 0.1e-2 * problem.length
