@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import SceneError, SolveError, TimeOver
-from magmpm.model import build
+from magmpm.model import build, knots_of
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.statics import axis
@@ -33,6 +33,7 @@ SHARE = 0.5  # of the machine's memory that a grid may take
 LATE = 1.15  # of the time asked for: a grid that takes longer is given up
 RESERVE = 0.9  # of the time left that a grid may be foretold to take
 HOPE = 0.5  # errors may fall by this order faster than they did
+JOINTED = 3  # cells across to begin with where materials meet: of 143 drawn bodies 2 cells have errors of up to 2 times the bound
 FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
 
 
@@ -140,7 +141,7 @@ def _searched(
             on_step(step, number)
 
     search = _Search(Ladder(scene, loads, tell), begun, beside, proven)
-    cells: int | None = coarsest or coarsest_cells(scene)
+    cells: int | None = coarsest or max(coarsest_cells(scene), JOINTED if knots_of(scene).joints else 0)
     failure: SolveError | None = None
     failed = 0
     while cells is not None:
