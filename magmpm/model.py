@@ -16,8 +16,6 @@ from magmpm.bodies.grid import (
     clamp_first_node,
     clamp_last_node,
     clamp_low_node,
-    spline_slopes,
-    spline_weights,
 )
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line
@@ -65,11 +63,8 @@ class Model:
 
         Clamps are built into them. They are not kept: each solver stores them in its own order.
         """
-        grid, cell = self.grid, self.particles.cell
-        xi = grid.locate(self.particles.position, cell)
-        ends, width = np.full((*cell.shape, 2), 0.5), np.tile(grid.spacing, (len(cell), 1))
-        ends[:, 0], width[:, 0] = grid.along.ends[cell[:, 0]], grid.along.width[cell[:, 0]]
-        weights, slopes = spline_weights(xi, ends), spline_slopes(xi, ends) / width[:, :, None]
+        cell = self.particles.cell
+        weights, slopes = self.grid.splines(self.particles.position, cell)
         if self.clamped_face:
             first = cell[:, 0] == 0
             weights[first, 0], slopes[first, 0] = clamp_first_node(weights[first, 0], slopes[first, 0])
@@ -123,7 +118,8 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
 
 
 def knots_of(scene: Scene) -> Knots:
-    """How cells lie along a straight body; equally where the grid stands in space, as in the updated formulation."""
+    """How cells lie in a straight body; equally where the grid stands in space, as in the updated formulation. Around a tube's axis in
+    statics alone."""
     dynamic = scene.solver.dynamic
     updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
     if scene.body.shape.line is None or updated:
@@ -131,7 +127,7 @@ def knots_of(scene: Scene) -> Knots:
     used = [scene.materials[region.material_name] for region in scene.regions()]
     moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
     joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
-    return Knots(joints, scene.resolution.from_tip is True)
+    return Knots(joints, scene.resolution.from_tip is True, around=scene.static)
 
 
 def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None) -> Model:
@@ -162,7 +158,7 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
         remanence=effects.marked(scene, particles, remanence[of, None] * shape.magnetization(particles)),
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=named,
-        modes=volume_modes(particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
+        modes=volume_modes(made.grid, particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,
         held=np.array([region.held for region in regions])[of],
         clamped_face=shape.clamp in {"base", "both"} and scene.effects.feed is None,  # what is fed, its guide holds

@@ -35,7 +35,7 @@ from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
-from magmpm.model import Model, build
+from magmpm.model import Model, build, knots_of
 from magmpm.results.strain import strain_of
 from magmpm.rod.cosserat import RodModel
 from magmpm.rod.family import RodFamily
@@ -124,7 +124,7 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
     """Text that distinguishes one set of kernels from another."""
     if use in (RODS, PROOFS):
         return use
-    about = [scene.solver.anti_locking, scene.body.kind, _solver(scene)]
+    about = [scene.solver.anti_locking, scene.body.kind, knots_of(scene).around, _solver(scene)]
     about += [use] if use != SOLVE else []
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
 
@@ -249,7 +249,7 @@ def _built(small: Scene) -> Model:
 def _tangent(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
     model, n = energy.model, len(energy.model.shear)
-    rest = np.tile(energy.rest_gradient, (n, 1, 1))
+    rest = np.broadcast_to(model.axes, (n, 3, 3)).copy()
     energy.tangent(Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0))
 
 

@@ -203,7 +203,7 @@ class Parts(BodyShape):
         particles = part_particles(grid, triangles, particles_per_cell)
         return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))
 
-    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
         """The number of particles of its volume in full cells; cut cells have more for theirs."""
         volume = sum(volume_of(triangles) for triangles in self.triangles())
         return float(volume / np.prod(self.grid(cells_across).spacing) * particles_per_cell**3)

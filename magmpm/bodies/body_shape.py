@@ -90,8 +90,8 @@ class BodyShape(Settings):
         """Its grid and particles. Raises SceneError where the grid would have too many cells."""
 
     @abstractmethod
-    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
-        """How many particles it has at least, without making them."""
+    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
+        """How many particles it has at least, without making them; around: as `Knots.around`."""
 
     def cell_size(self, cells_across: int) -> float:
         """Width of the grid's cells as asked for, m; the grid's own fit the body and may be a little smaller."""

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from magmpm.bodies.body_shape import Discretization
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.knots import EVEN, Knots
+from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
 from magmpm.bodies.section_quadrature import gauss_depth, rod_grid, rod_particles, rod_section, section_errors
 from magmpm.bodies.sections import Section, ring
 from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
@@ -116,20 +117,29 @@ class Catheter(StraightBody):
         return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
 
     def grid(self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
-        """The grid in the undeformed body, lower along y and z by `shift` of a cell."""
+        """The grid in the undeformed body, lower along y and z by `shift` of a cell; cells around the axis are turned by its first part."""
+        if self.hollow and knots.around:
+            return tube_grid(self.segment_ends(), **self.radii, cells_across=cells_across, knots=knots, turn=shift[0])
         return rod_grid(self.segment_ends(), self.diameter, cells_across, shift, knots)
 
     def discretize(
         self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)
     ) -> Discretization:
-        """Its grid, lower along y and z by `shift` of a cell, and particles."""
-        grid = self.grid(cells_across, knots, shift)
-        particles = rod_particles(grid, **self.radii, segment_ends=self.segment_ends(), particles_per_cell=particles_per_cell)
+        """Its grid, moved by `shift` of a cell, and particles."""
+        grid, ends = self.grid(cells_across, knots, shift), self.segment_ends()
+        if isinstance(grid, PolarGrid):
+            particles = tube_particles(
+                grid, outer=self.diameter / 2, segment_ends=ends, cells_across=cells_across, particles_per_cell=particles_per_cell
+            )
+        else:
+            particles = rod_particles(grid, **self.radii, segment_ends=ends, particles_per_cell=particles_per_cell)
         return Discretization(grid, particles, section_errors(particles, **self.radii, length=self.length))
 
-    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
         """The number of its particles, but for cells that two segments share, which have more."""
-        grid = self.grid(cells_across)
+        grid = self.grid(cells_across, Knots(around=around))
+        if isinstance(grid, PolarGrid):
+            return float(np.prod(grid.cells)) * particles_per_cell**3
         section = rod_section(grid, **self.radii, particles_per_cell=particles_per_cell)[1][0]
         return float(len(section) * grid.cells[0] * particles_per_cell)
 

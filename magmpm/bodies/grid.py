@@ -152,6 +152,15 @@ class Grid:
         first, last = self.runs[0], self.runs[-1]
         return self.origin[0] + np.concatenate([[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]])
 
+    def section_nodes(self, node: NDArray[np.int64]) -> Array:
+        """Coefficients (k, 2) m of the places themselves, along the second and third reference axes: of the nodes of a plane with these
+        indices (k, 2)."""
+        return np.column_stack([self.node_coordinates(1)[node[:, 0]], self.node_coordinates(2)[node[:, 1]]])
+
+    def axes_at(self, points: Array) -> Array:
+        """The directions of its axes, in columns: (3, 3), or (n, 3, 3) where they differ between points (n, 3) m."""
+        return np.eye(3)
+
     @property
     def node_widths(self) -> Array:
         """Width (nodes,) m of the cell each spline along x is centered on, 0 on a repeated knot. Neighbors are half their sum apart."""
@@ -173,6 +182,23 @@ class Grid:
             return np.clip(np.searchsorted(self.faces, x + 1e-12 * self.spacing[0], side="right") - 1, 0, self.cells[0] - 1)
         return np.clip(np.floor(x / self.spacing[0] + 1e-12).astype(int), 0, self.cells[0] - 1)
 
+    def section_splines(self, points: Array) -> tuple[NDArray[np.int64], Array]:
+        """First nodes (q, 2) and values (q, 2, 3) of the splines across a section at points (q, 2) m of it."""
+        scaled = (points - self.origin[1:]) / self.spacing[1:]
+        cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(self.cells[1:]) - 1)
+        return cell, spline_weights(scaled - cell)
+
+    def splines(self, points: Array, cell: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
+        xi = self.locate(points, cell)
+        ends, width = np.full((*cell.shape, 2), 0.5), np.tile(self.spacing, (len(cell), 1))
+        ends[:, 0], width[:, 0] = self.along.ends[cell[:, 0]], self.along.width[cell[:, 0]]
+        return spline_weights(xi, ends), spline_slopes(xi, ends) / width[:, :, None]
+
+    def own(self, points: Array, cell: NDArray[np.int64]) -> Array:
+        """Coordinates (n, 3) along its axes of points (n, 3) m in these cells (n, 3)."""
+        return points
+
     def locate(self, points: Array, cell: NDArray[np.int64]) -> Array:
         """Position within the given cells, 0 to 1. points (n, 3) m, cell (n, 3) -> (n, 3).
 
@@ -183,7 +209,7 @@ class Grid:
         spans, first = self.along, cell[:, 0]
         start, width, index = np.zeros(cell.shape), np.tile(self.spacing, (len(cell), 1)), cell.copy()
         start[:, 0], width[:, 0], index[:, 0] = spans.start[first], spans.width[first], spans.index[first]
-        xi = (points - self.origin - start) / width - index
+        xi = (self.own(points, cell) - self.origin - start) / width - index
         slack = 1e-9  # rounding of a point on a face
         if np.any(xi < -slack) or np.any(xi > 1 + slack):
             raise ValueError("a particle lies outside the cell it was given")

@@ -1,4 +1,4 @@
-"""Where the grid's cells lie along a straight body: equal ones, in runs between the places where its stiffness jumps.
+"""Where the grid's cells lie in a straight body: along it equal ones, in runs between the places where its stiffness jumps.
 
 Where two materials meet, the strain jumps. Splines follow it if a cell face lies there and the knot is repeated: then the displacement
 stays continuous and its slope may jump. Errors of jointed bodies fall with the square of the cell size in this way, and only with the cell
@@ -22,13 +22,14 @@ FEWEST = 3  # cells along a body
 
 @dataclass(frozen=True)
 class Knots:
-    """How cells lie along a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
+    """How cells lie in a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
     size are counted from the tip, or from the next joint, and the one nearest to the base takes what is left; like: the grid of nearly
-    the same body, for as many cells everywhere."""
+    the same body, for as many cells everywhere; around: of a tube, cells lie around its axis (bodies.polar_grid), not in rows across it."""
 
     joints: tuple[int, ...] = ()
     from_tip: bool = False
     like: Grid | None = None
+    around: bool = False
 
 
 EVEN = Knots()

@@ -28,13 +28,15 @@ DEEPEST = 6  # halvings of a cell's side, after which a piece's points are pulle
 class Particles:
     """Quadrature points of the undeformed body, sorted by cell (x slowest).
 
-    position (n, 3) m, volume (n,) m^3, segment (n,) index of the segment, cell (n, 3) index of the grid cell.
+    position (n, 3) m, volume (n,) m^3, segment (n,) index of the segment, cell (n, 3) index of the grid cell; box (n, 3): where cells are
+    no boxes, the index of the cubic cell that each would be in.
     """
 
     position: Array
     volume: Array
     segment: NDArray[np.int32]
     cell: NDArray[np.int64]
+    box: NDArray[np.int64] | None = None
 
     @cached_property
     def cell_first(self) -> NDArray[np.int64]:
@@ -168,7 +170,7 @@ def rod_particles(grid: Grid, *, outer: float, inner: float, segment_ends: Array
     particles_per_cell: points a direction and cell (at least 2). A cell that two segments share is cut between them.
     """
     index, (points, areas, rectangle) = rod_section(grid, outer=outer, inner=inner, particles_per_cell=particles_per_cell)
-    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+    return extruded(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
 
 
 def rod_section(
@@ -181,7 +183,7 @@ def rod_section(
     return index, section_points(low, low + grid.spacing[1:], outer, inner, particles_per_cell)
 
 
-def _extrude(
+def extruded(
     grid: Grid,
     index: NDArray[np.int64],
     points: Array,
@@ -245,7 +247,7 @@ def strip_particles(grid: Grid, *, segment_ends: Array, particles_per_cell: int,
     points = (middle[:, None, :] + unit * grid.spacing[1:]).reshape(-1, 2)
     areas = np.tile(share * np.prod(grid.spacing[1:]), len(index))
     rectangle = np.repeat(np.arange(len(index)), len(share))
-    return _extrude(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
+    return extruded(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
 
 
 def strip_errors(particles: Particles, size: Array) -> dict[str, float]:

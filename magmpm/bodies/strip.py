@@ -159,7 +159,7 @@ class Strip(StraightBody):
         planes = (ClampPlane(0, False, grid.cells[0] - 1),) if self.clamp == "both" else ()
         return Discretization(grid, particles, strip_errors(particles, self.size), planes)
 
-    def fewest_particles(self, cells_across: int, particles_per_cell: int) -> float:
+    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
         """The number of its particles, but for cells that two segments share, which have more."""
         return float(np.prod(self.grid(cells_across).cells)) * particles_per_cell ** (2 if self.plane_strain else 3)
 

@@ -186,9 +186,9 @@ def _displacement(part: StaticModel, grid: Array, whole: Model, free: NDArray[np
     at = whole.particles.cell[free]
     u, gradient = np.zeros((len(node), 3)), np.zeros((len(node), 3, 3))
     for a, b, c in np.ndindex(3, 3, 3):
-        value = nodes[node + a, at[:, 1] + b, at[:, 2] + c]
+        value = nodes[node + a, (at[:, 1] + b) % nodes.shape[1], at[:, 2] + c]
         w, d = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
         u += (w[0] * w[1] * w[2])[:, None] * value
         for k, rate in enumerate((d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2])):
             gradient[:, :, k] += rate[:, None] * value
-    return u, gradient
+    return u, gradient @ np.swapaxes(whole.grid.axes_at(whole.particles.position[free]), -1, -2)

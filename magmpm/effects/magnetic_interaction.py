@@ -80,10 +80,11 @@ class MagneticInteraction(Effect):
     def marks(self, particles: Any, remanence: Array) -> Array:
         """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST blocks."""
         segment, volume = particles.segment, particles.volume
+        cell = particles.cell if particles.box is None else particles.box
         block, count = np.full(len(volume), -1.0), 0
         for k in np.unique(segment[remanence.any(axis=1)]):
             own = np.flatnonzero(segment == k)
-            layers = [_layers(particles.cell[own, axis], volume[own]) for axis in range(3)]
+            layers = [_layers(cell[own, axis], volume[own]) for axis in range(3)]
             wide = min(int(layer.max()) + 1 for layer in layers)
             each = max(1, wide // self.blocks_across)  # cells along a block's edge
             place = []

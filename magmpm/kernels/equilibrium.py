@@ -373,7 +373,8 @@ def particles_to_grid_with_tangent(cells, particles, effects, x, F, split, fortr
 def grid_to_particles(cells, particles, grid, rest, displacement, F):
     """G2P: displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
 
-    grid (planes, 3 nodes): coefficients in m; rest (3, 3): F at rest, the identity unless axes were renumbered (statics.axis_order).
+    grid (planes, 3 nodes): coefficients in m; rest (3, 3), or (n, 3, 3) of each particle: F at rest, the
+    directions of the grid's axes (statics.layout).
     Writes displacement (n, 3) m and F (n, 3, 3).
     """
     weights, slopes = particles.weights, particles.slopes
@@ -382,7 +383,7 @@ def grid_to_particles(cells, particles, grid, rest, displacement, F):
             for k in range(3):
                 displacement[p, k] = 0.0
                 for j in range(3):
-                    F[p, k, j] = rest[k, j]
+                    F[p, k, j] = rest[k, j] if rest.ndim == 2 else rest[p, k, j]
             for a in range(3):
                 plane = grid[cells.plane[cell] + a]
                 nx, dx = weights[p, 0, a], slopes[p, 0, a]

@@ -84,7 +84,7 @@ class Strain:
         elif model.line is not None and (kinks := _kink_radius(model)) > self.radius:
             found.append(
                 f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
-                "and it kinks (Brazier), which cells larger than the wall do not show; thicken the wall, or bend it less"
+                "and it kinks (Brazier); thicken the wall, or bend it less"
             )
         return found
 

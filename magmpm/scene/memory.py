@@ -19,7 +19,7 @@ BYTES = 800  # a lower bound of the same, for where only a lower bound of the nu
 
 def fewest_particles(scene: Scene) -> float:
     """A lower bound of the number of the scene's particles, without making them (BodyShape.fewest_particles)."""
-    return scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell)
+    return scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell, around=scene.static)
 
 
 @contextmanager

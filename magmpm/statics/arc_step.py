@@ -21,8 +21,7 @@ def rest_nodes(model: StaticModel) -> Array:
     first, second, third = model.order
     X = np.empty((layout.planes, layout.nodes_per_plane, 3))
     X[..., first] = grid.node_coordinates(0)[int(model.clamped_face) :, None]
-    X[..., second] = grid.node_coordinates(1)[layout.node_yz[:, 0]]
-    X[..., third] = grid.node_coordinates(2)[layout.node_yz[:, 1]]
+    X[..., second], X[..., third] = grid.section_nodes(layout.node_yz).T
     return X
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import spline_weights
 from magmpm.bodies.regions import Line
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
@@ -37,15 +36,13 @@ def end_face_weights(model: StaticModel) -> Array:
 def _plane_weights(model: StaticModel, points: Array, share: Array) -> Array:
     """Sum over points (q, 2) of share times the splines of y and z, for each node of a plane."""
     grid, layout = model.grid, model.layout
-    scaled = (points - grid.origin[1:]) / grid.spacing[1:]
-    cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(grid.cells[1:]) - 1)
-    weights = spline_weights(scaled - cell)
+    first, weights = grid.section_splines(points)
     if model.plane_strain:  # the middle row of nodes represents all three
         weights[:, 0] = np.array([0.0, 1.0, 0.0])
     dense = np.zeros(grid.nodes[1:])
     for a in range(3):
         for b in range(3):
-            np.add.at(dense, (cell[:, 0] + a, cell[:, 1] + b), share * weights[:, 0, a] * weights[:, 1, b])
+            np.add.at(dense, ((first[:, 0] + a) % len(dense), first[:, 1] + b), share * weights[:, 0, a] * weights[:, 1, b])
     return dense[layout.node_yz[:, 0], layout.node_yz[:, 1]]
 
 

@@ -63,8 +63,9 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         bulk=model.bulk[of],
         remanence=np.ascontiguousarray(model.remanence[of][:, [*axes, *range(3, model.remanence.shape[1])]]),  # a mark stays last
         density=model.density[of],
-        modes=volume_modes(particles, ratio) if model.modes.shape[1] else model.modes,
+        modes=volume_modes(grid, particles, ratio) if model.modes.shape[1] else model.modes,
         held=model.held[of],
+        axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
     )
     return replace(turned, layout=make_layout(turned, turned.weights)), of

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.bodies.grid import spline_weights
 from magmpm.compiled.arrays import Array
 from magmpm.statics.axis import splines_along
 from magmpm.statics.layout import StaticModel
@@ -39,16 +38,14 @@ def _section(coarse: StaticModel, fine: StaticModel) -> Array:
 def _splines_across(model: StaticModel, points: Array) -> Array:
     """Splines (q, nodes_per_plane) of a section at points (q, 2) m."""
     grid, node_yz = model.grid, model.layout.node_yz
-    scaled = (points - grid.origin[1:]) / grid.spacing[1:]
-    cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(grid.cells[1:]) - 1)
-    weights = spline_weights(scaled - cell)
+    first, weights = grid.section_splines(points)
     if model.plane_strain:  # the middle row of nodes represents all three
         weights[:, 0] = np.array([0.0, 1.0, 0.0])
     dense = np.zeros((len(points), *grid.nodes[1:]))
     row = np.arange(len(points))
     for a in range(3):
         for b in range(3):
-            dense[row, cell[:, 0] + a, cell[:, 1] + b] += weights[:, 0, a] * weights[:, 1, b]
+            dense[row, (first[:, 0] + a) % dense.shape[1], first[:, 1] + b] += weights[:, 0, a] * weights[:, 1, b]
     return np.asarray(dense[:, node_yz[:, 0], node_yz[:, 1]])
 
 

@@ -63,17 +63,16 @@ def right_sides(energy: Energy, point: Point, variables: Sequence[Variable]) -> 
 
 def magnet_changes(model: StaticModel, variables: Sequence[Variable]) -> dict[int, Array]:
     """Change (n, 3) T per unit of the particles' remanence, in the grid's axes, with each variable that it depends on, by number."""
-    found, segment, order = {}, model.particles.segment, list(model.order)
+    found, segment = {}, model.particles.segment
     directions = None
     for k, variable in enumerate(variables):
         if variable.kind == "magnetization":
             assert variable.region is not None
             change = np.zeros((len(segment), 3))
-            tangent = np.array(variable.direction)[order]
-            change[segment == variable.region] = model.scene.region_material(variable.region).remanence * tangent
-            found[k] = change
+            change[segment == variable.region] = model.scene.region_material(variable.region).remanence * np.array(variable.direction)
+            found[k] = model.along_axes(change)
         elif variable.kind == "remanence":
-            directions = model.scene.body.shape.magnetization(model.particles)[:, order] if directions is None else directions
+            directions = model.along_axes(model.scene.body.shape.magnetization(model.particles)) if directions is None else directions
             found[k] = np.where(_made_of(model, variable)[segment][:, None], directions, 0.0)
     return found
 

@@ -54,7 +54,6 @@ class Energy:
         self._fortran = addresses()
         cells = len(layout.cell_plane)
         self._rest: float | None = None
-        self.rest_gradient = np.ascontiguousarray(np.eye(3)[:, list(model.order)])
         self._per_cell = np.empty((3, cells))
         self._fixed = layout.fixed if layout.fixed.any() else None
 
@@ -67,7 +66,7 @@ class Energy:
         model = self.model
         n = len(model.shear)
         u, F = np.empty((n, 3)), np.empty((n, 3, 3))
-        grid_to_particles(self.cells, self.particles, grid, self.rest_gradient, u, F)
+        grid_to_particles(self.cells, self.particles, grid, model.axes, u, F)
         x = model.particles.position + u
         energy, low, high = self._per_cell
         cell_energy(self.cells, self.particles, model.effects, x, F, energy, low, high)

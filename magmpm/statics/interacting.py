@@ -69,7 +69,7 @@ class InteractingEnergy:
         P, f = np.zeros((count, n, 3, 3)), np.zeros((count, n, 3))
         dx, dF, still = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 3))
         for k in range(count):
-            grid_to_particles(alone.cells, alone.particles, np.ascontiguousarray(columns[:, k]), np.zeros((3, 3)), dx, dF)
+            grid_to_particles(alone.cells, alone.particles, np.ascontiguousarray(columns[:, k]), np.zeros_like(model.axes), dx, dF)
             change = acting.refresh_change(self.named, model, point.position, point.F, BodyChange(still, dx, dF))
             loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
         return self._scattered(P, f)

@@ -12,7 +12,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import SolveError, TimeOver
 from magmpm.model import knots_of
-from magmpm.scene import Scene
+from magmpm.scene import Scene, memory
 from magmpm.statics import axis
 from magmpm.statics.approach import approached
 from magmpm.statics.between_grids import carried
@@ -174,7 +174,7 @@ class Ladder:
 
 def particles(scene: Scene) -> float:
     """Particles of the scene's grid, before anything is built."""
-    return float(scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell))
+    return memory.fewest_particles(scene)
 
 
 def step_work(scene: Scene) -> float:
@@ -185,10 +185,10 @@ def step_work(scene: Scene) -> float:
 def operations(scene: Scene) -> tuple[float, float]:
     """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
     grid = scene.body.shape.grid(scene.resolution.cells_across, knots_of(scene))
-    along, across = grid.nodes[0] - 2, grid.cells[1:]
-    m = 3.0 * float(np.prod([n + 2.0 for n in across]))
+    along, *across = (float(nodes) for nodes in grid.nodes)
+    along, m = along - 2, 3.0 * across[0] * across[1]
     if scene.body.shape.in_plane_strain:
-        m /= across[0] + 2.0
+        m /= across[0]
     return 19 / 3 * along * m**3, 8.0 * 3 * (along + 2) * m**2
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,7 @@ class StaticModel(Model):
     layout: Layout
     weights: Array  # (n, 3, 3): axis, node
     slopes: Array  # (n, 3, 3) 1/m
+    axes: Array  # (3, 3), or (n, 3, 3) of each particle: directions of the grid's axes, in columns. F, and remanence, are along them
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see statics.axis_order
 
     @property
@@ -66,10 +67,24 @@ class StaticModel(Model):
         return x - self.grid.origin[0]
 
 
+    def along_axes(self, vectors: Array) -> Array:
+        """Components (n, 3) along the grid's axes of a vector (n, 3) at each particle."""
+        return vectors @ self.axes if self.axes.ndim == 2 else np.einsum("ni,nij->nj", vectors, self.axes)
+
+
 def static_model(model: Model) -> StaticModel:
-    """The model with numbered unknowns, in its own axes."""
+    """The model with numbered unknowns, in its grid's axes.
+
+    F = axes + sum of coefficients times slopes along the axes: it differs from that in x, y, z by a rotation of the undeformed body, which
+    neither det F nor F^T F's invariants nor F Br feel.
+    """
     weights, slopes = model.splines()
-    return StaticModel(**vars(model), layout=make_layout(model, weights), weights=weights, slopes=slopes)
+    axes = model.grid.axes_at(model.particles.position)
+    made = StaticModel(**vars(model), layout=make_layout(model, weights), weights=weights, slopes=slopes, axes=axes)
+    if axes.ndim == 2:
+        return made
+    magnet = np.column_stack([made.along_axes(model.remanence[:, :3]), model.remanence[:, 3:]])
+    return replace(made, remanence=magnet)
 
 
 def make_layout(model: Model, weights: Array) -> Layout:
@@ -85,12 +100,13 @@ def make_layout(model: Model, weights: Array) -> Layout:
     _, rows, columns = nodes_along
     low, high = np.full(rows, columns), np.full(rows, -1)
     in_row = [1, 1, 1] if model.plane_strain else [0, 1, 2]  # in plane strain one row represents all three
-    for shift in in_row:
-        np.minimum.at(low, iy + shift, iz)
-        np.maximum.at(high, iy + shift, iz + 2)
+    row = [(iy + shift) % rows for shift in in_row]  # around a tube the last row is before the first
+    for each in row:
+        np.minimum.at(low, each, iz)
+        np.maximum.at(high, each, iz + 2)
     counts = np.maximum(high - low + 1, 0)
     start = np.concatenate([[0], np.cumsum(counts)])
-    cell_row = np.stack([start[iy + shift] + iz - low[iy + shift] for shift in in_row], axis=1)
+    cell_row = np.stack([start[each] + iz - low[each] for each in row], axis=1)
     node_yz = np.array([(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
 
     cell_plane = np.maximum(ix - 1, 0) if model.clamped_face else ix

@@ -30,8 +30,7 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     length = rod.s[-1]
     assert model.line is not None  # only straight bodies are rods
     x = model.plane_coordinates()  # plane 0 is node 1: node 0 is eliminated by the clamp
-    y = grid.node_coordinates(1)[layout.node_yz[:, 0]] - model.line.base[1]
-    z = grid.node_coordinates(2)[layout.node_yz[:, 1]] - model.line.base[2]
+    y, z = (grid.section_nodes(layout.node_yz) - model.line.base[1:]).T
 
     inside, frames = np.clip(x, 0.0, length), plane_frames(model, rod)
     strain, curvature = _interpolate(rod.s, rod.strain, inside), _interpolate(rod.s, rod.curvature, inside)

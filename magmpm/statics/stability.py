@@ -147,7 +147,7 @@ def _start(energy: Energy) -> Array:
     model, layout = energy.model, energy.model.layout
     x = model.plane_coordinates()
     x = (x - x[0]) / (x[-1] - x[0])
-    y, z = (model.grid.node_coordinates(i + 1)[layout.node_yz[:, i]] - model.grid.origin[i + 1] for i in range(2))
+    y, z = (model.grid.section_nodes(layout.node_yz) - model.grid.origin[1:]).T
     first, second, third = model.order
     out = np.zeros((layout.planes, COLUMNS, layout.nodes_per_plane, 3))
     out[:, 0, :, second] = (1.0 + x**2)[:, None]
@@ -169,6 +169,6 @@ def mass(energy: Energy, columns: Array) -> Array:
     n = len(model.shear)
     u, F = np.empty((count, n, 3)), np.empty((n, 3, 3))
     for k in range(count):
-        grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), energy.rest_gradient, u[k], F)
+        grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), model.axes, u[k], F)
     column = np.repeat(np.arange(count)[:, None], len(model.layout.cell_plane), axis=1)
     return energy.scattered(column, np.zeros((count, n, 3, 3)), -u, count)

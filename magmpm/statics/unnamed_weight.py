@@ -58,5 +58,5 @@ def weight_shift(energy: Energy, acceleration: tuple[float, float, float]) -> Ar
     force = energy.scattered(column, np.zeros((1, n, 3, 3)), -load[None], 1)
     moved = solve_columns(energy.panels, model.layout.split, energy.free_columns(force))
     shift, F = np.empty((n, 3)), np.empty((n, 3, 3))
-    grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(moved[:, 0]), energy.rest_gradient, shift, F)
+    grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(moved[:, 0]), model.axes, shift, F)
     return shift

@@ -3,8 +3,8 @@ compiled kernels.
 
 It shares with the kernels only the particles, the materials and the numbering of unknowns. Splines are SciPy's
 B-splines on the whole grid, the clamp is a condition on their coefficients (node 0 is minus node 1, so that
-u = 0 on the face), and F-bar is a weighted least-squares fit in each cell. Everything is dense: for small
-models only.
+u = 0 on the face), and F-bar is a weighted least-squares fit in each cell. Around a tube, splines are those piecewise sums of 1, cos
+and sin that are as smooth. All vectors and F are along x, y and z. Everything is dense: for small models only.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
+from magmpm.bodies.grid import Grid
+from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.fields.dipole import MU0
 from magmpm.statics.layout import StaticModel
 
@@ -31,25 +33,76 @@ def spline_matrix(x: np.ndarray, origin: float, h: float, cells: int, derivative
     return np.stack(columns, axis=1)
 
 
+def along_matrix(x: np.ndarray, grid: Grid, derivative: int = 0) -> np.ndarray:
+    """The same along x (n,) m from the grid's lower face, where cells differ and knots on joints are repeated: (n, nodes)."""
+    faces, joints = grid.faces, [run.start for run in grid.runs if run.after is not None]
+    first, last = faces[1] - faces[0], faces[-1] - faces[-2]
+    knots = np.sort([-2 * first, -first, *faces, faces[-1] + last, faces[-1] + 2 * last, *joints])
+    return BSpline(knots, np.eye(len(knots) - 3), 2)(x, nu=derivative)
+
+
+def around_matrix(angle: np.ndarray, origin: float, w: float, cells: int, derivative: int = 0) -> np.ndarray:
+    """Values or derivatives at angles (n,) rad of the splines around: (n, cells). Node k is nonzero in the three cells from k - 2 to k.
+
+    In each of the three it is a + b cos t + c sin t. It begins and ends with value and slope 0, has no jump of either, and is 1/2 on the
+    two faces between: there two nodes are nonzero, and sum to 1.
+    """
+
+    def row(t: float, slope: bool) -> np.ndarray:
+        return np.array([0.0, -np.sin(t), np.cos(t)]) if slope else np.array([1.0, np.cos(t), np.sin(t)])
+
+    rules, right = [], []
+    for cell, place, slope, value in (
+        (0, 0.0, False, 0.0), (0, 0.0, True, 0.0), (0, w, False, 0.5), (1, w, False, 0.5), (1, 2 * w, False, 0.5),
+        (2, 2 * w, False, 0.5), (2, 3 * w, False, 0.0), (2, 3 * w, True, 0.0),
+    ):  # fmt: skip
+        rule = np.zeros((3, 3))
+        rule[cell] = row(place, slope)
+        rules.append(rule.ravel())
+        right.append(value)
+    smooth = np.zeros((3, 3))
+    smooth[0], smooth[1] = row(w, True), -row(w, True)
+    piece = np.linalg.solve(np.array([*rules, smooth.ravel()]), np.array([*right, 0.0])).reshape(3, 3)
+    out = np.zeros((len(angle), cells))
+    for node in range(cells):
+        t = (angle - origin - (node - 2) * w) % (2 * np.pi)
+        for k in range(3):
+            on = (t >= k * w) & (t < (k + 1) * w)
+            out[on, node] = [piece[k] @ row(one, bool(derivative)) for one in t[on]]
+    return out
+
+
 @dataclass
 class Reference:
-    """N (n, nodes): value of every free spline at every particle; dN (3, n, nodes): its gradient, 1/m. Nodes
-    plane by plane.
+    """N (n, nodes): value of every free spline at every particle; dN (3, n, nodes): its gradient, 1/m, along x, y and z. Nodes
+    plane by plane. axes (n, 3, 3): columns are the directions of the grid's axes; places (n, 3): coordinates along these.
     """
 
     model: StaticModel
     N: np.ndarray
     dN: np.ndarray
+    axes: np.ndarray
+    places: np.ndarray
 
     @classmethod
     def of(cls, model: StaticModel) -> Reference:
         grid, layout = model.grid, model.layout
-        values, slopes = [], []
+        values, slopes, places = [], [], model.particles.position.copy()
+        axes = np.tile(np.eye(3), (len(places), 1, 1))
+        if isinstance(grid, PolarGrid):
+            _, y, z = model.particles.position.T
+            places[:, 1], places[:, 2] = np.arctan2(-z, y), np.hypot(y, z)
+            c, s = np.cos(places[:, 1]), np.sin(places[:, 1])
+            axes[:, 1:, 1], axes[:, 1:, 2] = np.column_stack([-s, -c]), np.column_stack([c, -s])
         for axis in range(3):
-            x = model.particles.position[:, axis]
-            o, h, c = grid.origin[axis], grid.spacing[axis], grid.cells[axis]
-            values.append(spline_matrix(x, o, h, c))
-            slopes.append(spline_matrix(x, o, h, c, 1))
+            matrix = around_matrix if isinstance(grid, PolarGrid) and axis == 1 else spline_matrix
+            for derivative, table in enumerate((values, slopes)):
+                if axis == 0:
+                    table.append(along_matrix(places[:, 0] - grid.origin[0], grid, derivative))
+                else:
+                    table.append(matrix(places[:, axis], grid.origin[axis], grid.spacing[axis], grid.cells[axis], derivative))
+        if isinstance(grid, PolarGrid):
+            slopes[1] /= places[:, 2:]
         for table in (values, slopes):  # the clamp: coefficient of node 0 = - that of node 1
             table[0] = np.column_stack([table[0][:, 1] - table[0][:, 0], table[0][:, 2:]])
         y, z = layout.node_yz.T
@@ -59,7 +112,12 @@ class Reference:
 
         (Nx, Ny, Nz), (Dx, Dy, Dz) = values, slopes
         dN = np.stack([product(Dx, Ny, Nz), product(Nx, Dy, Nz), product(Nx, Ny, Dz)])
-        return cls(model, product(Nx, Ny, Nz), dN)
+        return cls(model, product(Nx, Ny, Nz), np.einsum("nij,jna->ina", axes, dN), axes, places)
+
+    @property
+    def remanence(self) -> np.ndarray:
+        """Of the particles along x, y and z (n, 3) T."""
+        return np.einsum("nij,nj->ni", self.axes, self.model.remanence)
 
     def gather(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """u = sum N_a c_a (n, 3) and F = I + sum c_a (x) grad N_a (n, 3, 3), for coefficients c (planes, m)."""
@@ -77,7 +135,7 @@ class Reference:
         """Q (n, n) N m of the volume energy (J - 1)^T Q (J - 1) / 2, with J = det F of the particles.
 
         Plain: K V on the diagonal. F-bar: a linear function is fitted to J in each cell, by least squares weighted with the volumes.
-        Its mean has the stiffness K, its variation at most LINEAR_STIFFNESS G, the residual of the fit none.
+        Its mean has the stiffness K, its variation at most LINEAR_STIFFNESS G, but K through a tube's wall, the residual of the fit none.
         """
         model = self.model
         V, G, K = model.particles.volume, model.shear, model.bulk
@@ -85,15 +143,15 @@ class Reference:
             return np.diag(V * K)
         Q = np.zeros((len(V), len(V)))
         for cell in self.cells():
-            x = model.particles.position[cell]
+            x, one = self.places[cell], np.ones(len(cell))
             x = (x - x.mean(axis=0)) / model.grid.spacing
             W = np.diag(V[cell])
-            mean, line = (
+            stiff, line = (
                 B @ np.linalg.pinv(B.T @ W @ B) @ B.T @ W
-                for B in (np.ones((len(cell), 1)), np.column_stack([np.ones(len(cell)), x]))
+                for B in (np.column_stack([one, x[:, 2]] if isinstance(model.grid, PolarGrid) else [one]), np.column_stack([one, x]))
             )
-            slope, k, g = line - mean, K[cell[0]], G[cell[0]]
-            Q[np.ix_(cell, cell)] = k * mean.T @ W @ mean + min(k, LINEAR_STIFFNESS * g) * slope.T @ W @ slope
+            slope, k, g = line - stiff, K[cell[0]], G[cell[0]]
+            Q[np.ix_(cell, cell)] = k * stiff.T @ W @ stiff + min(k, LINEAR_STIFFNESS * g) * slope.T @ W @ slope
         return Q
 
     def energy_parts(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +161,7 @@ class Reference:
         J = np.linalg.det(F)
         W = model.shear / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3)
         B, g = loads(model)
-        W -= np.einsum("i,nij,nj->n", B / MU0, F, model.remanence) + model.density * ((model.particles.position + u) @ g)
+        W -= np.einsum("i,nij,nj->n", B / MU0, F, self.remanence) + model.density * ((model.particles.position + u) @ g)
         return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
     def residual(self, c: np.ndarray) -> np.ndarray:
@@ -118,7 +176,7 @@ class Reference:
         pressure = self.volume_stiffness() @ (J - 1) / V
         P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (pressure * J)[:, None, None] * H
         B, weight = loads(model)
-        P -= np.einsum("i,nj->nij", B / MU0, model.remanence)
+        P -= np.einsum("i,nj->nij", B / MU0, self.remanence)
         f = model.density[:, None] * weight
         out = np.einsum("n,nkj,jna->ak", V, P, self.dN) - np.einsum("n,nk,na->ak", V, f, self.N)
         return out.reshape(c.shape)
