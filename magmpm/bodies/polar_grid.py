@@ -9,7 +9,6 @@ Source: Schoenberg, J. Math. Mech. 13 (1964) 795; Lyche and Winther, J. Approx. 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +19,8 @@ from magmpm.bodies.knots import Knots, runs_along
 from magmpm.bodies.section_quadrature import Particles, extruded, gauss
 from magmpm.compiled.arrays import Array
 
-AROUND = 1.5  # quarters of cells around, over the cube root of: cells across times middle radius over wall
-FEWEST = 2  # in a quarter
+AROUND = 3.0  # cells in half a turn, over the cube root of: cells across times middle radius over wall
+FEWEST = 4  # in half a turn
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ def tube_grid(ends: Array, outer: float, inner: float, cells_across: int, knots:
         _, around, through = like.cells
         knots = replace(knots, like=like.even)
     else:
-        around = 4 * max(FEWEST, round(AROUND * (cells_across * (outer + inner) / (2 * wall)) ** (1 / 3)))
+        around = 2 * max(FEWEST, round(AROUND * (cells_across * (outer + inner) / (2 * wall)) ** (1 / 3)))
         through = max(1, round(wall / h))
     along, width, runs = runs_along(ends, h, knots)
     spacing = np.array([width, 2 * np.pi / around, wall / through])

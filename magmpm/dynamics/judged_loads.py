@@ -44,7 +44,7 @@ def of_motion(scene: Scene) -> Loads:
     over = scene.field.over_time
     if over is not None and over.endless is not None:
         raise refused(scene, f"{SETTLES}, and the field's {over.endless} has no end", "give `cells_across`")
-    return lambda on_grid: at_rest(at_its_rest(on_grid))
+    return lambda on_grid: at_rest(at_its_rest(on_grid), of_motion=True)
 
 
 def at_its_rest(scene: Scene) -> Scene:

@@ -80,9 +80,9 @@ class _Search:
         self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + self.algebraic()
 
     def wall(self, cells: int) -> float:
-        """Cells across a tube's wall, where there are so many across its diameter; inf without a bore."""
+        """Cells across a tube's wall in motion, where there are so many across its diameter; inf without a bore, and where cells fit it."""
         tube = self.scene.body.catheter
-        if tube is None or tube.inner_diameter == 0.0:
+        if tube is None or tube.inner_diameter == 0.0 or self.scene.static:
             return float("inf")
         return cells * (tube.diameter - tube.inner_diameter) / (2.0 * tube.diameter)
 
@@ -176,10 +176,13 @@ def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None
         raise _on_branches(search, f"{search.scene.resolution.seconds:g} s")
 
 
-def at_rest(scene: Scene) -> list[Load]:
-    """The load of a scene's equilibrium."""
+def at_rest(scene: Scene, *, of_motion: bool = False) -> list[Load]:
+    """The load of a scene's equilibrium, or of that of a motion, in the cells in which it moves."""
+    shape, at = scene.body.shape, scene.resolution
     with memory.within(scene):
-        model = static_model(build(scene))
+        knots = replace(knots_of(scene), around=False)
+        made = shape.discretize(at.cells_across, at.particles_per_cell, knots) if of_motion else None
+        model = static_model(build(scene, made))
     return [Load(model, lambda on_step: solve_static(model, on_step=on_step, judged=False))]
 
 
