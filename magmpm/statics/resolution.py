@@ -33,7 +33,8 @@ SHARE = 0.5  # of the machine's memory that a grid may take
 LATE = 1.15  # of the time asked for: a grid that takes longer is given up
 RESERVE = 0.9  # of the time left that a grid may be foretold to take
 HOPE = 0.5  # errors may fall by this order faster than they did
-JOINTED = 3  # cells across to begin with where materials meet: of 143 drawn bodies 2 cells have errors of up to 2 times the bound
+# Where materials meet, grids begin here: of 143 drawn bodies 2 by 4 cells told errors up to 2 times too small, of 97 3 by 5 one 4 times.
+JOINTED = {3: 6}
 FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
 
 
@@ -63,6 +64,10 @@ class _Search:
     begun: float
     beside: Callable[[int], float]
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
+    proof: dict[int, int] = field(init=False)  # of a grid, by cells across, the one that tells its error
+
+    def __post_init__(self) -> None:
+        self.proof = PROOF | JOINTED if knots_of(self.scene).joints else PROOF
 
     @property
     def scene(self) -> Scene:
@@ -70,7 +75,7 @@ class _Search:
 
     def prove(self, cells: int) -> None:
         """Solve a grid, and the finer one that tells its error."""
-        finer = PROOF[cells]
+        finer = self.proof[cells]
         self.ladder.solve(cells)
         self.ladder.prove(finer, cells)
         for witness in law.WITNESS.get(cells, ()):
@@ -95,14 +100,14 @@ class _Search:
 
     def takes(self, cells: int) -> float:
         """What it will take to prove a grid's error, s."""
-        ladder, finer = self.ladder, PROOF[cells]
+        ladder, finer = self.ladder, self.proof[cells]
         known = ladder.solved.get(cells)
         solve = 0.0 if known is not None and known.exact else ladder.seconds_at(cells, PER_SOLVE)
         return solve + (0.0 if finer in ladder.solved else ladder.seconds_at(finer, PER_PROOF))
 
     def fits(self, cells: int) -> bool:
         """Whether a grid and its proof fit into memory."""
-        return operations(self.ladder.on(PROOF[cells]))[1] <= SHARE * memory.machine()
+        return operations(self.ladder.on(self.proof[cells]))[1] <= SHARE * memory.machine()
 
 
 def choose(
@@ -141,7 +146,7 @@ def _searched(
             on_step(step, number)
 
     search = _Search(Ladder(scene, loads, tell), begun, beside, proven)
-    cells: int | None = coarsest or max(coarsest_cells(scene), JOINTED if knots_of(scene).joints else 0)
+    cells: int | None = coarsest or max(coarsest_cells(scene), min(JOINTED) if knots_of(scene).joints else 2)
     failure: SolveError | None = None
     failed = 0
     while cells is not None:
@@ -208,7 +213,7 @@ def check_possible(scene: Scene) -> None:
 
 def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None:
     """The grid to prove next; None where the last one will do. Raises SceneError where none can."""
-    finer = [n for n in PROOF if n > tried]
+    finer = [n for n in search.proof if n > tried]
     if failure is not None:
         return finer[0] if finer and finer[0] <= coarsest_cells(search.scene) + 2 else None
     wanted = search.scene.resolution.allowed(search.scene.length)
@@ -221,15 +226,15 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
         # Two coarse grids far apart may be too coarse, rather than on other branches: then how far they are apart foretells nothing.
         if tried < FIRST_LEAP and search.errors[tried] > LARGEST * search.scene.length:
-            return min(PROOF[tried], FIRST_LEAP)
+            return min(search.proof[tried], FIRST_LEAP)
         raise _out_of_reach(search, wanted)
     if order is None:  # one grid says little of how errors fall here: no leap on its word
         finer = [n for n in finer if n <= FIRST_LEAP]
     elif order < law.ORDER:  # errors that don't yet fall as they will tell as little
-        finer = [n for n in finer if n <= PROOF[tried]] or finer[:1]
+        finer = [n for n in finer if n <= search.proof[tried]] or finer[:1]
     cells = next((n for n in finer if law.foretold(search.errors, n) <= wanted), finer[-1])
-    solved = PROOF[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
-    if solved < cells and solved in PROOF and search.errors[tried] * (tried / solved) ** hoped <= wanted:
+    solved = search.proof[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
+    if solved < cells and solved in search.proof and search.errors[tried] * (tried / solved) ** hoped <= wanted:
         cells = solved
     if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
         raise _out_of_reach(search, wanted, cells)
@@ -258,18 +263,18 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, fail
     received, limits = f"{100 * wanted / length:.3g} % of the length", f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s"
     if search.errors[tried] > LARGEST * length:
         return _on_branches(search, received, failed)
-    within = [n for n in PROOF if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed]
+    within = [n for n in search.proof if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed]
     most = max(within, default=tried)
     least = law.foretold(search.errors, most)
     if failed:
         why, limits = failed, ""
     elif cells is None:
-        end = max(PROOF)
+        end = max(search.proof)
         off = 100 * law.foretold(search.errors, end) / length
         why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
     else:
-        needed, seconds = operations(search.ladder.on(PROOF[cells]))[1], search.takes(cells)
-        why = f"{cells} cells across and their proof by {PROOF[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
+        needed, seconds = operations(search.ladder.on(search.proof[cells]))[1], search.takes(cells)
+        why = f"{cells} cells across and their proof by {search.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its errors fall as they should"
@@ -288,7 +293,7 @@ def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError
     received: what was asked for; failed: what a finer grid failed of.
     """
     tried, length = max(search.errors), search.scene.length
-    key, proof = "seconds" if search.scene.resolution.error is None else "error", PROOF[tried]
+    key, proof = "seconds" if search.scene.resolution.error is None else "error", search.proof[tried]
     return SceneError(
         f"resolution.{key}",
         received=received,
@@ -310,7 +315,7 @@ def _best_in_time(search: _Search) -> int:
 def _chosen(search: _Search) -> Choice:
     cells = max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search)
     ladder, asked, length = search.ladder, search.scene.resolution, search.scene.length
-    last, finer, error = ladder.solved[cells], ladder.solved[PROOF[cells]], search.errors[cells]
+    last, finer, error = ladder.solved[cells], ladder.solved[search.proof[cells]], search.errors[cells]
     order, spent = observed_order(search.errors), sum(one.seconds for one in ladder.solved.values())
     told = {
         "cells_across": cells,

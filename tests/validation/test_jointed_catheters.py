@@ -26,11 +26,7 @@ def test_jointed(problem: Problem, cells: int, bound: float) -> None:
     assert largest_distance(run(problem.scene(cells)), problem.centreline) <= bound * problem.length
 
 
-# Walls of less than half a cell: 1.24 and 1.06 % of L at 4 cells with a wall of 0.1 of the radius (K/G 20, 200), 0.25 % with 0.2 (K/G 20).
-THIN = pytest.mark.xfail(reason="cells cut the wall of a thin tube", strict=True)
-
-
-@pytest.mark.parametrize("name", [n if "_40_" in n else pytest.param(n, marks=THIN) for n in TUBES])
+@pytest.mark.parametrize("name", TUBES)
 def test_tube(name: str) -> None:
     problem = TUBES[name]
     assert largest_distance(run(problem.scene(4)), problem.centreline) <= 0.1e-2 * problem.length
