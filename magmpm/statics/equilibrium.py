@@ -15,12 +15,15 @@ from operator import attrgetter
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from magmpm.bodies.curves import tightest_radius
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
 from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError, TimeOver
+from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
+from magmpm.statics import axis
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
@@ -31,6 +34,7 @@ from magmpm.statics.stability import Unloaded, stability
 
 RAMP_STEPS = 8
 QUICK, EASY = 6, 3  # a step of a ramp is quick within so many Newton steps; so many quick ones double a step that was halved
+NEAR_KINK = 1.5  # times Brazier's radius: a solve that fails for a tube that is bent so far has most likely met its limit
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
 
 BODY = ("particles.position", "particles.volume", "shear", "bulk", "weights", "modes", "layout.fixed", "layout.cell_first")
@@ -176,7 +180,7 @@ def _solve(
         found = (_settle if itself else _branch)(model, start, on_step)
     except SolveError as error:
         at = error.state.point if isinstance(error.state, Equilibrium) else error.state
-        raise _outside_domain(model, at, error.state) or error from None
+        raise _outside_domain(model, at, error.state) or _kinked(model, at, error) or error from None
     outside = _outside_domain(model, found.point, replace(found, converged=False))
     if outside is not None:
         raise outside
@@ -189,6 +193,18 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
     return None if found is None else LeftField(f"{found[0]}; {found[2]}", state)
+
+
+def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError | None:
+    """The error if a solve failed where a tube is about to kink; else None."""
+    tube = model.scene.body.catheter
+    if tube is None or not isinstance(point, Point) or type(error) is not SolveError:
+        return None
+    limit = tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
+    if not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < NEAR_KINK * limit:
+        return None
+    text = f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and it bears no more (Brazier)"
+    return SolveError(f"{text}; thicken the wall, or bend it less ({error.reason})", error.state)
 
 
 def _settle(

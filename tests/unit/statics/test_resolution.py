@@ -119,8 +119,8 @@ def tube(length: float, bore: float, **cells: object) -> Scene:
     return Scene.from_si({**data, "resolution": cells})
 
 
-def test_bounds_are_wider_for_walls_far_below_a_cell() -> None:
-    """A wall of a tenth of a cell at 2 cells: the plain bound was 1.2 times too small here, which no scene it was measured by had shown."""
+def test_bounds_hold_for_walls_far_below_a_cell() -> None:
+    """A wall of a tenth of a cell at 2 cells: in rows of cells the plain bound was 1.2 times too small here."""
     result = run(tube(18e-3, 2.7e-3, error=0.02))
     assert result.resolution is not None
     assert result.resolution["cells_across"] == 2
