@@ -18,14 +18,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.compiled.lapack import call
-from magmpm.effects.hooks import (
-    add_energy,
-    add_force,
-    add_softening,
-    add_stress,
-    add_tangent,
-    any_softening,
-)
+from magmpm.effects.hooks import add_energy, add_force, add_softening, add_stress, add_tangent, any_softening
 from magmpm.materials import (
     cofactor,
     determinant,

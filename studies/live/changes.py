@@ -139,6 +139,7 @@ def _put_inserted(content: Data, shown: Scene) -> None:
     own = content["body"]["catheter"]["segments"][-len(lengths) :]
     segments = [{**dict(old), "length": f"{1e3 * length:.15g} mm"} for old, length in zip(own, lengths, strict=True)]
     content["body"]["catheter"].update(length=f"{1e3 * catheter.length:.15g} mm", segments=segments, clamp="base")
+    content["resolution"]["from_tip"] = True
     kept = shown.effects.named()
     content["effects"] = {key: value for key, value in content["effects"].items() if key in kept}
     content["solver"] = {key: value for key, value in (content.get("solver") or {}).items() if key in ("anti_locking", "static")}

@@ -56,6 +56,7 @@ def test_settled_updated_formulation_is_near_statics(length: float, damping: flo
     assert np.linalg.norm(far) < 0.005 * length
 
 
+JOINTED = 5e-5  # of the length, as was asked; measured: 1.6e-6, what is left of the motion
 CLAMPED = {"total": 1e-6, "updated": 2e-3}  # of the length; measured: 3e-7, 1.2e-3 (on the way: 0.3e-3 after twice the time)
 
 
@@ -67,12 +68,11 @@ def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it(formulation: 
     _settles({"strip": strip}, formulation, length=20e-3, field=20e-3)
 
 
-@pytest.mark.parametrize("formulation", ["total"])
-def test_a_jointed_catheter_settles_where_statics_has_it(formulation: str) -> None:
+def test_a_jointed_catheter_settles_where_statics_has_it() -> None:
     """Its middle third is ten times as stiff: knots are repeated at its ends, in motion as in statics."""
     segments = [{"magnetization": [1.0, 0.0, 0.0], "material": name} for name in ("m", "stiff", "m")]
     catheter = {"length": 20e-3, "diameter": 4e-3, "material": "m", "segments": segments}
-    _settles({"catheter": catheter}, formulation, length=20e-3, field=20e-3)
+    _settles({"catheter": catheter}, "total", length=20e-3, field=20e-3, bound=JOINTED)
 
 
 @pytest.mark.parametrize("formulation", CLAMPED)
@@ -90,7 +90,7 @@ def test_a_beam_on_a_held_base_settles_where_statics_has_it(formulation: str, tm
     assert np.array_equal(moved.F[held], np.tile(np.eye(3), (held.sum(), 1, 1)))
 
 
-def _settles(body: dict[str, Any], formulation: str, length: float, field: float) -> SimulationState:
+def _settles(body: dict[str, Any], formulation: str, length: float, field: float, bound: float | None = None) -> SimulationState:
     effects = {"magnetic_torque": {}, "damping": {"rate": 200.0}}
     scene = moving_scene(body, effects, formulation=formulation, duration=0.12, field={"uniform": [0.0, 0.0, field]})
     data = scene.to_si()
@@ -99,5 +99,5 @@ def _settles(body: dict[str, Any], formulation: str, length: float, field: float
     far = np.linalg.norm(moved.x - still.particle_position, axis=1).max()
     risen = np.abs(still.particle_position - moved.motion.model.particles.position).max()
     assert risen > 0.05 * length
-    assert far < CLAMPED[formulation] * length
+    assert far < (bound or CLAMPED[formulation]) * length
     return moved
