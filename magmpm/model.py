@@ -127,7 +127,7 @@ def knots_of(scene: Scene) -> Knots:
     used = [scene.materials[region.material_name] for region in scene.regions()]
     moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
     joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
-    return Knots(joints, scene.resolution.from_tip is True, around=scene.static)
+    return Knots(joints, scene.resolution.from_tip is True, at_rest=scene.static)
 
 
 def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None) -> Model:

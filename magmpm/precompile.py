@@ -124,7 +124,7 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
     """Text that distinguishes one set of kernels from another."""
     if use in (RODS, PROOFS):
         return use
-    about = [scene.solver.anti_locking, scene.body.kind, knots_of(scene).around, _solver(scene)]
+    about = [scene.solver.anti_locking, scene.body.kind, knots_of(scene).at_rest, _solver(scene)]
     about += [use] if use != SOLVE else []
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
 

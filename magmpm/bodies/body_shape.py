@@ -91,7 +91,7 @@ class BodyShape(Settings):
 
     @abstractmethod
     def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
-        """How many particles it has at least, without making them; around: as `Knots.around`."""
+        """How many particles it has at least, without making them; around: as `Knots.at_rest`."""
 
     def cell_size(self, cells_across: int) -> float:
         """Width of the grid's cells as asked for, m; the grid's own fit the body and may be a little smaller."""

@@ -118,7 +118,7 @@ class Catheter(StraightBody):
 
     def grid(self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
         """The grid in the undeformed body, lower along y and z by `shift` of a cell; cells around the axis are turned by its first part."""
-        if self.hollow and knots.around:
+        if self.hollow and knots.at_rest:
             return tube_grid(self.segment_ends(), **self.radii, cells_across=cells_across, knots=knots, turn=shift[0])
         return rod_grid(self.segment_ends(), self.diameter, cells_across, shift, knots)
 
@@ -137,7 +137,7 @@ class Catheter(StraightBody):
 
     def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
         """The number of its particles, but for cells that two segments share, which have more."""
-        grid = self.grid(cells_across, Knots(around=around))
+        grid = self.grid(cells_across, Knots(at_rest=around))
         if isinstance(grid, PolarGrid):
             return float(np.prod(grid.cells)) * particles_per_cell**3
         section = rod_section(grid, **self.radii, particles_per_cell=particles_per_cell)[1][0]

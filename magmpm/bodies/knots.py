@@ -15,8 +15,8 @@ import numpy as np
 from magmpm.bodies.grid import Grid, Run
 from magmpm.compiled.arrays import Array
 
-SHORT = 0.5  # cells: a joint nearer to the next one, or to an end, gets no knot
-THIN = 0.02  # cells: the same where cells are counted from the tip, and the least width of the cell that takes what is left
+SHORT = 0.5  # cells: in motion, a joint nearer to the next one, or to an end, gets no knot: thin cells would need short steps
+THIN = 0.02  # cells: the same at rest, and the least width of the cell that takes what is left
 FEWEST = 3  # cells along a body
 
 
@@ -24,12 +24,13 @@ FEWEST = 3  # cells along a body
 class Knots:
     """How cells lie in a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
     size are counted from the tip, or from the next joint, and the one nearest to the base takes what is left; like: the grid of nearly
-    the same body, for as many cells everywhere; around: of a tube, cells lie around its axis (bodies.polar_grid), not in rows across it."""
+    the same body, for as many cells everywhere; at_rest: in an
+    equilibrium joints may be near each other, and the cells of a tube lie around its axis (bodies.polar_grid)."""
 
     joints: tuple[int, ...] = ()
     from_tip: bool = False
     like: Grid | None = None
-    around: bool = False
+    at_rest: bool = False
 
 
 EVEN = Knots()
@@ -40,7 +41,7 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
     are equal)."""
     like, length = knots.like, float(ends[-1])
     if like is None:
-        joints = _kept(ends, (THIN if knots.from_tip else SHORT) * h, knots.joints)
+        joints = _kept(ends, (THIN if knots.from_tip or knots.at_rest else SHORT) * h, knots.joints)
     else:
         joints = [run.after for run in like.runs if run.after is not None]
     from_tip = knots.from_tip and (length >= (FEWEST - 0.5) * h if like is None else bool(like.runs))

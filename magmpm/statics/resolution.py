@@ -185,7 +185,7 @@ def at_rest(scene: Scene, *, of_motion: bool = False) -> list[Load]:
     """The load of a scene's equilibrium, or of that of a motion, in the cells in which it moves."""
     shape, at = scene.body.shape, scene.resolution
     with memory.within(scene):
-        knots = replace(knots_of(scene), around=False)
+        knots = replace(knots_of(scene), at_rest=False)
         made = shape.discretize(at.cells_across, at.particles_per_cell, knots) if of_motion else None
         model = static_model(build(scene, made))
     return [Load(model, lambda on_step: solve_static(model, on_step=on_step, judged=False))]

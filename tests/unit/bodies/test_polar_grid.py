@@ -17,7 +17,7 @@ ROUNDING = 1e-13  # of numbers of order 1, from a few products
 
 
 def tube(cells: int = 3, inner: float = 1.5e-3, **more: object) -> PolarGrid:
-    return tube_grid(ENDS, 2e-3, inner, cells, Knots(around=True), **more)
+    return tube_grid(ENDS, 2e-3, inner, cells, Knots(at_rest=True), **more)
 
 
 def section(grid: PolarGrid, points: np.ndarray) -> np.ndarray:
@@ -110,9 +110,9 @@ def test_cells_are_fine_at_the_base_and_thin_walls_have_more_around() -> None:
 @pytest.mark.parametrize("from_tip", [False, True])
 def test_nearly_the_same_tube_has_as_many_cells(joints: tuple[int, ...], from_tip: bool) -> None:
     """And as many in each run."""
-    knots = Knots(joints, from_tip, around=True)
+    knots = Knots(joints, from_tip, at_rest=True)
     grid = tube_grid(ENDS, 2e-3, 1.5e-3, 3, knots)
-    again = tube_grid(1.1 * ENDS, 2.7e-3, 1.1e-3, 3, Knots(joints, from_tip, like=grid, around=True))
+    again = tube_grid(1.1 * ENDS, 2.7e-3, 1.1e-3, 3, Knots(joints, from_tip, like=grid, at_rest=True))
     assert again.cells == grid.cells
     assert [(run.cells, run.after) for run in again.runs] == [(run.cells, run.after) for run in grid.runs]
     assert again.faces[-1] == pytest.approx(1.1 * ENDS[-1], rel=1e-12)
