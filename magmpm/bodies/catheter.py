@@ -24,6 +24,7 @@ from magmpm.inputs.vectors import Vector
 
 THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a cell
 
+THINNEST_AROUND = 0.05  # wall over radius: of thinner tubes cells around the axis found no equilibrium (a wall of a fiftieth of a cell)
 THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less than a cell begins
 
 
@@ -118,7 +119,7 @@ class Catheter(StraightBody):
 
     def grid(self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
         """The grid in the undeformed body, lower along y and z by `shift` of a cell; cells around the axis are turned by its first part."""
-        if self.hollow and knots.at_rest:
+        if knots.at_rest and self.hollow and self.diameter - self.inner_diameter >= THINNEST_AROUND * self.diameter:
             return tube_grid(self.segment_ends(), **self.radii, cells_across=cells_across, knots=knots, turn=shift[0])
         return rod_grid(self.segment_ends(), self.diameter, cells_across, shift, knots)
 
