@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reference.dynamics import held
+from reference.in_motion import moving
 from reference.moving import block, moving_scene
 from reference.scenes import G, rod_scene
 
@@ -193,11 +194,10 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     assert contact.penalty(Scene.from_si(data), 2.0) == contact.penalty(scene, 2.0), "of what the body is made of"
 
 
-@pytest.mark.xfail(reason="a tube at rest has cells around its axis; depths are those of its cells in motion")
 def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
     """The least over all directions; toward a plane, the difference between the extents of body and particles in that direction."""
     for cells in (2, 3, 4):
-        scene = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
+        scene = moving(rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells), {}, duration=1e-3)  # contact acts in motion alone
         x = build(scene).particles.position
         assert contact.reach(scene) == pytest.approx(
             2e-3 - np.hypot(x[:, 1], x[:, 2]).max(), abs=2e-6
