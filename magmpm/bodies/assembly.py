@@ -231,7 +231,7 @@ class Parts(BodyShape):
         return connected_components(self._gaps() <= TOUCHING * self.length, particles.cell, particles.segment)
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
-        """Of parts that are near each other and do not touch, by the boxes around them: one grid moves them as one."""
+        """Warnings of parts that are near each other and do not touch, by the boxes around them: one grid moves them as one."""
         cell, gaps, regions = self.cell_size(cells_across), self._gaps(), self.regions()
         return [
             f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "

@@ -31,7 +31,7 @@ PARTS = {
 
 
 class Body(Settings):
-    """What moves: one of these."""
+    """The body that moves: one of these."""
 
     model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
 

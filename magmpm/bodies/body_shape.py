@@ -52,11 +52,11 @@ class BodyShape(Settings):
 
         @property
         def thickness(self) -> float:
-            """What `cells_across` counts cells through, m."""
+            """Size through which `cells_across` counts cells, m."""
 
         @property
         def clamp(self) -> str:
-            """What is held: base, both, parts or none."""
+            """The held end: base, both, parts or none."""
 
     @property
     def line(self) -> Line | None:
@@ -75,7 +75,7 @@ class BodyShape(Settings):
 
     @abstractmethod
     def regions(self) -> tuple[Region, ...]:
-        """What it is made of, each with one material: segments from base to tip, or parts."""
+        """Pieces of one material each: segments from base to tip, or parts."""
 
     @abstractmethod
     def box(self) -> tuple[Vector, Vector]:
@@ -125,7 +125,7 @@ class BodyShape(Settings):
         """Raises PydanticCustomError (see `fault`), for the scene, where so few cells can't resolve the body."""
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
-        """What the author may not have meant. one_grid: whether all parts move on the same grid."""
+        """Settings that the author may not have meant, a sentence each. one_grid: whether all parts move on the same grid."""
         return []
 
     def cell_setting(self, cells_across: int) -> tuple[str, str, str]:

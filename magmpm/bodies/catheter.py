@@ -23,7 +23,6 @@ from magmpm.inputs.settings import Quantity, fault
 from magmpm.inputs.vectors import Vector
 
 THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a cell
-
 THINNEST_AROUND = 0.1 - 1e-9  # wall over radius: the thinnest held against finite elements; at 0.05 and 0.02 no equilibrium was found
 THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less than a cell begins
 
@@ -99,6 +98,11 @@ class Catheter(StraightBody):
         """Whether it has a bore."""
         return self.inner_diameter > 0.0
 
+    @property
+    def round_cells(self) -> bool:
+        """Whether its cells at rest lie around its axis, in layers that fit its wall."""
+        return self.hollow and self.diameter - self.inner_diameter >= THINNEST_AROUND * self.diameter
+
     def kink_radius(self, poisson: float) -> float:
         """Radius (m) of its axis below which a tube has no equilibrium: its section flattens, and it kinks. 0 for a solid rod.
 
@@ -119,7 +123,7 @@ class Catheter(StraightBody):
 
     def grid(self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
         """The grid in the undeformed body, lower along y and z by `shift` of a cell; cells around the axis are turned by its first part."""
-        if knots.at_rest and self.hollow and self.diameter - self.inner_diameter >= THINNEST_AROUND * self.diameter:
+        if knots.at_rest and self.round_cells:
             return tube_grid(self.segment_ends(), **self.radii, cells_across=cells_across, knots=knots, turn=shift[0])
         return rod_grid(self.segment_ends(), self.diameter, cells_across, shift, knots)
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from magmpm.bodies.curves import tightest_radius
+from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.materials import determinant, poisson_ratio
@@ -82,9 +83,10 @@ class Strain:
                 f"mm: its inner side is crushed; {REMEDY}"
             )
         elif model.line is not None and (kinks := _kink_radius(model)) > self.radius:
+            hidden = "" if isinstance(model.grid, PolarGrid) else ", which cells larger than the wall do not show"
             found.append(
                 f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
-                "and it kinks (Brazier); thicken the wall, or bend it less"
+                f"and it kinks (Brazier){hidden}; thicken the wall, or bend it less"
             )
         return found
 

@@ -24,7 +24,8 @@ def warnings(scene: SceneLike) -> list[str]:
     shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
     one_grid = scene.effects.self_contact is None and (dynamic is None or dynamic.formulation != "updated")
     own = shape.warnings(scene.resolution.cells_across, one_grid=one_grid)
-    found += of_known_error(own) if dynamic is None else own  # cells around a tube fit its wall
+    fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
+    found += of_known_error(own) if fitted else own
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:

@@ -85,9 +85,9 @@ class _Search:
         self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + self.algebraic()
 
     def wall(self, cells: int) -> float:
-        """Cells across a tube's wall in motion, where there are so many across its diameter; inf without a bore, and where cells fit it."""
+        """Cells across a tube's wall, where there are so many across its diameter; inf without a bore, and where cells fit it."""
         tube = self.scene.body.catheter
-        if tube is None or tube.inner_diameter == 0.0 or self.scene.static:
+        if tube is None or not tube.hollow or (self.scene.static and tube.round_cells):
             return float("inf")
         return cells * (tube.diameter - tube.inner_diameter) / (2.0 * tube.diameter)
 

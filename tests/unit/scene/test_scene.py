@@ -377,6 +377,8 @@ def test_a_wall_thinner_than_a_cell_is_warned_of() -> None:
     catheter["inner_diameter"] = 0.75 * catheter["diameter"]
     data["resolution"]["cells_across"] = 4
     assert not any("cells thick" in text for text in Scene.from_si(data).warnings())  # in statics cells lie around the axis
+    thin = {**data, "body": {"catheter": {**catheter, "inner_diameter": 0.92 * catheter["diameter"]}}}
+    assert any("cells thick" in text for text in Scene.from_si(thin).warnings())  # but for walls below 0.1 of the radius
     data["solver"]["dynamic"] = {"duration": 0.1}
     scene = Scene.from_si(data)
     assert any("0.50 cells thick" in text and "cells_across: 8 or more" in text for text in scene.warnings())
