@@ -21,19 +21,21 @@ from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies import records, report
 from magmpm.studies.artifact_stores import whole_place
 from magmpm.studies.definition import Study
+from magmpm.studies.gauss_newton import GaussNewtonSampler
 from magmpm.studies.insertion import Insertion
 from magmpm.studies.judge import FAILURES, Judge, Judged, Picture, trial_of
+from magmpm.studies.limited_designs import next_exchange
 from magmpm.studies.linear_model import Differentiate, needs_derivatives
 from magmpm.studies.objectives import trial_values
 from magmpm.studies.opened import STARTS, OpenStudy
 from magmpm.studies.optuna_ids import trial_id
 from magmpm.studies.report import StudyReport
-from magmpm.studies.samplers import check_available, check_suits, check_workers, make_sampler
+from magmpm.studies.samplers import POOR, check_available, check_suits, check_workers, make_sampler
 from magmpm.studies.search_space import SearchSpace
 from magmpm.studies.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder, shown_url, storage_url
 from magmpm.studies.trial import Solve, Trial, constraints
 from magmpm.studies.well_posed import check_search
-from magmpm.studies.workers.per_trial import READY, PerTrial
+from magmpm.studies.workers.per_trial import EXCHANGED, READY, PerTrial
 from magmpm.studies.workers.pool import Pool
 from magmpm.studies.workers.sessions import Session, remembered, uninterrupted
 
@@ -108,10 +110,13 @@ def run_study(
             ended = run.to_the_end(on_trial, stop)
         else:
             ended = run.with_workers(workers, on_trial, stop)
+        if ended == "trials":
+            ended = run.to_the_end(on_trial, stop)  # what workers leave: exchanges, each of which depends on the one before
         if ended != "interrupted":
             run.keep_best()
             run.mend_artifacts()
-        summary = dataclasses.replace(run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes])
+        summary = run.report(ended)
+        summary = dataclasses.replace(summary, artifacts=artifacts, warnings=[*advice, *run.notes, *summary.warnings])
         summary.save()
     return summary
 
@@ -164,8 +169,8 @@ class _Run(OpenStudy):
     def look(self) -> None:
         """See what is finished."""
         finished = self.finished()
-        best = report.best_trial(finished)
-        self.count, self.best = len(finished), None if best is None else best.values[0]
+        best = report.nearest_first(finished)
+        self.count, self.best = len(finished), best[0].values[0] if best else None
 
     def mend_artifacts(self) -> None:
         """Puts back what is damaged of the trials' pictures; where other sessions share the study, each sees to its own."""
@@ -183,6 +188,8 @@ class _Run(OpenStudy):
                 return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
             return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
 
+        inner = of(0)
+        self.newton = inner if isinstance(inner, GaussNewtonSampler) and self.starts else None
         first = self.starts if study.sampler != "gauss-newton" else []
         return PerTrial(of, starts=first, session=self.session.name if self.shared else None, wait=self.shared)
 
@@ -190,12 +197,41 @@ class _Run(OpenStudy):
         """Why no more trials are wanted, if so; stop: m."""
         if stop is not None and self.best is not None and self.best <= stop:
             return "stop"
-        return "trials" if self.count >= self.study.trials else None
+        if self.count >= self.study.trials:
+            return "trials"
+        return "exhausted" if self.exhausted() else None
+
+    def exhausted(self) -> bool:
+        """Whether only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
+        from optuna.trial import TrialState
+
+        sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
+        if sampler is None or not found or self.best > POOR * self.space.scene.length:  # type: ignore[operator]
+            return False
+        trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
+        running = [t for t in trials if t.state == TrialState.RUNNING and set(self.distributions) <= set(t.params)]
+        ended = [t for t in trials if t.state.is_finished() and set(self.distributions) <= set(t.params)]
+        return all(t.state != TrialState.WAITING for t in trials) and sampler.used_up(ended, running)
+
+    def exchange(self) -> bool:
+        """Queues the best design with one direction of the set exchanged, where that is left to be tried. Returns whether one waits."""
+        from optuna.trial import TrialState
+
+        if self.shared or self.judge.trajectory is not None or len(self.study.minimize) > 1:
+            return False
+        trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
+        best = report.best_trial([t for t in trials if t.state == TrialState.COMPLETE])
+        if best is None or any(t.state == TrialState.WAITING and EXCHANGED in t.user_attrs for t in trials):
+            return best is not None
+        params = next_exchange(self.space, self.study.target, best.params, [t.params for t in trials if t.state.is_finished()])
+        if params is not None:
+            self.store(lambda: self.kept.enqueue_trial(params, user_attrs={EXCHANGED: best.number}))
+        return params is not None
 
     def to_the_end(self, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
         """Runs the remaining trials in this process, or until one comes within `stop`, m. Returns why it ended."""
         with remembered() as check_for_ctrl_c:
-            while (ended := self.ended(stop)) is None:
+            while (ended := self.ended(stop)) is None or (ended == "trials" and self.exchange()):
                 try:
                     check_for_ctrl_c()
                     trial = self.one_trial()
@@ -226,7 +262,7 @@ class _Run(OpenStudy):
                     ended = self.ended(stop)
                     if pool is None or (ended is not None and not at_work):
                         return ended or "trials"
-                    while ended is None and pool.idle and self.wanted(len(at_work)):
+                    while self.ended(stop) is None and pool.idle and self.wanted(len(at_work)):
                         begun, asked = time.perf_counter(), self.ask()
                         if not self.shared or self.in_time(asked):
                             at_work[asked.number] = asked, begun
@@ -308,7 +344,7 @@ class _Run(OpenStudy):
         return dataclasses.replace(
             trial,
             finished=self.count,
-            wanted=self.study.trials,
+            wanted=max(self.study.trials, self.count),
             seconds=self.durations[-1],
             seconds_left=left,
         )

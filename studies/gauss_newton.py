@@ -114,6 +114,10 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             index += 1
         return _Plan(params, {"start": index, "from": None})
 
+    def used_up(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> bool:
+        """Whether the given designs and the descents from them are, so that a point of the sequence comes next."""
+        return bool(self._plan(trials, running).kept["start"] >= len(self._starts))
+
     def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
         """The design to step from and the radius, after the last trial; None: a start is due."""
         if not trials:

@@ -22,6 +22,7 @@ from magmpm.studies.rod_designs import rod_starts
 from magmpm.studies.samplers import settings
 from magmpm.studies.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
 from magmpm.studies.study import Study
+from magmpm.studies.workers.per_trial import EXCHANGED
 
 if TYPE_CHECKING:
     from optuna.storages import BaseStorage
@@ -134,7 +135,8 @@ class OpenStudy:
     def report(self, ended: report.Ended) -> StudyReport:
         """The study as it stands."""
         trials = self.finished()
-        best, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
+        chosen, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
+        best = None if chosen is None else report.describe(chosen)
         return StudyReport(
             name=self.study.name,
             out=self.out,
@@ -147,7 +149,9 @@ class OpenStudy:
             trials=len(trials),
             failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
             refused=sum(report.refused(t) for t in trials),
-            best=None if best is None else report.describe(best),
+            best=best,
+            exchanged=sum(EXCHANGED in t.user_attrs for t in trials),
+            warnings=report.on_the_brink(best),
             first_trial_below_stop=None if first is None else first.number,
             seconds_per_trial=report.seconds_per_trial(trials),
             ended=ended,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -22,7 +22,9 @@ OF_SEVERAL = (  # of a trial of an insertion or a schedule
     "insertion", "schedule",
 )  # fmt: skip
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
-Ended = Literal["stop", "trials", "interrupted"]
+Ended = Literal["stop", "trials", "exhausted", "interrupted"]
+BRINK = 0.1  # stability below which a design is on the brink: it is told, and another of nearly the same rms takes its place
+NEARLY = 1.1  # times the least rms: what the more stable design may cost
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,9 @@ class StudyReport:
     """A study's state. SI.
 
     trials: finished ones, of which `failed` got the penalty, and `refused` were less stable than the study's margin;
+    exchanged: those in which single directions of the best design were exchanged, beyond the `wanted` ones;
     best: {number, rms_m, tip_error_m, stability, params, magnetization (k, 3),
-    field_T} of the feasible trial nearest to the target, or None; first_trial_below_stop: number (from 0, as the dashboard
+    field_T} of the best trial (best_trial), or None; first_trial_below_stop: number (from 0, as the dashboard
     counts) of the first trial that reached `stop`, None without one; seconds_per_trial: median of solve, picture and
     storage; storage: the database's URL (without password); ended: why the study is not running any more.
     """
@@ -61,6 +64,7 @@ class StudyReport:
     study_file: str | None = None  # the study's file, from the root
     limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
 
+    exchanged: int = 0
     judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
 
     def __repr__(self) -> str:
@@ -73,6 +77,10 @@ class StudyReport:
         if self.ended == "interrupted":
             return "interrupted; run the same command to go on"
         done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
+        if self.exchanged:
+            done += f" ({self.exchanged} exchanged single directions of the best design)"
+        if self.ended == "exhausted":
+            return f"{done}, and nothing more is to be had: no descent from the rod's designs gets better; for others, change `seed`"
         if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
             return f"{done}, and {self.wanted} {'were' if self.wanted != 1 else 'was'} asked for; for more, say, --trials {2 * self.trials}"
         return (
@@ -95,8 +103,22 @@ class StudyReport:
 
 
 def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
-    """The feasible trial nearest to the target; of equals, the first."""
-    return min((t for t in trials if feasible(t)), key=_rms, default=None)
+    """The feasible trial nearest to the target; of equals, the first. If it is less stable than BRINK: of those whose value is at most
+    NEARLY times as large the nearest that is not, or the most stable one."""
+    near = nearest_first(trials)
+    close = [t for t in near if _rms(t) <= NEARLY * _rms(near[0])]
+    return max(close, key=lambda t: BRINK if (known := t.user_attrs.get("stability")) is None else min(known, BRINK), default=None)
+
+
+def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
+    """A warning where a best design, as `describe` has it, is less stable than BRINK."""
+    if best is None or best.get("stability") is None or best["stability"] >= BRINK:
+        return []
+    depth = next((f" at {1e3 * row['depth_m']:.4g} mm" for row in best.get("insertion") or () if row["stability"] == best["stability"]), "")
+    return [
+        f"the best design is on the brink: its stability{depth} is {best['stability']:.2g} (1: at rest, 0: a critical load), so small "
+        f"errors of body or field may make it snap; `stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
+    ]
 
 
 def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:

@@ -163,6 +163,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     from magmpm.studies.best_scene import SCENE
     from magmpm.studies.judged import said
     from magmpm.studies.records import BEST
+    from magmpm.studies.report import on_the_brink
     from magmpm.studies.search_space import FIELD
 
     refused = f", {report.refused} refused: less stable than the margin" if report.refused else ""
@@ -196,6 +197,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(
             f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
         )
+    lines += [f"  warning          {line}" for line in on_the_brink(report.best)]
     lines += [f"  judged finer     {line}" for line in said(report.judged)]
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:

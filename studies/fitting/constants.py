@@ -20,10 +20,11 @@ from magmpm.scene.variables import Variable, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
 KINDS = (*OF_MATERIALS, "magnetization", "field", "damping", "viscosity")
+GEOMETRY = "diameter"  # taken as exact: a fit frees it to say whether it explains residuals, and never to give it
 LOSSES = {"damping": ("rate", "1/s"), "viscosity": ("viscosity", "Pa s")}  # effects of motions: key and unit
 _MILLITESLA = 1e-3
 SHOWN = {"shear_modulus": (1e-3, "kPa"), "remanence": (1e3, "mT"), "density": (1.0, "kg/m^3"), "magnetization": (180 / math.pi, "deg"),
-         "field": (1e3, "mT"), "damping": (1.0, "1/s"), "viscosity": (1.0, "Pa s")}  # fmt: skip
+         "field": (1e3, "mT"), "damping": (1.0, "1/s"), "viscosity": (1.0, "Pa s"), GEOMETRY: (1e3, "mm")}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,12 @@ def _made(scene: Scene, kind: str) -> list[Constant] | str:
             return "a material has no remanence to start from; give it a first guess"
         return [Constant(v.name, kind, starts[v.name], v.unit, v) for v in found]
     return [Constant(v.name, kind, 0.0, v.unit, v) for v in found]
+
+
+def diameter_of(scene: Scene) -> list[Constant]:
+    """A catheter's diameter as a constant; none of other bodies."""
+    found = [] if scene.body.catheter is None else variables(scene, [GEOMETRY])
+    return [Constant(v.name, GEOMETRY, float(scene.body.shape.thickness), v.unit, v) for v in found]
 
 
 def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[Constant, ...]:

@@ -40,6 +40,8 @@ def summary(found: Fit) -> dict[str, Any]:
             {"table": label.table, "line": label.line, "what": label.what, "value": float(value), "unit": "rad" if label.angle else "m"}
             for value, label in zip(found.residuals, found.labels, strict=True)
         ],
+        "suspects": None if found.suspects is None else [{"name": one.name, "probability": one.probability} for one in found.suspects],
+        "by_diameter": dict(found.by_diameter),
         "warnings": list(found.warnings),
         "solves": found.solves,
         "seconds": found.seconds,
@@ -74,14 +76,29 @@ def text(found: Fit) -> str:
         f"  residuals        rms {1e3 * found.rms_m:.3g} mm; noise {of_each} mm{angles} a number ({found.noise}), "
         f"{found.degrees} degree{'s' * (found.degrees != 1)} of freedom",
         f"  intervals        {_method(found)}",
+        f"  taken as exact   {_exact(found)}",
         f"  solves           {found.solves} in {found.seconds:.1f} s",
     ]
     return "\n".join(lines)
 
 
+def _exact(found: Fit) -> str:
+    """What no interval holds an error of, and what was asked of it."""
+    moved = ", ".join(f"{name} {share:+.2g} %" for name, share in found.by_diameter.items())
+    words = "geometry" + (f" (1 % more diameter in the scene: {moved})" if moved else "") + ", and all that is not varied"
+    if found.suspects is None:
+        return words
+    if not found.suspects:
+        return f"{words}; too few numbers to ask whether that fails"
+    first = found.suspects[0]
+    return f"{words}; of {len(found.suspects)} suspects {first.name} explains most of the residuals (by chance: {first.probability:.2g})"
+
+
 def _method(found: Fit) -> str:
     methods = {one.method for one in found.constants}
     quantile = "normal quantile (noise given)" if found.noise == "given" else "Student's t (noise from the residuals)"
+    if methods & {"widened", "withheld"}:
+        return f"{' and '.join(sorted(methods))}: something taken as exact explains the residuals better than chance does, see the warning"
     if methods == {"linear"}:
         return f"linear, {quantile}; the sum of squares is a parabola there to 10 %"
     return f"profile likelihood where the sum of squares is no parabola, {quantile}"

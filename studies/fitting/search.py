@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from magmpm.errors import InputError, MagmpmError, report
 from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
+from magmpm.studies.fitting.misfit import DOUBTED, Suspect, suspects_of
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import Interval, interval_of
 from magmpm.studies.fitting.solve import Minimum, least_squares
@@ -42,7 +43,8 @@ STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin a
 class Fitted:
     """One constant. SI: value, its interval at the level asked for (an end may be open: None), its standard error.
 
-    method: how the interval was found, linear or profile. grid_shift: by how much a finer grid would move it, None: not known.
+    method: how the interval was found: linear or profile; widened or withheld where something else explains the residuals (misfit.py).
+    grid_shift: by how much a finer grid would move it, None: not known.
     """
 
     constant: Constant
@@ -60,6 +62,8 @@ class Fit:
 
     ratios: by what each table's sigma of lengths is larger than that, which is the first table's.
 
+    suspects: what was taken as exact and might explain residuals (misfit.py), likeliest first, None: not asked; by_diameter: by what share
+    of itself each constant moves for the diameter's own.
     noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
     """
 
@@ -83,6 +87,8 @@ class Fit:
         found = ", ".join(f"{one.constant.name} = {one.value:.4g}" for one in self.constants)
         return f"Fit({self.scene.name!r}: {found} in SI, rms {1e3 * self.rms_m:.3g} mm over {len(self.residuals)} numbers)"
     ratios: tuple[float, ...] = (1.0,)
+    suspects: tuple[Suspect, ...] | None = None
+    by_diameter: Mapping[str, float] = field(default_factory=dict)
 
     def sigma_of(self, label: Label) -> float:
         """Standard deviation of a residual, m or rad."""
@@ -130,7 +136,7 @@ def fit(
     deviation of each measured coordinate, m, one for all or one for each table, None: estimated from the residuals, one for all;
     angle_noise: of angles, rad. known: relative standard
     deviations of constants that are known beforehand, by name or kind: the scene's values count as measured that well. level: of the
-    intervals. thorough: of equilibria, descents from further starts, and what a finer grid would change.
+    intervals. thorough: of equilibria, descents from further starts, what a finer grid would change, and what the scene may lack.
     Raises Refused where the measurements can't tell constants apart; InputError for what does not fit together; SolveError where no
     equilibrium is found.
     """
@@ -152,7 +158,13 @@ def fit(
     refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
     intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
-    shift = search.on_finer_grid(best, sigmas, covariance) if thorough and not scene.in_time else None
+    shift, suspects, by_diameter = None, None, {}
+    if thorough and not scene.in_time:
+        shift = search.on_finer_grid(best, sigmas, covariance)
+        suspects, by_diameter = suspects_of(prediction, best, 1.0 / sigmas.of(prediction.labels), degrees, source == "given")
+        if suspects and suspects[0].probability < DOUBTED:
+            intervals = suspects[0].widened(intervals, level)
+            warnings.append(suspects[0].warning())
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
     warnings += _of_values(found) + _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
@@ -162,7 +174,7 @@ def fit(
     return Fit(
         scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, tuple(prediction.labels),
         degrees, covariance / np.outer(deviations, deviations), best.x, tuple(warnings), prediction.solves, time.perf_counter() - begun,
-        ratios,
+        ratios, suspects, by_diameter,
     )  # fmt: skip
 
 

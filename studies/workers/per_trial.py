@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 SESSION = "session"  # user attribute of a trial: the session that runs it
 AGAIN = "again"  # ... and the number of the trial, left behind by a session that died, whose design it has
+EXCHANGED = "exchanged"  # ... and the number of the trial whose design it has, but for one direction
 READY = "asked"  # ... and whether its parameters are all there
 PATIENCE = 5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
 
@@ -44,7 +45,7 @@ class PerTrial(BaseSampler):
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
         """Once a trial has its number."""
         self._inner = self._make(trial.number)
-        self._given = AGAIN in trial.user_attrs
+        self._given = AGAIN in trial.user_attrs or EXCHANGED in trial.user_attrs
         if self._session is not None:
             storage_of(study).set_trial_user_attr(trial_id(trial), SESSION, self._session)
         if self._wait and not self._given:

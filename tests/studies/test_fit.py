@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -349,6 +350,45 @@ def test_two_answers_are_refused() -> None:
     with pytest.raises(Refused, match="two sets of constants"):
         refuse_twins(constants, one, [other], 1.96)
     refuse_twins(constants, one, [one], 1.96)
+
+
+def missing(folder: Path, stray: tuple[float, float, float] = (0.0, 0.0, 0.0), turn: float = 0.0, larger: float = 0.0) -> Path:
+    """Tips to 0.1 mm of a body with 118 kPa that is not quite the scene's: stray field (mT), turn of its direction (rad), diameter."""
+    data = with_modulus(SCENE, 118e3).to_si()
+    data["body"]["catheter"]["diameter"] *= 1 + larger
+    for segment in data["body"]["catheter"]["segments"]:
+        segment["magnetization"] = [math.cos(turn), math.sin(turn), 0.0]
+    real, rng, rows = Scene.from_si(data), np.random.default_rng(5), ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"]
+    for strength in (1, 2, 3, 4, 5):
+        tip = run(real.with_field([1e-3 * stray[0], 1e-3 * stray[1], 1e-3 * (strength + stray[2])])).tip + rng.normal(0, 0.1e-3, 3)
+        rows.append(f"{strength},{1e3 * tip[0]:.4f},{1e3 * tip[1]:.4f},{1e3 * tip[2]:.4f}")
+    return table(folder, "\n".join(rows) + "\n")
+
+
+@pytest.mark.parametrize(("lacks", "name"), [
+    ({"stray": (0.1, 0.17, -0.28)}, "a stray field"),  # 0.34 mT
+    ({"turn": math.radians(6.0)}, "the direction of segment 1"),
+])  # fmt: skip
+def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: dict[str, Any], name: str, tmp_path: Path) -> None:
+    found = fit(read_measured(missing(tmp_path, **lacks), SCENE), SCENE, vary=["shear_modulus"])
+    (one,) = found.constants
+    assert found.suspects is not None
+    assert found.suspects[0].name == name
+    assert found.suspects[0].probability < 0.01
+    assert any(name in warning and "explains the residuals better" in warning for warning in found.warnings)
+    assert one.method in ("widened", "withheld")
+    assert one.low is None or one.low < 118e3
+    assert one.high is None or one.high > 118e3
+
+
+def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
+    """A diameter 10 % larger bends by 1/1.1^2 in a field: no residual shows it, so the output says what it does to the modulus."""
+    found = fit(read_measured(missing(tmp_path, larger=0.1), SCENE), SCENE, vary=["shear_modulus"])
+    (one,) = found.constants
+    assert one.method == "linear", "nothing else explains the residuals"
+    assert one.value == pytest.approx(1.21 * 118e3, rel=0.02)  # d^4 over d^2, less the clamp's share of the length, d/L
+    assert found.by_diameter[one.constant.name] == pytest.approx(-2.0, abs=0.1)  # likewise
+    assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

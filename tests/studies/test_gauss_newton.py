@@ -260,3 +260,26 @@ def test_workers_follow_a_descent_each() -> None:
     for _ in range(2):
         study.ask(parameters(ALL))
     assert [(plan["start"], plan["from"]) for plan in plans(study)] == [(0, None), (1, None), (1, 1), (0, 0)]
+
+
+def test_given_designs_are_used_up_once_no_descent_from_them_gets_better() -> None:
+    """The residuals keep a part that no design moves: the descent ends there, and a point of the sequence would be next."""
+    blocks: list[Block] = [*DIRECTIONS[:2]]
+    curve, goal = curved(blocks)
+
+    def model(x: Array) -> tuple[Array, Array]:
+        residuals, slopes = curve(x)
+        return np.append(residuals, 1.0), np.vstack([slopes, np.zeros(slopes.shape[1])])
+
+    start = Coordinates(blocks).write(goal + 0.2)
+    sampler = GaussNewtonSampler(blocks, 1, starts=[start])
+    study = optuna.create_study(sampler=sampler)
+    used = []
+    for _ in range(12):
+        used.append(sampler.used_up(study.trials, []))
+        if used[-1]:
+            break
+        trial(study, blocks, model)
+    assert used[0] is False
+    assert used[-1] is True
+    assert all(plan["start"] == 0 for plan in plans(study)), "no trial began elsewhere"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rod_solve import STUDY, differentiate, solve, write_study
 
-from magmpm.scene import load_scene
+from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
 from magmpm.studies.definition import load_study
 from magmpm.studies.engine import run_study
@@ -117,3 +118,28 @@ def test_gauss_newton_is_better_than_snapping(tmp_path: Path) -> None:
 
     others = [root_mean_square(gaps(solve(space.scene_at(space.drawn(rng))), study.target)) for _ in range(300)]
     assert best <= min(others) + 1e-5
+
+
+@pytest.mark.parametrize("more", ["}", ", at_most: 2}"])
+def test_no_single_exchange_is_better_on_the_body(more: str, tmp_path: Path) -> None:
+    """The body is softer than the rod by which starts are found, so the rod's best exchange is not the body's."""
+    from magmpm.studies.limited_designs import _exchanges
+    from magmpm.studies.shape_distance import gaps, root_mean_square
+
+    def body(scene: Scene) -> Any:
+        data = scene.to_si()
+        data["materials"]["magnetic"]["shear_modulus"] *= 0.6
+        return solve(Scene.from_si(data))
+
+    text = STUDY.replace("trials: 8", "trials: 2") + SET + more + "\n"
+    study = load_study(write_study(tmp_path, text))
+    report = run_study(study, solve=body, out=tmp_path / "out")
+    space = SearchSpace.of(study)
+    x = space.made(space.embedded(report.best["params"]))
+    others = [root_mean_square(gaps(body(space.scene_at(y)), study.target)) for y in _exchanges(space, x)]
+    assert len(others) >= 5
+    assert report.best["rms_m"] <= min(others)
+    assert report.trials == 2 + report.exchanged
+    assert f"{report.exchanged} exchanged single directions" in report.why
+    again = run_study(study, solve=body, out=tmp_path / "out")
+    assert again.trials == report.trials, "nothing is left to be exchanged"

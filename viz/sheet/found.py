@@ -90,6 +90,8 @@ def _why(facts: Mapping[str, Any]) -> str:
     ended = facts.get("ended")
     if ended == "stop":
         return f"stopped at trial {facts['first_trial_below_stop']}, the first within its stop of {length(facts['stop_rms_m'])}"
+    if ended == "exhausted":
+        return "stopped because no descent from the rod's designs gets better"
     return "was interrupted" if ended == "interrupted" else f"made all trials that were asked for ({facts['wanted']})"
 
 

@@ -1,0 +1,116 @@
+"""What a fit takes as exact and may not be: a stray field, the direction of a region, the diameter. Would it explain the residuals?
+
+To first order: residuals r and slopes J at the minimum, slopes S of what was not varied, less what the constants can do in its place,
+A = S - J J^+ S. Freed, it lowers the sum of squares by the squared projection of r on A, which for normal errors has an F distribution
+(chi-square where the noise is given); probabilities are times the number of suspects. Below DOUBTED, intervals are widened to hold the
+answer with the suspect freed (as if known to WIDEST / 2) as well, and withheld where the data then no longer determine the constant.
+Source: Seber and Lee, Linear Regression Analysis (2003), section 4.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError
+from magmpm.scene import Scene
+from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
+from magmpm.studies.fitting.identify import FLAT, WIDEST
+from magmpm.studies.fitting.prediction import Prediction
+from magmpm.studies.fitting.profile import Interval
+from magmpm.studies.fitting.solve import Minimum
+
+DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """Something taken as exact. probability: that chance explains as much; x (k + q,): the fit's constants and its own with it freed;
+    errors (k,): standard errors of the former; degrees: of freedom, inf where the noise is given."""
+
+    name: str
+    constants: tuple[Constant, ...]
+    probability: float
+    x: Array
+    errors: Array
+    degrees: float
+
+    def warning(self) -> str:
+        """What is to be said of it."""
+        parts = []
+        for constant, number in zip(self.constants, self.x.tolist(), strict=True):
+            factor, unit = SHOWN[constant.kind]
+            parts.append(f"{constant.name} {factor * constant.value(number):.3g} {unit}")
+        own = len(self.constants) - (len(self.x) - len(self.errors))
+        return (
+            f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance does (F-test, probability that chance does "
+            f"as well {self.probability:.1g}), with {', '.join(parts[:own])}: the scene lacks this or the like; intervals hold both answers"
+        )
+
+    def widened(self, intervals: Sequence[Interval], level: float) -> list[Interval]:
+        """The intervals (k) with those of the answer in which it is freed."""
+        from scipy.special import ndtri, stdtrit
+
+        tail, found = 0.5 + level / 2, []
+        halves = float(ndtri(tail) if np.isinf(self.degrees) else stdtrit(self.degrees, tail)) * self.errors
+        for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
+            low, high = (None if one.low is None else min(one.low, x - half)), (None if one.high is None else max(one.high, x + half))
+            found.append(Interval(None, None, "withheld") if half > WIDEST else Interval(low, high, "widened"))
+        return found
+
+
+def suspects_of(
+    prediction: Prediction, best: Minimum, weights: Array, degrees: int, known_noise: bool
+) -> tuple[tuple[Suspect, ...], dict[str, float]]:
+    """What may not be exact, likeliest first; and by what share of itself each constant moves for the diameter's own share.
+
+    best: in standard errors; weights (n,): their inverses for what was measured.
+    """
+    from scipy.special import chdtrc, fdtrc  # what scipy.stats calls, without its half second
+
+    constants, k = prediction.constants, len(prediction.constants)
+    groups = list(_groups(prediction.scene, constants))
+    freed = tuple(constant for _, group in groups for constant in group)
+    slopes = best.slopes.copy()
+    if freed:
+        wide = replace(prediction, constants=(*constants, *freed), solves=0)
+        slopes = np.zeros((len(best.residuals), k + len(freed)))  # what is known beforehand stands in the last rows
+        slopes[: len(weights), k:] = wide.at(np.concatenate([best.x, np.zeros(len(freed))]))[1][:, k:] * weights[:, None]
+        slopes[:, :k] = best.slopes
+        prediction.solves += wide.solves
+    moved = -np.linalg.lstsq(best.slopes, slopes, rcond=None)[0]
+    left, found = slopes + best.slopes @ moved, []
+    for name, group in groups:
+        at = [k + freed.index(constant) for constant in group]
+        basis, sizes, _ = np.linalg.svd(left[:, at], full_matrices=False)
+        basis = basis[:, sizes > FLAT * np.linalg.norm(slopes[:, at])]
+        explained, count = float(np.sum((basis.T @ best.residuals) ** 2)), basis.shape[1]
+        if count == 0 or degrees <= count:
+            continue
+        spread = 1.0 if known_noise else max((best.cost - explained) / (degrees - count), 1e-300)
+        chance = chdtrc(count, explained) if known_noise else fdtrc(count, degrees - count, explained / count / spread)
+        J = slopes[:, [*range(k), *at]]
+        covariance = np.linalg.inv(J.T @ J + np.diag([0.0] * k + [(WIDEST / 2) ** -2] * len(at)))
+        x = np.concatenate([best.x, np.zeros(len(at))]) - covariance @ (J.T @ best.residuals)
+        errors = np.sqrt(spread * np.diag(covariance)[:k])
+        found.append(Suspect(name, (*constants, *group), float(chance), x, errors, np.inf if known_noise else degrees - count))
+    found = [replace(one, probability=min(1.0, len(found) * one.probability)) for one in found]
+    diameter = [i for i, constant in enumerate(freed) if constant.kind == GEOMETRY]
+    of_diameter = {c.name: float(moved[i, k + j]) for j in diameter for i, c in enumerate(constants) if c.relative}
+    return tuple(sorted(found, key=lambda one: one.probability)), of_diameter
+
+
+def _groups(scene: Scene, constants: Sequence[Constant]) -> Iterator[tuple[str, tuple[Constant, ...]]]:
+    """What is not varied, each with the constants that free it."""
+    known = {constant.name for constant in constants}
+    for kind, name in (("field", "a stray field"), ("magnetization", "the direction of {}"), (GEOMETRY, "another diameter")):
+        try:
+            made = [c for c in (diameter_of(scene) if kind == GEOMETRY else constants_of(scene, [kind])) if c.name not in known]
+        except InputError:
+            continue
+        for region in dict.fromkeys(c.variable.region for c in made if c.variable is not None):
+            group = tuple(c for c in made if c.variable is not None and c.variable.region == region)
+            yield name.format("" if region is None else scene.regions()[region].name), group
