@@ -158,7 +158,8 @@ def fit(
     refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
     intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
-    shift, suspects, by_diameter = None, None, {}
+    shift, suspects = None, None
+    by_diameter: dict[str, float] = {}
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
         suspects, by_diameter = suspects_of(prediction, best, 1.0 / sigmas.of(prediction.labels), degrees, source == "given")
