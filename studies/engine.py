@@ -110,13 +110,11 @@ def run_study(
             ended = run.to_the_end(on_trial, stop)
         else:
             ended = run.with_workers(workers, on_trial, stop)
-        if ended == "trials":
-            ended = run.to_the_end(on_trial, stop)  # what workers leave: exchanges, each of which depends on the one before
+        ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
         if ended != "interrupted":
             run.keep_best()
             run.mend_artifacts()
-        summary = run.report(ended)
-        summary = dataclasses.replace(summary, artifacts=artifacts, warnings=[*advice, *run.notes, *summary.warnings])
+        summary = dataclasses.replace(found := run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
         summary.save()
     return summary
 

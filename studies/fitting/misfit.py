@@ -9,6 +9,7 @@ Source: Seber and Lee, Linear Regression Analysis (2003), section 4.3.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,10 +20,13 @@ from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
 from magmpm.studies.fitting.identify import FLAT, WIDEST
-from magmpm.studies.fitting.prediction import Prediction
+from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import Interval
 from magmpm.studies.fitting.solve import Minimum
+from magmpm.studies.fitting.table import Measured
 
+ODD = 3.5  # standard errors: residuals beyond are named
+UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
 DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
 
 
@@ -114,3 +118,34 @@ def _groups(scene: Scene, constants: Sequence[Constant]) -> Iterator[tuple[str, 
         for region in dict.fromkeys(c.variable.region for c in made if c.variable is not None):
             group = tuple(c for c in made if c.variable is not None and c.variable.region == region)
             yield name.format("" if region is None else scene.regions()[region].name), group
+
+
+def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
+    """A warning for residuals beyond what the noise explains."""
+    files = [f"{one.path.name}, " if measured.tables else "" for one in measured.each]
+    odd = [
+        f"{files[label.table]}line {label.line}, {label.what} ({size:+.1f})"
+        for size, label in zip(sizes, labels, strict=True)
+        if abs(size) > ODD
+    ]
+    if not odd:
+        return []
+    more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
+    return [f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"]
+
+
+def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
+    """A warning where one table's lengths are off by much more than another's, in standard errors: then their weights are wrong."""
+    parts = [
+        np.array([size for size, label in zip(sizes, labels, strict=True) if label.table == k and not label.angle])
+        for k in range(len(measured.each))
+    ]
+    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= ENOUGH else math.nan for part in parts]
+    known = [value for value in rms if math.isfinite(value)]
+    if len(known) < 2 or max(known) < UNEQUAL * max(min(known), 1e-12):
+        return []
+    large, small = (measured.each[rms.index(end(known))].path.name for end in (max, min))
+    return [
+        f"in standard errors the residuals of {large} are {max(known) / max(min(known), 1e-12):.2g} times as large as those of {small}: "
+        'give each table its noise, say, --noise "0.2 mm, 0.5 mm"'
+    ]

@@ -10,7 +10,6 @@ Regression (1989), section 5.4.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +21,7 @@ from magmpm.errors import InputError, MagmpmError, report
 from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
-from magmpm.studies.fitting.misfit import DOUBTED, Suspect, suspects_of
+from magmpm.studies.fitting.misfit import DOUBTED, Suspect, odd_readings, suspects_of, unequal_tables
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import Interval, interval_of
 from magmpm.studies.fitting.solve import Minimum, least_squares
@@ -34,8 +33,6 @@ FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not ta
 UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
 FAR_FIELD = 100.0  # fields this many times the scene's own, or its inverse, are told
 FAR = 10.0  # a constant this many times the scene's, or its inverse, is told: a unit may be wrong
-ODD = 3.5  # standard errors: residuals beyond are named
-UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
 STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin at a fourth and four times the scene's
 
 
@@ -163,13 +160,12 @@ def fit(
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
         suspects, by_diameter = suspects_of(prediction, best, 1.0 / sigmas.of(prediction.labels), degrees, source == "given")
-        if suspects and suspects[0].probability < DOUBTED:
-            intervals = suspects[0].widened(intervals, level)
-            warnings.append(suspects[0].warning())
+        for one in (each for each in suspects[:1] if each.probability < DOUBTED):
+            intervals, warnings = one.widened(intervals, level), [*warnings, one.warning()]
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
-    warnings += _of_values(found) + _of_residuals(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
-    warnings += _of_their_sizes(raw / sigmas.of(prediction.labels), prediction.labels, measured)
+    warnings += _of_values(found) + odd_readings(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
+    warnings += unequal_tables(raw / sigmas.of(prediction.labels), prediction.labels, measured)
     if not best.converged:
         warnings.append(f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file")
     return Fit(
@@ -368,37 +364,6 @@ def _fitted(constant: Constant, k: int, best: Minimum, covariance: Array, interv
     low, high = (None if end is None else constant.value(end) for end in (interval.low, interval.high))
     moved = None if shift is None else constant.value(x + float(shift[k])) - constant.value(x)
     return Fitted(constant, constant.value(x), abs(constant.slope(x)) * float(np.sqrt(covariance[k, k])), low, high, interval.method, moved)
-
-
-def _of_residuals(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
-    """A warning for residuals beyond what the noise explains."""
-    files = [f"{one.path.name}, " if measured.tables else "" for one in measured.each]
-    odd = [
-        f"{files[label.table]}line {label.line}, {label.what} ({size:+.1f})"
-        for size, label in zip(sizes, labels, strict=True)
-        if abs(size) > ODD
-    ]
-    if not odd:
-        return []
-    more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
-    return [f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"]
-
-
-def _of_their_sizes(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
-    """A warning where one table's lengths are off by much more than another's, in standard errors: then their weights are wrong."""
-    parts = [
-        np.array([size for size, label in zip(sizes, labels, strict=True) if label.table == k and not label.angle])
-        for k in range(len(measured.each))
-    ]
-    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= ENOUGH else math.nan for part in parts]
-    known = [value for value in rms if math.isfinite(value)]
-    if len(known) < 2 or max(known) < UNEQUAL * max(min(known), 1e-12):
-        return []
-    large, small = (measured.each[rms.index(end(known))].path.name for end in (max, min))
-    return [
-        f"in standard errors the residuals of {large} are {max(known) / max(min(known), 1e-12):.2g} times as large as those of {small}: "
-        'give each table its noise, say, --noise "0.2 mm, 0.5 mm"'
-    ]
 
 
 def _of_grid(found: Sequence[Fitted]) -> list[str]:
