@@ -13,6 +13,7 @@ from magmpm.studies.fitting.solve import Minimum, Model, least_squares
 
 PARABOLIC = 0.1  # share by which the rise at the linear interval's ends may differ from the parabola's
 NEAR = 0.01  # of the quantile: accuracy of an end on the profile
+SMALL = 0.03  # standard errors: a step below it ends a search on the profile; it changes a sum of squares of 4 by 0.001, far below NEAR
 FARTHEST = 6.0  # standard errors, or in x: an end is not sought beyond
 MOST_TURNS = 12
 
@@ -55,7 +56,7 @@ def _end(model: Model, best: Minimum, along: Array, k: int, error: float, quanti
         there = start.copy()
         there[k] = best.x[k] + np.sign(error) * distance
         try:
-            found = least_squares(model, there, free=free, scale=1.0)
+            found = least_squares(model, there, free=free, scale=1.0, small=SMALL)
         except MagmpmError:
             return np.inf, start
         return float(np.sqrt(max(found.cost - best.cost, 0.0))), found.x

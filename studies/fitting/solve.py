@@ -37,11 +37,11 @@ class Minimum:
         return float(self.residuals @ self.residuals)
 
 
-def least_squares(model: Model, start: Array, *, free: Array | None = None, scale: float | None = None) -> Minimum:
+def least_squares(model: Model, start: Array, *, free: Array | None = None, scale: float | None = None, small: float = SMALL) -> Minimum:
     """The minimum of the sum of squares that a descent from `start` (k,) reaches; free (k,): which numbers may change.
 
-    scale: standard deviation of the residuals, None: as they turn out. A point where the model can't be solved counts as worse. Raises what
-    the model raises at the start.
+    scale: standard deviation of the residuals, None: as they turn out; small: in units of it, a step below ends the search. A point where
+    the model can't be solved counts as worse. Raises what the model raises at the start.
     """
     x = np.array(start, dtype=float)
     free = np.ones(len(x), bool) if free is None else free
@@ -50,7 +50,7 @@ def least_squares(model: Model, start: Array, *, free: Array | None = None, scal
     while steps < MOST_STEPS:
         step = _step(residuals, slopes[:, free], radius)
         noise = scale if scale is not None else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
-        if np.linalg.norm(slopes[:, free] @ step) <= SMALL * noise or np.linalg.norm(step) <= TINY:
+        if np.linalg.norm(slopes[:, free] @ step) <= small * noise or np.linalg.norm(step) <= TINY:
             return Minimum(x, residuals, slopes, steps, True)
         for _ in range(MOST_TRIES):
             steps += 1
@@ -71,7 +71,7 @@ def least_squares(model: Model, start: Array, *, free: Array | None = None, scal
                 break
             radius = float(np.linalg.norm(step)) / 4
             step = _step(residuals, slopes[:, free], radius)
-            if np.linalg.norm(step) <= TINY or np.linalg.norm(slopes[:, free] @ step) <= SMALL * noise:
+            if np.linalg.norm(step) <= TINY or np.linalg.norm(slopes[:, free] @ step) <= small * noise:
                 return Minimum(x, residuals, slopes, steps, True)
         else:
             return Minimum(x, residuals, slopes, steps, False)
