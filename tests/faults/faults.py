@@ -20,10 +20,11 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+import commands
 import kinds
 from kinds import Row
 
-PARTS = ("single", "server", "checkpoint", "motions", "studies", "workers")
+PARTS = ("single", "server", "checkpoint", "motions", "commands", "studies", "workers")
 Fault = Callable[[], Row | list[Row]]
 
 
@@ -39,6 +40,7 @@ def faults(base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] 
         "server": {"server_faults": partial(kinds.server_faults, base)},
         "checkpoint": {"corrupted_checkpoint": partial(kinds.corrupted_checkpoint, base, drawn)},
         "motions": {"kills_of_motions": partial(kinds.kills_of_motions, base, third, drawn)},
+        "commands": {"kills_of_commands": partial(commands.kills_of_commands, base, max(kills // 60, 2), drawn)},
         "studies": {"kills_of_studies": partial(kinds.kills_of_studies, base, third, drawn, 0)},
         "workers": {"kills_of_workers": partial(kinds.kills_of_studies, base, max(kills - 2 * third, 1), drawn, 2)},
     }
