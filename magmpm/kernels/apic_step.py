@@ -118,7 +118,8 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
     density = load(particles.density, 8 * block)
     stiff = stiffest_in_space(J, scale, I1, pressure, K) / density
     V = load(particles.volume, 8 * block)
-    f[:] = 0.0
+    for i in range(3):
+        store(f, 8 * i, splat(0.0))
     if any_effect(effects):
         for i in range(3):
             store(place, 8 * i, load(x, 24 * block + 8 * i))

@@ -71,7 +71,7 @@ class GroupRoom(NamedTuple):
 @inlined
 def group_room(F):
     """Work space for groups with deformation gradients in F."""
-    return GroupRoom(F, np.empty(72), np.empty(72), np.empty(24), np.empty(24), np.empty(24), np.empty(72))
+    return GroupRoom(F, np.empty(72), np.empty(72), np.empty(24), np.empty(24), np.zeros(24), np.empty(72))  # no effect: no load
 
 
 @inlined

@@ -220,7 +220,8 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
     """
     first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
     F, J, u, c = room
-    c[:] = 0.0
+    for k in range(particles.mode_count):
+        c[k] = 0.0
     for group in range(first, last):
         at = 72 * (group - first)
         gather(state.u, node, cells.along_x, cells.along_y, particles.splines, particles.pattern[group], F, at, u, at // 3)
@@ -254,9 +255,10 @@ def particles_to_grid(cell, step, push, cells, particles, state, effects, room, 
         high = larger(stiff, high)
         change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
-        f[:] = 0.0
+        V = load(particles.volume, 8 * group)
         if any_effect(effects):
             for i in range(3):
+                store(f, 8 * i, splat(0.0))
                 store(x, 8 * i, load(room.u, at // 3 + 8 * i) + load(particles.reference, 24 * group + 8 * i))
             touched = has_contact(effects) and touches(effects, step, group, x, particles.volume)
             if has_rate_stress(effects):
@@ -264,11 +266,10 @@ def particles_to_grid(cell, step, push, cells, particles, state, effects, room, 
             elif touched:
                 gather_value(state.v, node, along_x, along_y, splines, pattern, rate)
             add_effects(effects, step, push, group, at, touched, particles, vector(state.anchor, 24 * group), work)
-        V = load(particles.volume, 8 * group)
+            for i in range(3):
+                store(f, 8 * i, load(f, 8 * i) * V)
         for i in range(9):
             store(P, 8 * i, load(P, 8 * i) * V)
-        for i in range(3):
-            store(f, 8 * i, load(f, 8 * i) * V)
         scatter(state.force, node, along_x, along_y, splines, pattern, P, f, spare)
     return high, change
 
