@@ -11,10 +11,10 @@ from magmpm.effects import acting as effects
 from magmpm.errors import InputError, report
 from magmpm.inputs.yaml_document import of_file
 from magmpm.scene import Scene, load_scene
-from magmpm.studies.effects_table import Row, Table, survey
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.explore.effects_table import Row, Table, survey
 from magmpm.studies.fitting.search import Fit
-from magmpm.studies.report import StudyReport
-from magmpm.studies.study import Study
+from magmpm.studies.problem.study import Study
 
 SceneLike = Scene | Path | str | Mapping[str, Any]
 
@@ -30,8 +30,8 @@ def design(
     Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept.
     """
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.definition import load_study
-    from magmpm.studies.engine import run_study
+    from magmpm.studies.engine.loop import run_study
+    from magmpm.studies.search.definition import load_study
 
     found = study if isinstance(study, Study) else load_study(study)
     out = Path("runs") / found.name if folder is None else folder

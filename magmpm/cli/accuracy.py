@@ -19,7 +19,7 @@ def command(options: argparse.Namespace) -> int:
     answer."""
     scene = load_scene(options.scene)
     from magmpm.simulate import run  # what solves, after the file is read
-    from magmpm.studies.accuracy import LADDER, climb, save
+    from magmpm.studies.explore.accuracy import LADDER, climb, save
 
     cells = _cells(options.cells) or LADDER
     folder = options.out or results_folder(scene.name)

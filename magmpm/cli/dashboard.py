@@ -26,7 +26,7 @@ class _Handler(GuardedHandler, WSGIRequestHandler):
 
 def _url(saved: str, option: str | None) -> str:
     """The storage of a study. Raises InputError where its password is not known."""
-    from magmpm.studies.storage_url import VARIABLE, known_url
+    from magmpm.studies.engine.storage_url import VARIABLE, known_url
 
     url = known_url(saved, option, os.environ)
     if url is None:
@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
-    from magmpm.studies.file_names import REPORT
+    from magmpm.studies.problem.file_names import REPORT
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
@@ -55,12 +55,12 @@ def command(options: argparse.Namespace) -> int:
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
 
-    from magmpm.studies.artifact_stores import artifact_store
-    from magmpm.studies.dashboard_page import guarded, page
-    from magmpm.studies.dashboard_view import DashboardView, Notes
-    from magmpm.studies.optuna_ids import study_id
-    from magmpm.studies.storage import must_exist, open_storage
-    from magmpm.studies.storage_url import shown_url
+    from magmpm.studies.dashboard.page import guarded, page
+    from magmpm.studies.dashboard.view import DashboardView, Notes
+    from magmpm.studies.engine.artifact_stores import artifact_store
+    from magmpm.studies.engine.storage import must_exist, open_storage
+    from magmpm.studies.engine.storage_url import shown_url
+    from magmpm.studies.search.samplers.optuna_ids import study_id
 
     refuse_links(folder)
     saved = saved_report(folder)

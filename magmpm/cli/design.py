@@ -25,9 +25,9 @@ from magmpm.results.readable import count
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
-    from magmpm.studies.report import StudyReport
-    from magmpm.studies.study import Study
-    from magmpm.studies.trial import Trial
+    from magmpm.studies.engine.report import StudyReport
+    from magmpm.studies.evaluate.trial import Trial
+    from magmpm.studies.problem.study import Study
     from magmpm.viz.worker import Renderer
 
 MOST_SHAPES = 8  # in the movie of the best shapes
@@ -37,13 +37,13 @@ def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from contextlib import nullcontext
 
-    from magmpm.studies.definition import load_study
+    from magmpm.studies.search.definition import load_study
 
     study, smooth = load_study(options.study), options.style == SURFACE
     from magmpm.precompile import fill_cache  # what solves, searches and draws, after the file is read
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.engine import check_study, kernel_uses, run_study
-    from magmpm.studies.storage_url import given_url
+    from magmpm.studies.engine.loop import check_study, kernel_uses, run_study
+    from magmpm.studies.engine.storage_url import given_url
     from magmpm.viz.worker import Renderer
 
     if options.trial is not None:
@@ -85,10 +85,10 @@ def command(options: argparse.Namespace) -> int:
 def _again(options: argparse.Namespace, study: Study) -> int:
     """Solve one trial again, and compare it with what is stored."""
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.judge import Judge
-    from magmpm.studies.opened import solved_again
-    from magmpm.studies.storage import OUTAGE, TIMEOUT, Store, storage_url
-    from magmpm.studies.storage_url import given_url
+    from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, Store, storage_url
+    from magmpm.studies.engine.storage_url import given_url
+    from magmpm.studies.engine.study_session import solved_again
+    from magmpm.studies.evaluate.judge import Judge
 
     out = options.out or Path("runs") / study.name
     store = Store(storage_url(out, given_url(options.storage, os.environ)), TIMEOUT, OUTAGE, lambda line: _advise([line]))
@@ -160,11 +160,11 @@ class TrialPicture:
 
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
-    from magmpm.studies.best_scene import SCENE
-    from magmpm.studies.judged import said
-    from magmpm.studies.records import BEST
-    from magmpm.studies.report import on_the_brink
-    from magmpm.studies.search_space import FIELD
+    from magmpm.studies.engine.records import BEST
+    from magmpm.studies.engine.report import on_the_brink
+    from magmpm.studies.engine.verify_best import said
+    from magmpm.studies.search.best_scene import SCENE
+    from magmpm.studies.search.search_space import FIELD
 
     refused = f", {report.refused} refused: less stable than the margin" if report.refused else ""
     lines = [
@@ -212,14 +212,14 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
 def is_study(folder: Path) -> bool:
     """Whether a folder holds a study, or what one left that was ended before its first report."""
-    from magmpm.studies.file_names import DATABASE, OWNER, REPORT
+    from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
 
     return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
 
 
 def refuse_study(folder: Path) -> None:
     """Raises InputError where a folder that a run wants belongs to a study."""
-    from magmpm.studies.file_names import OWNER
+    from magmpm.studies.problem.file_names import OWNER
 
     if is_study(folder) or (folder / OWNER).exists():
         rule = "a study has a folder of its own: a run's result would mix with its designs"
@@ -240,7 +240,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "
 
 def saved_report(folder: Path) -> dict[str, Any]:
     """What a study's folder says of it. Raises InputError."""
-    from magmpm.studies.file_names import REPORT
+    from magmpm.studies.problem.file_names import REPORT
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
@@ -282,7 +282,7 @@ def draw_study(
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.inputs.csv_tables import write_centreline
     from magmpm.results.result import Result
-    from magmpm.studies.records import BEST, DESIGN, IMPROVEMENTS, read_design
+    from magmpm.studies.engine.records import BEST, DESIGN, IMPROVEMENTS, read_design
     from magmpm.viz import plots
     from magmpm.viz.from_result import trial_snapshot
     from magmpm.viz.movies import best_shapes_movie

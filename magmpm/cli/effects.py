@@ -13,7 +13,7 @@ from magmpm.scene import load_scene
 def command(options: argparse.Namespace) -> int:
     """Print the table of effects. Returns the exit status."""
     scene = load_scene(options.scene)
-    from magmpm.studies.effects_table import survey  # and what solves, after the file is read
+    from magmpm.studies.explore.effects_table import survey  # and what solves, after the file is read
 
     with Progress(f"effects of {scene.name}"), of_file(options.scene):
         table = survey(scene, measure=not options.quick)

@@ -16,7 +16,7 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import load_scene
 
 if TYPE_CHECKING:
-    from magmpm.studies.tip_map import TipMap
+    from magmpm.studies.explore.tip_map import TipMap
 
 USUAL = 20e-3  # T
 
@@ -25,8 +25,8 @@ def command(options: argparse.Namespace) -> int:
     """Map a scene, save the table and draw it. Returns the exit status. Raises InputError."""
     scene = load_scene(options.scene)
     largest = _largest(options.max)
-    from magmpm.studies.live import ready  # what solves and draws, after the file is read
-    from magmpm.studies.tip_map import MARKS, in_plane, map_tips, on_rays
+    from magmpm.studies.explore.live import ready  # what solves and draws, after the file is read
+    from magmpm.studies.explore.tip_map import MARKS, in_plane, map_tips, on_rays
     from magmpm.viz.tip_map import draw
 
     fields = in_plane(options.fields, largest, options.plane) if options.plane else on_rays(options.fields, largest, options.strengths)
@@ -58,7 +58,7 @@ def _largest(text: str | None) -> float:
 
 
 def _text(found: TipMap, files: list[Path]) -> str:
-    from magmpm.studies.tip_map import MARKS
+    from magmpm.studies.explore.tip_map import MARKS
 
     rows = [f"  {count:6d}  {mark:11} {MARKS[mark]}" for mark, count in found.counts().items() if count]
     head = f"{found.scene.name}: the tip in {len(found.tip)} field{'s' * (len(found.tip) != 1)}, in {found.seconds:.1f} s"

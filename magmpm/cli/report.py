@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         rule = "a report lies beside the study it tells of, or in a folder without results"
         raise InputError(worded(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"))
-    from magmpm.studies.storage_url import known_url
+    from magmpm.studies.engine.storage_url import known_url
 
     report = saved_report(folder)
     if options.motion and not {"insertion", "schedule"} & (report.get("best") or {}).keys():
@@ -82,7 +82,7 @@ def write(
 
 def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mapping[str, Any]) -> Pictures:
     """The study's pictures; drawn now where it was run without them."""
-    from magmpm.studies.records import IMPROVEMENTS, PICTURES
+    from magmpm.studies.engine.records import IMPROVEMENTS, PICTURES
     from magmpm.viz.sheet import Pictures
 
     at, wanted = folder, report["rms_m"] or report.get("best")

@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
 def _asked(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, str]:
     """The scene to view, its file, the target (m, 4) m or None, and what it is called. A study is viewed as its scene and target."""
     if "scene" in read_yaml(path):
-        from magmpm.studies.definition import load_study
+        from magmpm.studies.search.definition import load_study
 
         study = load_study(path)
         assert study.scene_file is not None  # studies of files have one
@@ -65,7 +65,7 @@ def _asked(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, s
 def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     """The rows of a CSV table, or the target of a study, (m, 4) m; and what it is called."""
     from magmpm.inputs.csv_tables import read_centreline
-    from magmpm.studies.definition import load_study
+    from magmpm.studies.search.definition import load_study
 
     rows = read_centreline(path) if path.suffix.lower() not in (".yaml", ".yml") else load_study(path).target
     if scene.body.shape.line is None:
@@ -81,7 +81,7 @@ def _fits_motion(options: argparse.Namespace) -> None:
 
 def _at_rest(scene: Scene, cells: int | None) -> Scene:
     """The scene with its effects chosen and its cells counted, as it is solved again and again. Raises InputError."""
-    from magmpm.studies.live import ready
+    from magmpm.studies.explore.live import ready
 
     return ready(scene, cells)
 

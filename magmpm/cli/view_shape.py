@@ -14,7 +14,7 @@ from magmpm.errors import InputError, MagmpmError
 from magmpm.results.readable import lengths
 from magmpm.results.result import Result
 from magmpm.scene import Scene
-from magmpm.studies.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
+from magmpm.studies.explore.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
 from magmpm.viz.page import Stage, about_scene, packed
 
 BRINK = 0.02  # as of magmpm.statics.stability: one below has a warning

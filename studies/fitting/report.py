@@ -10,11 +10,11 @@ import numpy as np
 import yaml
 
 from magmpm.inputs.settings import read_yaml
-from magmpm.studies.file_paths import mended
 from magmpm.studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, directions
 from magmpm.studies.fitting.prediction import Label
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.table import Measured
+from magmpm.studies.search.file_paths import mended
 
 MOST_SERIES = 9  # in the picture
 

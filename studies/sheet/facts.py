@@ -19,17 +19,17 @@ from magmpm.inputs.regular_file import read_regular
 from magmpm.results.result import Result
 from magmpm.results.versions import versions
 from magmpm.scene import Scene, load_scene
-from magmpm.studies import records
-from magmpm.studies.best_scene import SCENE
-from magmpm.studies.definition import definition_hash, load_study
-from magmpm.studies.samplers import settings
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.engine import records
+from magmpm.studies.engine.storage import must_exist, open_storage, storage_faults
+from magmpm.studies.problem.study import Study
+from magmpm.studies.search.best_scene import SCENE
+from magmpm.studies.search.definition import definition_hash, load_study
+from magmpm.studies.search.samplers.choice import settings
+from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet import trials as of_trials
 from magmpm.studies.sheet.finer import judged, last_equilibrium
 from magmpm.studies.sheet.motion import in_time
 from magmpm.studies.sheet.tolerances import SHARE, allowed, together
-from magmpm.studies.storage import must_exist, open_storage, storage_faults
-from magmpm.studies.study import Study
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

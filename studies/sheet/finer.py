@@ -17,12 +17,12 @@ from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene, memory
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.ladder import operations
-from magmpm.studies.insertion import Insertion
-from magmpm.studies.schedule import Schedule
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.shape_distance import gaps, root_mean_square
+from magmpm.studies.evaluate.insertion import Insertion
+from magmpm.studies.evaluate.schedule import Schedule
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+from magmpm.studies.problem.study import Study
+from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.tolerances import tolerances
-from magmpm.studies.study import Study
 
 if TYPE_CHECKING:
     from magmpm.compiled.arrays import Array

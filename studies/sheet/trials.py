@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from magmpm.studies.report import feasible, refused
+from magmpm.studies.engine.report import feasible, refused
 
 if TYPE_CHECKING:
     import optuna

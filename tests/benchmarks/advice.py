@@ -32,8 +32,8 @@ from magmpm.rod.advice import allowed_error, variants
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from magmpm.statics.effects_choice import missed_effects
-from magmpm.studies.effects_costs import counted
-from magmpm.studies.effects_table import survey
+from magmpm.studies.explore.effects_costs import counted
+from magmpm.studies.explore.effects_table import survey
 
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")

@@ -144,7 +144,7 @@ def seconds() -> Figures:
 def _ladder() -> dict[str, Any]:
     from magmpm.scene import load_scene
     from magmpm.simulate import run
-    from magmpm.studies.accuracy import climb
+    from magmpm.studies.explore.accuracy import climb
 
     return climb(load_scene(ROOT / ACCURACY_SCENE), run).summary()
 
@@ -203,7 +203,7 @@ def promised() -> Figures:
 
 def effects_costs() -> Figures:
     """What each effect is counted to cost a catheter in motion, %."""
-    from magmpm.studies.effects_costs import counted
+    from magmpm.studies.explore.effects_costs import counted
 
     return {name: round(percent) for name, percent in counted(importlib.import_module("advice").drawn(2)).items()}
 
@@ -213,8 +213,8 @@ def insertion() -> Figures:
     import tempfile
 
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.definition import load_study
-    from magmpm.studies.engine import run_study
+    from magmpm.studies.engine.loop import run_study
+    from magmpm.studies.search.definition import load_study
 
     found: Figures = {}
     for name, file in (("planar", "insertion_s"), ("spatial", "insertion_spatial")):
@@ -252,8 +252,8 @@ def sampler() -> Figures:
     from dataclasses import replace
 
     from magmpm.simulate import run
-    from magmpm.studies.definition import load_study
-    from magmpm.studies.engine import run_study
+    from magmpm.studies.engine.loop import run_study
+    from magmpm.studies.search.definition import load_study
 
     found: Figures = {}
     for name, letter in (("c_shape", "C"), ("s_shape", "S")):

@@ -28,9 +28,9 @@ import numpy as np
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.results.measures import rms_distance
 from magmpm.simulate import run, sensitivities
-from magmpm.studies.definition import Study, load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import Study, load_study
+from magmpm.studies.search.search_space import SearchSpace
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ROOT / "data/targets/bench"

@@ -12,7 +12,7 @@ import numpy as np
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.model import Model, build
 from magmpm.scene import Scene
-from magmpm.studies.effects_costs import _records
+from magmpm.studies.explore.effects_costs import _records
 
 REPEATS, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
 

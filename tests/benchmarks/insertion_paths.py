@@ -32,13 +32,13 @@ from pathlib import Path as File
 import numpy as np
 
 from magmpm import load_scene, run, sensitivities
-from magmpm.studies.engine import run_study
-from magmpm.studies.insertion import EXIT_WEIGHT, NEAR, Insertion
-from magmpm.studies.path import Path
-from magmpm.studies.rod_path import search
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.study import Study
-from magmpm.studies.vary import Vary, VaryField, VaryMagnetization
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, NEAR, Insertion
+from magmpm.studies.problem.path import Path
+from magmpm.studies.problem.study import Study
+from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
+from magmpm.studies.rods.rod_path import search
+from magmpm.studies.search.search_space import SearchSpace
 
 HERE = File(__file__).resolve().parent
 LENGTH, STEPS, ROWS, DEPTHS = 56e-3, 1400, 57, 12

@@ -179,7 +179,7 @@ def effect_costs() -> dict[str, float]:
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
     and in a tube narrower than the body, so that its whole surface is in contact.
     """
-    from magmpm.studies.effects_costs import counted
+    from magmpm.studies.explore.effects_costs import counted
 
     lying = scene("total")
     found = {key: measured(lying, key) for key in counted(lying)}

@@ -19,9 +19,9 @@ import numpy as np
 from magmpm import run, sensitivities
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import Variable, tangents
-from magmpm.studies.robust import Scatter, deviations, kinds
-from magmpm.studies.shape_distance import gap_derivatives, gaps, root_mean_square
-from magmpm.studies.study_file import Robust
+from magmpm.studies.evaluate.robust import Scatter, deviations, kinds
+from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
+from magmpm.studies.problem.study_file import Robust
 
 ROOT = Path(__file__).resolve().parents[2]
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.05)

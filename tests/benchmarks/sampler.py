@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from magmpm.simulate import run, sensitivities
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = ("c_shape", "s_shape")

@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def mapped() -> dict[str, float]:
     """Seconds of a map of 1 000 fields, and Newton steps a field."""
     from magmpm.scene import load_scene
-    from magmpm.studies.live import ready
-    from magmpm.studies.tip_map import map_tips, on_rays
+    from magmpm.studies.explore.live import ready
+    from magmpm.studies.explore.tip_map import map_tips, on_rays
 
     found = map_tips(ready(load_scene(ROOT / "data/scenes/five_segments.yaml")), on_rays(1000, 20e-3))
     return {"steps": found.newton_steps / len(found.tip), "seconds": found.seconds}

@@ -21,8 +21,8 @@ import optuna
 from magmpm.cli.design import TrialPicture
 from magmpm.precompile import fill_cache
 from magmpm.simulate import run, sensitivities
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import kernel_uses, run_study
+from magmpm.studies.engine.loop import kernel_uses, run_study
+from magmpm.studies.search.definition import load_study
 from magmpm.viz.worker import Renderer
 
 ROOT = Path(__file__).parents[2]

@@ -35,8 +35,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from magmpm.errors import SolveError
     from magmpm.scene import Scene
     from magmpm.simulate import run
-    from magmpm.studies.definition import load_study
-    from magmpm.studies.engine import run_study
+    from magmpm.studies.engine.loop import run_study
+    from magmpm.studies.search.definition import load_study
 
     folder = tmp_path_factory.mktemp("study")
     study = load_study(write_study(folder, STUDY + "stability: {margin: 0.1}\n", SCENE.replace("cells_across: 4", "cells_across: 2")))

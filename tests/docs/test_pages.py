@@ -20,8 +20,8 @@ from magmpm.cli.arguments import parser
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.scene import Scene, load_scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.study_file import StudyFile
+from magmpm.studies.problem.study_file import StudyFile
+from magmpm.studies.search.definition import load_study
 
 KEY = re.compile(r"^(\w[\w ]*):", re.MULTILINE)
 

@@ -10,8 +10,8 @@ import numpy as np
 
 import magmpm
 from magmpm.inputs.csv_tables import write_centreline
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
 
 SCENE = """\
 name: short catheter

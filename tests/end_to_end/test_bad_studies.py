@@ -12,7 +12,7 @@ from bad_studies import CASES, FILES, BadStudy, write
 
 from magmpm.cli import main
 from magmpm.errors import InputError, NotThereYet
-from magmpm.studies.definition import load_study
+from magmpm.studies.search.definition import load_study
 
 
 def write_good(folder: Path) -> Path:

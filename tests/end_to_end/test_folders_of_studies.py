@@ -8,7 +8,7 @@ import pytest
 from test_commands import SCENE
 
 from magmpm.cli import main
-from magmpm.studies.file_names import OWNER, REPORT
+from magmpm.studies.problem.file_names import OWNER, REPORT
 
 Said = pytest.CaptureFixture[str]
 

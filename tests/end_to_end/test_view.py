@@ -139,7 +139,7 @@ def test_a_fault_of_ours_is_answered(server: PageServer) -> None:
 def test_a_wrong_number_is_told_with_its_slider_and_unit(server: PageServer, values: str, words: str) -> None:
     """Also one of 401 digits."""
     from magmpm import load_scene
-    from magmpm.studies.live import changed, checked, controls
+    from magmpm.studies.explore.live import changed, checked, controls
 
     scene = load_scene(FIVE)
     known = {control.id: control for control in controls(scene)}

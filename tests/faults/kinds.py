@@ -30,7 +30,7 @@ from swing import scene as motion_scene  # noqa: E402
 
 from magmpm.results.file_names import CHECKPOINT  # noqa: E402
 from magmpm.results.trajectory import Motion  # noqa: E402
-from magmpm.studies.records import ARTIFACTS  # noqa: E402
+from magmpm.studies.engine.records import ARTIFACTS  # noqa: E402
 
 SESSION = TESTS / "workers" / "session.py"
 Trials = dict[int, tuple[Any, ...]]

@@ -159,7 +159,7 @@ def test_scenes(text: str) -> bool:
 @inputs("study")
 @drawn([{"text": text} for text in STUDIES], text=documents(STUDIES))
 def test_studies(text: str) -> bool:
-    from magmpm.studies.definition import load_study
+    from magmpm.studies.search.definition import load_study
 
     study = judged(lambda: load_study(written("study.yaml", text)))
     if study is not None:

@@ -16,9 +16,9 @@ import optuna
 from rod_solve import RodResult, RodSensitivities, differentiate, solve
 
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.trial import Trial
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.evaluate.trial import Trial
+from magmpm.studies.search.definition import load_study
 
 
 def draw(result: RodResult, path: Path, trial: Trial) -> Path:

@@ -13,8 +13,8 @@ from magmpm.cli import main
 from magmpm.errors import SolveError
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.scene import Scene, load_scene
-from magmpm.studies.accuracy import climb
-from magmpm.studies.accuracy_beside import Solve
+from magmpm.studies.explore.accuracy import climb
+from magmpm.studies.explore.accuracy_beside import Solve
 
 
 def off(scene: Scene) -> RodResult:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from magmpm.studies.report import best_trial, describe, on_the_brink
+from magmpm.studies.engine.report import best_trial, describe, on_the_brink
 from magmpm.viz.sheet.found import alarms
 
 

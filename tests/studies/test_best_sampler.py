@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
 from tests.studies.rod_solve import SCENE, STUDY, differentiate, solve, write_study
 
 UNNAMED = STUDY.replace("sampler: random\n", "")

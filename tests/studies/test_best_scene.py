@@ -15,10 +15,10 @@ from magmpm.inputs.csv_tables import write_centreline
 from magmpm.results.measures import rms_distance
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.json_schema import scene_schema
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.file_paths import PATHS
-from magmpm.studies.report import StudyReport
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.file_paths import PATHS
 
 BOX = Mesh(
     np.array([[x, y, z] for x in (-10.0, 90.0) for y in (-60.0, 60.0) for z in (-60.0, 60.0)]),

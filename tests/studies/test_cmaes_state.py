@@ -31,7 +31,7 @@ def study_of(sampler: optuna.samplers.BaseSampler, trials: int) -> optuna.Study:
 
 def test_the_same_trials_as_optuna() -> None:
     """Read back with numbers alone, the optimizer goes on as Optuna's does."""
-    from magmpm.studies.optuna_samplers import DataOnlyCmaEsSampler
+    from magmpm.studies.search.samplers.optuna_own import DataOnlyCmaEsSampler
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     plain, ours = (study_of(kind(seed=3), 30) for kind in (optuna.samplers.CmaEsSampler, DataOnlyCmaEsSampler))
@@ -39,7 +39,7 @@ def test_the_same_trials_as_optuna() -> None:
 
 
 def test_code_in_a_database_is_refused(tmp_path: Path) -> None:
-    from magmpm.studies.optuna_samplers import DataOnlyCmaEsSampler
+    from magmpm.studies.search.samplers.optuna_own import DataOnlyCmaEsSampler
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     sampler = DataOnlyCmaEsSampler(seed=3)

@@ -14,8 +14,8 @@ from interruptible import draw
 from rod_solve import solve, write_study
 
 from magmpm.cli import main
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
 
 pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dashboard]'")
 
@@ -67,7 +67,7 @@ def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
     """Two chips (list and details) and the table's column; the rest of the dashboard's script is as it was."""
     import optuna_dashboard
 
-    from magmpm.studies.dashboard_page import CHIP, COLUMN, READ_ONLY, SCRIPT
+    from magmpm.studies.dashboard.page import CHIP, COLUMN, READ_ONLY, SCRIPT
 
     script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(encoding="utf-8")
     assert len(CHIP.findall(script)) == 2

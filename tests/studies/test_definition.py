@@ -10,9 +10,9 @@ from rod_solve import SCENE, STUDY, solve, write_study
 
 from magmpm.errors import InputError
 from magmpm.inputs.settings import read_yaml
-from magmpm.studies import schema
-from magmpm.studies.definition import definition_hash, differences, load_study
-from magmpm.studies.engine import run_study
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.problem import schema
+from magmpm.studies.search.definition import definition_hash, differences, load_study
 
 ROOT = Path(__file__).parents[2]
 STUDIES = sorted((ROOT / "data/studies").glob("*.yaml"))
@@ -27,7 +27,7 @@ def test_shipped_studies_load_and_fit_the_schema(path: Path) -> None:
 
 
 def test_schema_file_is_current() -> None:
-    """`python -m magmpm.studies.schema` rewrites it."""
+    """`python -m magmpm.studies.problem.schema` rewrites it."""
     import json
 
     assert json.loads(schema.PATH.read_text()) == schema.study_schema()

@@ -21,8 +21,8 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.rod.shifts import RodAnswers
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.studies.effects_costs import counted
-from magmpm.studies.effects_table import Row, survey
+from magmpm.studies.explore.effects_costs import counted
+from magmpm.studies.explore.effects_table import Row, survey
 
 FIELD, DOWN = (0.0, 0.0, 3e-3), (0.0, 0.0, -9.81)
 

@@ -13,8 +13,8 @@ from rod_solve import STUDY, solve, write_study
 
 from magmpm.errors import InputError
 from magmpm.results.result import readable
-from magmpm.studies.definition import Study, load_study
-from magmpm.studies.engine import run_study
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import Study, load_study
 
 
 def test_another_study_is_refused_in_the_same_folder(tmp_path: Path) -> None:

@@ -10,8 +10,15 @@ import numpy as np
 import optuna
 import pytest
 
-from magmpm.studies.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler, _judged
-from magmpm.studies.gauss_newton_steps import Array, Ball, Block, Coordinates, Direction, Number
+from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler, _judged
+from magmpm.studies.search.samplers.gauss_newton_steps import (
+    Array,
+    Ball,
+    Block,
+    Coordinates,
+    Direction,
+    Number,
+)
 
 Model = Callable[[Array], tuple[Array, Array]]
 

@@ -12,11 +12,11 @@ from rod_solve import STUDY, solve, write_study
 
 from magmpm.errors import SolveError
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.gp import ShapeSampler
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.shape_model import NOISE, PRIOR, ShapeModel, layout_of
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.samplers.gp import ShapeSampler
+from magmpm.studies.search.samplers.shape_model import NOISE, PRIOR, ShapeModel, layout_of
+from magmpm.studies.search.search_space import SearchSpace
 
 LAYOUT = layout_of([("direction", 3, 1.0)] * 3 + [("field", 3, 1.0), ("number", 1, 1.0)])
 

@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from magmpm import Scene
-from magmpm.studies.insertion import EXIT_WEIGHT, STATIONS, Insertion
-from magmpm.studies.path import Path
-from magmpm.studies.rod_trajectory import RodDesign, RodTrajectory
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.study import Study
-from magmpm.studies.vary import Vary, VaryField, VaryMagnetization
+from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, STATIONS, Insertion
+from magmpm.studies.problem.path import Path
+from magmpm.studies.problem.study import Study
+from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
+from magmpm.studies.rods.rod_trajectory import RodDesign, RodTrajectory
+from magmpm.studies.search.search_space import SearchSpace
 
 RADIUS = 0.04
 MAX = 10e-3

@@ -11,9 +11,9 @@ from rod_solve import SCENE, STUDY, RodResult, solve, write_study
 
 from magmpm.errors import InputError, SolveError
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.report import StudyReport
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.search.definition import load_study
 
 ASKED = SCENE.replace("{cells_across: 4}", "{error: 0.1 %}")
 COARSE = 2e-4  # m: error of the stand-in's coarse grid, 0.5 % of the length

@@ -12,10 +12,10 @@ from rod_solve import STUDY, differentiate, solve, write_study
 
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.limits import Makeable
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.manufacturing import Makeable
+from magmpm.studies.search.search_space import SearchSpace
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 SET = "limits: {directions: [[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]]"
@@ -114,7 +114,7 @@ def test_gauss_newton_is_better_than_snapping(tmp_path: Path) -> None:
     study = load_study(write_study(tmp_path, STUDY.replace("random", "gauss-newton").replace("trials: 8", "trials: 6") + SET + "}\n"))
     best = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out").best["rms_m"]
     space, rng = SearchSpace.of(study), np.random.default_rng(1)
-    from magmpm.studies.shape_distance import gaps, root_mean_square
+    from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
     others = [root_mean_square(gaps(solve(space.scene_at(space.drawn(rng))), study.target)) for _ in range(300)]
     assert best <= min(others) + 1e-5
@@ -123,8 +123,8 @@ def test_gauss_newton_is_better_than_snapping(tmp_path: Path) -> None:
 @pytest.mark.parametrize("more", ["}", ", at_most: 2}"])
 def test_no_single_exchange_is_better_on_the_body(more: str, tmp_path: Path) -> None:
     """The body is softer than the rod by which starts are found, so the rod's best exchange is not the body's."""
-    from magmpm.studies.limited_designs import _exchanges
-    from magmpm.studies.shape_distance import gaps, root_mean_square
+    from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+    from magmpm.studies.rods.limited_designs import _exchanges
 
     def body(scene: Scene) -> Any:
         data = scene.to_si()

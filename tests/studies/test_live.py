@@ -10,7 +10,7 @@ import pytest
 from magmpm import load_scene, run
 from magmpm.errors import InputError
 from magmpm.scene import Scene
-from magmpm.studies.live import Preview, Shape, Solver, changed, checked, controls, ready, saved
+from magmpm.studies.explore.live import Preview, Shape, Solver, changed, checked, controls, ready, saved
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "data" / "scenes"

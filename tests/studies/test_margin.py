@@ -14,9 +14,9 @@ from test_resume import same, trials_of
 
 from magmpm.errors import InputError, SolveError
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.report import StudyReport
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.search.definition import load_study
 
 MARGIN = STUDY.replace("trials: 8", "trials: 12") + "stability: {margin: 0.1}\n"
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from magmpm.studies.neighbors import Neighbors
+from magmpm.studies.explore.neighbors import Neighbors
 
 RNG = np.random.default_rng(3)
 MAP = RNG.normal(size=(6, 4, 6))  # from six numbers of a rod to what is added (4 planes, 6 coefficients)

@@ -14,10 +14,10 @@ from test_resume import same, trials_of
 
 from magmpm.errors import InputError, SolveError
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.objectives import compromise, front, ranked, second, worst
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.objectives import compromise, front, ranked, second, worst
+from magmpm.studies.search.search_space import SearchSpace
 
 FIELD = STUDY.replace("  magnetization: {}\n", "  magnetization: {}\n  field: {max: 10 mT}\n") + "minimize: [rms, largest_field]\n"
 THICKNESS = "  magnetization: {}\n  diameter: {min: 3 mm, max: 5 mm}\n"

@@ -13,10 +13,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.reach import reachable_curvature, target_bends
-from magmpm.studies.report import StudyReport
+from magmpm.studies.engine.explain_miss import reachable_curvature, target_bends
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.search.definition import load_study
 
 S = np.linspace(0.0, 0.04, 21)
 NEWTON = STUDY.replace("sampler: random", "sampler: gauss-newton") + "stop: {rms: 0.1 mm}\n"

@@ -20,11 +20,11 @@ from rod_solve import STUDY, RodResult, differentiate, solve, write_study
 from magmpm.errors import InputError
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.sampler_names import NAMES, PREFIX, SAMPLERS
-from magmpm.studies.samplers import check_available
-from magmpm.studies.trial import Trial
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.evaluate.trial import Trial
+from magmpm.studies.problem.sampler_names import NAMES, PREFIX, SAMPLERS
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.samplers.choice import check_available
 
 HERE = Path(__file__).parent
 

@@ -12,11 +12,11 @@ from rod_solve import SCENE, STUDY, RodSensitivities, solve, write_study
 
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.robust import Scatter, deviations, kinds
-from magmpm.studies.shape_distance import gap_derivatives, gaps, root_mean_square
-from magmpm.studies.study_file import Robust
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.evaluate.robust import Scatter, deviations, kinds
+from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
+from magmpm.studies.problem.study_file import Robust
+from magmpm.studies.search.definition import load_study
 
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.04)
 ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}\n"

@@ -9,8 +9,8 @@ import pytest
 from test_insertion import MAX, insertion
 
 from magmpm.errors import SolveError
-from magmpm.studies.rod_path import BRINK, RodPath, search
-from magmpm.studies.rod_trajectory import RodDesign
+from magmpm.studies.rods.rod_path import BRINK, RodPath, search
+from magmpm.studies.rods.rod_trajectory import RodDesign
 
 
 def turning_back():

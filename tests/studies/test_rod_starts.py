@@ -12,10 +12,10 @@ from test_resume import kill_in_trial, same, trials_of
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.rod_designs import APART, RodDesign, _apart, rod_designs
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.rods.rod_designs import APART, RodDesign, _apart, rod_designs
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.search_space import SearchSpace
 
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
 START = STUDY + "start: rod\n"

@@ -11,11 +11,11 @@ from rod_solve import SCENE, STUDY, RodSensitivities, differentiate, solve, writ
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.records import read_design
-from magmpm.studies.schedule import Schedule
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.records import read_design
+from magmpm.studies.evaluate.schedule import Schedule
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.motion import in_motion, in_time
 
 TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(

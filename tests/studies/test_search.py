@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from rod_solve import SCENE, STUDY, write_study
 
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.samplers import make_sampler
-from magmpm.studies.search_space import SearchSpace, angles, direction
-from magmpm.studies.tpe import Designs, DirectionTPE, Settings
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.samplers.choice import make_sampler
+from magmpm.studies.search.samplers.tpe import Designs, DirectionTPE, Settings
+from magmpm.studies.search.search_space import SearchSpace, angles, direction
 
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
 

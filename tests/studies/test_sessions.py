@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from magmpm.studies.workers import per_trial, pool
-from magmpm.studies.workers.sessions import BEAT, LEASE, RECORD, Session
+from magmpm.studies.engine.workers import per_trial, pool
+from magmpm.studies.engine.workers.sessions import BEAT, LEASE, RECORD, Session
 
 
 def session(looked: float = 0.0) -> Session:

@@ -11,11 +11,11 @@ from rod_solve import SCENE, STUDY, solve, write_study
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.scene_edits import kept_total, orders
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.shape_distance import gaps, root_mean_square
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.scene_edits import kept_total, orders
+from magmpm.studies.search.search_space import SearchSpace
 
 PLAIN = "  plain: {shear_modulus: 60 kPa, bulk_to_shear: 20}\nbody:"
 MIXED = (

@@ -26,13 +26,13 @@ from test_resume import trials_of
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import FolderInUse
 from magmpm.scene import Scene
-from magmpm.studies.artifact_stores import artifact_store
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.report import StudyReport
-from magmpm.studies.storage import StorageError
-from magmpm.studies.storage_url import known_url, shown_url
-from magmpm.studies.workers.sessions import STALE
+from magmpm.studies.engine.artifact_stores import artifact_store
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.engine.storage import StorageError
+from magmpm.studies.engine.storage_url import known_url, shown_url
+from magmpm.studies.engine.workers.sessions import STALE
+from magmpm.studies.search.definition import load_study
 
 LOCKER = """\
 import sqlite3, sys
@@ -349,7 +349,7 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: 
         def now(cls, tz: Any = None) -> Any:
             return datetime.now(tz) + timedelta(seconds=STALE + 1)
 
-    monkeypatch.setattr("magmpm.studies.workers.sessions.datetime", Later)
+    monkeypatch.setattr("magmpm.studies.engine.workers.sessions.datetime", Later)
     report = run(tmp_path / "b", storage=url)
     assert report.trials == 8
     assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8

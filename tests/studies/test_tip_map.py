@@ -16,9 +16,9 @@ from magmpm.compiled.process import Process
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.statics.layout import static_model
-from magmpm.studies.live import ready
-from magmpm.studies.tip_map import MARKS, in_plane, map_tips, on_rays, processes
-from magmpm.studies.tip_map.rods import rod_tips
+from magmpm.studies.explore.live import ready
+from magmpm.studies.explore.tip_map import MARKS, in_plane, map_tips, on_rays, processes
+from magmpm.studies.explore.tip_map.rods import rod_tips
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"

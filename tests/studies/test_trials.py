@@ -17,11 +17,11 @@ from test_resume import pictures, trials_of
 from magmpm.errors import SolveError
 from magmpm.results.measures import rms_distance, tip_error
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.report import StudyReport
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.trial import Trial
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.evaluate.trial import Trial
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.search_space import SearchSpace
 
 PENALTY = 0.04  # length of the catheter
 

@@ -10,10 +10,10 @@ from rod_solve import SCENE, STUDY, solve, write_study
 
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import write_centreline
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.search_space import SearchSpace
-from magmpm.studies.well_posed import check_search, judge
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.search_space import SearchSpace
+from magmpm.studies.search.well_posed import check_search, judge
 
 STRAIGHT = SCENE.replace("[0 mT, 6 mT, 8 mT]", "[9 mT, 0 mT, 0 mT]")
 ALONG = "\n".join("      - magnetization: [1, 0, 0]" if "- magnetization" in line else line for line in STRAIGHT.split("\n"))
@@ -127,7 +127,7 @@ def test_an_insertion_that_nothing_moves_is_refused() -> None:
 
     from test_insertion import insertion
 
-    from magmpm.studies.vary import Vary, VaryRemanence
+    from magmpm.studies.problem.variables import Vary, VaryRemanence
 
     found = insertion()
     assert found.study.scene.field.uniform == (0.0, 0.0, 0.0), "a remanence that varies needs a field to move anything"

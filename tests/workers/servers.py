@@ -126,7 +126,7 @@ def postgres() -> Iterator[Postgres]:
 def grpc_proxy(url: str) -> Iterator[str]:
     """Optuna's gRPC proxy of a database; its URL."""
     port = free_port()
-    command = [sys.executable, "-m", "magmpm.studies.workers.grpc_proxy", "--port", str(port)]
+    command = [sys.executable, "-m", "magmpm.studies.engine.workers.grpc_proxy", "--port", str(port)]
     with subprocess.Popen(command, env={**os.environ, "MAGMPM_STORAGE": url}, stderr=subprocess.PIPE, text=True) as child:
         try:
             assert child.stderr is not None

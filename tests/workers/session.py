@@ -16,9 +16,9 @@ import rod_solve
 
 from magmpm.errors import MagmpmError
 from magmpm.scene import Scene
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import run_study
-from magmpm.studies.workers import sessions
+from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.workers import sessions
+from magmpm.studies.search.definition import load_study
 
 SECONDS = "TEST_SECONDS"
 DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies

@@ -20,14 +20,14 @@ from rod_solve import STUDY, write_study
 from magmpm.cli import main
 from magmpm.compiled.process import threads_each
 from magmpm.errors import InputError
-from magmpm.studies.definition import load_study
-from magmpm.studies.engine import allowed_time, run_study
-from magmpm.studies.judge import Judge
-from magmpm.studies.report import StudyReport
-from magmpm.studies.sampler_names import SAMPLERS
-from magmpm.studies.storage_url import given_url, passwords, shown_url, without_passwords
-from magmpm.studies.trial import Trial
-from magmpm.studies.workers import pool
+from magmpm.studies.engine.loop import allowed_time, run_study
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.engine.storage_url import given_url, passwords, shown_url, without_passwords
+from magmpm.studies.engine.workers import pool
+from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.evaluate.trial import Trial
+from magmpm.studies.problem.sampler_names import SAMPLERS
+from magmpm.studies.search.definition import load_study
 
 pytestmark = pytest.mark.slow
 TRIALS = 16

@@ -17,9 +17,9 @@ import pytest
 from rod_solve import STUDY, write_study
 from servers import PASSWORD, Postgres, grpc_proxy, postgres, program
 
-from magmpm.studies.storage import open_storage
-from magmpm.studies.storage_url import storage_url
-from magmpm.studies.workers.per_trial import AGAIN
+from magmpm.studies.engine.storage import open_storage
+from magmpm.studies.engine.storage_url import storage_url
+from magmpm.studies.engine.workers.per_trial import AGAIN
 
 HERE = Path(__file__).parent
 WANTED = 40
@@ -89,7 +89,7 @@ def killed_now_and_then(study: Path, folder: Path, url: str, look: str, kills: i
         k = drawn.randrange(2)
         try:
             family = psutil.Process(sessions[k].pid)
-            workers = [child for child in family.children() if "magmpm.studies.workers.pool" in " ".join(child.cmdline())]
+            workers = [child for child in family.children() if "magmpm.studies.engine.workers.pool" in " ".join(child.cmdline())]
             victim = family if drawn.random() < 0.5 or not workers else drawn.choice(workers)
             victim.send_signal(signal.SIGKILL)
             done += 1

@@ -46,7 +46,8 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
         "v[n + i] += dt * inverse_mass[n + i] * force[n + i]",
     ]
     effects = ("effect", "push", "store(x,", "touched", "gather(state.v,", "gather_value(")
-    of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "store(f, 8 * i, splat(0.0))", "store(f, 8 * i, load(f, 8 * i) * V)")
+    of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "store(f, 8 * i, splat(0.0))",
+                "store(f, 8 * i, load(f, 8 * i) * V)")  # fmt: skip
     strange = []
     for name in ("particles_to_grid", "update_grid", "advance"):
         left = body(getattr(kernels, name))

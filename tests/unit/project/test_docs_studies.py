@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from magmpm.errors import NotThereYet
-from magmpm.studies.definition import SAMPLERS, load_study
-from magmpm.studies.schema import study_schema
-from magmpm.studies.search_space import SearchSpace
+from magmpm.studies.problem.schema import study_schema
+from magmpm.studies.search.definition import SAMPLERS, load_study
+from magmpm.studies.search.search_space import SearchSpace
 
 ROOT = Path(__file__).resolve().parents[3]
 TEXT = (ROOT / "docs/studies.md").read_text(encoding="utf-8")

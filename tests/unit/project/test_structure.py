@@ -63,9 +63,9 @@ def is_face(path: Path) -> bool:
     return path.name == "__init__.py" and short and defined <= {"__getattr__", "__dir__"}
 
 
-def room(module: str) -> str:
+def room(module: str, depth: int = 2) -> str:
     """The room a module stands in: magmpm.results.strain in magmpm.results, magmpm.viz.camera in magmpm.viz."""
-    return ".".join(module.split(".")[:2])
+    return ".".join(module.split(".")[:depth])
 
 
 @cache
@@ -81,6 +81,17 @@ def between_rooms() -> Graph:
     return graph
 
 
+@cache
+def between_rooms_of_studies() -> Graph:
+    """As above, for the rooms inside studies."""
+    graph: Graph = {}
+    for module, others in between_files().items():
+        if module.startswith("magmpm.studies."):
+            own, used = room(module, 3), {room(other, 3) for other in others if other.startswith("magmpm.studies.")}
+            graph.setdefault(own, set()).update(used - {own})
+    return graph
+
+
 def floors(graph: Mapping[str, set[str]]) -> dict[str, int]:
     """The floor each room stands on: one above the highest that it imports. Raises CycleError."""
     level: dict[str, int] = {}
@@ -89,7 +100,7 @@ def floors(graph: Mapping[str, set[str]]) -> dict[str, int]:
     return level
 
 
-@pytest.mark.parametrize("graph", [between_files, between_rooms], ids=["files", "rooms"])
+@pytest.mark.parametrize("graph", [between_files, between_rooms, between_rooms_of_studies], ids=["files", "rooms", "studies"])
 def test_imports_run_in_no_circle(graph) -> None:
     """Neither among files nor among rooms."""
     try:
@@ -111,6 +122,7 @@ def test_arrows_between_rooms_are_few() -> None:
 def test_the_root_of_the_package_is_its_table_of_contents() -> None:
     at_the_root = sorted(path.name for path in (ROOT / "magmpm").glob("*.py"))
     assert len(at_the_root) <= MOST_AT_THE_ROOT, at_the_root
+    assert sorted(path.name for path in (ROOT / "studies").glob("*.py")) == ["__init__.py", "in_python.py"]
 
 
 def test_no_file_is_too_long() -> None:

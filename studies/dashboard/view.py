@@ -1,0 +1,248 @@
+"""A study as optuna-dashboard shows it: distances in mm, designs that failed or were refused as such, notes, and the study's own pictures.
+
+The storage stays in SI and as it is. The dashboard gets a view of it: values in mm and mT; a trial that counts as the penalty, because it
+was not solved, as failed; a trial that `stability` refuses as infeasible: dashboard 0.21 reads an attribute that Optuna 5 does not write.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import shlex
+import threading
+from collections.abc import Callable, Container, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from optuna.storages import BaseStorage
+from optuna.trial import FrozenTrial, TrialState
+
+from magmpm.studies.engine.report import feasible, refused
+from magmpm.studies.search.objectives import NAMES
+from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
+    from optuna.study._frozen import FrozenStudy
+
+# by the name in SI: the name that is shown, and the factor
+SHOWN = {
+    NAMES["rms"]: ("rms (mm)", 1e3),
+    NAMES["largest_field"]: ("largest field (mT)", 1e3),
+    NAMES["magnetized_volume"]: ("magnetized volume (mm³)", 1e9),
+}
+METRICS = "study:metric_names"  # Optuna's attribute
+CONSTRAINTS = "constraints"  # the attribute that the dashboard reads
+OF_STUDY = ("best.png", "convergence.png", "pareto.png", "best_shapes.mp4", "insertion.mp4")
+PERIOD = 3.0  # s between two looks for trials without a note
+
+
+def _passed_on(name: str) -> Callable[..., Any]:
+    def call(self: Any, *arguments: Any, **options: Any) -> Any:
+        return getattr(self.storage, name)(*arguments, **options)
+
+    return call
+
+
+_Passing: Any = type("_Passing", (BaseStorage,), {name: _passed_on(name) for name in BaseStorage.__abstractmethods__})
+
+
+class DashboardView(_Passing):  # type: ignore[misc]
+    """A storage as the dashboard shall see it; what it does not change it passes on."""
+
+    def __init__(self, storage: BaseStorage) -> None:
+        self.storage = storage
+        self._factors: dict[int, list[float]] = {}
+        self._of_trial: dict[int, list[float]] = {}
+
+    def factors(self, study_id: int) -> list[float]:
+        """By what the values of a study are multiplied."""
+        if study_id not in self._factors:
+            names = self.storage.get_study_system_attrs(study_id).get(METRICS) or []
+            count = len(self.storage.get_study_directions(study_id))
+            self._factors[study_id] = [SHOWN[name][1] if name in SHOWN else 1.0 for name in names] or [1.0] * count
+        return self._factors[study_id]
+
+    def get_all_trials(
+        self, study_id: int, deepcopy: bool = True, states: Container[TrialState] | None = None
+    ) -> list[FrozenTrial]:
+        """Trials of a study, as they are shown."""
+        shown = [self._shown(trial, study_id) for trial in self.storage.get_all_trials(study_id, deepcopy=False)]
+        return [trial for trial in shown if states is None or trial.state in states]
+
+    def get_best_trial(self, study_id: int) -> FrozenTrial:
+        """The least of the feasible trials; where none is feasible, of all: the dashboard asks for one."""
+        done = self.get_all_trials(study_id, states=(TrialState.COMPLETE,))
+        if not done:
+            raise ValueError("no trial of this study was solved")
+        return min([t for t in done if feasible(t)] or done, key=lambda t: t.values[0])
+
+    def get_trial(self, trial_id: int) -> FrozenTrial:
+        """A trial, as it is."""
+        found: FrozenTrial = self.storage.get_trial(trial_id)
+        return found
+
+    def set_trial_state_values(self, trial_id: int, state: TrialState, values: Sequence[float] | None = None) -> bool:
+        """What the dashboard tells, back in SI."""
+        factors = self._of_trial.get(trial_id)
+        told = None if values is None else [value / factor for value, factor in zip(values, factors or [1.0] * len(values), strict=True)]
+        return bool(self.storage.set_trial_state_values(trial_id, state, told))
+
+    def get_study_system_attrs(self, study_id: int) -> dict[str, Any]:
+        """Attributes of a study, with the names of its values as they are shown."""
+        return _renamed(self.storage.get_study_system_attrs(study_id))
+
+    def get_all_studies(self) -> list[FrozenStudy]:
+        """All studies."""
+        found = []
+        for study in self.storage.get_all_studies():
+            one = copy.copy(study)
+            one.system_attrs = _renamed(study.system_attrs)
+            found.append(one)
+        return found
+
+    def _shown(self, trial: FrozenTrial, study_id: int) -> FrozenTrial:
+        self._of_trial[trial_id(trial)] = factors = self.factors(study_id)
+        found = copy.copy(trial)
+        found.user_attrs, found.system_attrs = dict(trial.user_attrs), dict(trial.system_attrs)
+        if trial.state != TrialState.COMPLETE:
+            return found
+        found.values = [value * factor for value, factor in zip(trial.values, factors, strict=True)]
+        if not feasible(trial) and "feasible" in trial.user_attrs:
+            if refused(trial):
+                found.system_attrs[CONSTRAINTS] = [max(0.0, *trial.constraints.values()) or 1.0] if trial.constraints else [1.0]
+            else:
+                found.state = TrialState.FAIL
+                found.values = None
+        elif trial.constraints:
+            found.system_attrs[CONSTRAINTS] = list(trial.constraints.values())
+        return found
+
+
+def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    names = attributes.get(METRICS)
+    return {**attributes, **({METRICS: [SHOWN.get(name, (name, 1.0))[0] for name in names]} if names else {})}
+
+
+class Notes:
+    """Writes what the dashboard shows beside the numbers: notes on the study and its trials, and the study's pictures.
+
+    Notes that somebody wrote are left alone.
+    """
+
+    def __init__(self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore) -> None:
+        self.study, self.folder, self.store = study, folder, store
+        self._done: set[int] = set()
+        self._file = _from_here(Path(self._report().get("study_file") or f"{study.study_name}.yaml"))
+
+    def keep_up(self) -> threading.Thread:
+        """A thread that does so while the study runs."""
+        thread = threading.Thread(target=self._go_on, daemon=True)
+        thread.start()
+        return thread
+
+    def write(self) -> None:
+        """Notes for all that is finished and has none."""
+        from optuna_dashboard import get_note, save_note
+
+        attached = self._pictures()
+        known = get_note(self.study)
+        about = self._of_study(attached)
+        if known != about and (not known or known.startswith(MARK)):
+            save_note(self.study, about)
+        for trial in self.study.get_trials(deepcopy=False):
+            if trial.state.is_finished() and trial.number not in self._done:
+                there = SimpleNamespace(storage=storage_of(self.study), study=self.study, _trial_id=trial_id(trial))
+                if not get_note(there):  # type: ignore[arg-type]
+                    save_note(there, self._of_trial(trial))  # type: ignore[arg-type]
+                self._done.add(trial.number)
+
+    def _go_on(self) -> None:
+        pause = threading.Event()
+        while True:
+            try:
+                self.write()
+            except Exception:  # a database that is locked or away: notes can wait
+                pause.wait(PERIOD)
+            pause.wait(PERIOD)
+
+    def _report(self) -> dict[str, Any]:
+        from magmpm.studies.engine.report import REPORT
+
+        try:
+            found = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def _pictures(self) -> dict[str, str]:
+        """The study's own pictures as artifacts of the study: their ids by their names."""
+        from optuna.artifacts import get_all_artifact_meta, upload_artifact
+
+        known = {meta.filename: meta.artifact_id for meta in get_all_artifact_meta(self.study)}
+        for name in OF_STUDY:
+            path = self.folder / name
+            if not path.exists():
+                continue
+            if name not in known:
+                known[name] = upload_artifact(artifact_store=self.store, file_path=str(path), study_or_trial=self.study)
+            else:
+                with path.open("rb") as stream:
+                    self.store.write(known[name], stream)
+        return known
+
+    def _of_study(self, pictures: Mapping[str, str]) -> str:
+        attributes = self.study.user_attrs
+        definition = attributes.get("definition", {})
+        vary = ", ".join(definition.get("vary", {})) or "nothing"
+        report = self._report()
+        lines = [
+            f"{MARK}{_plain(self.study.study_name)}",
+            f"Searches {_plain(vary)} with the sampler `{_plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}. "
+            "The value of a trial is its rms distance from the target, in mm here and in m in the database.",
+            f"Study file: `{_plain(self._file)}`",
+            *([f"{_plain(report['why'])}."] if "why" in report else []),
+            f"Reproduce:\n\n```\n{_plain(self._command())}\n```",
+            *(f"![{name}](/artifacts/{study_id(self.study)}/{pictures[name]})" for name in OF_STUDY[:3] if name in pictures),
+        ]
+        return "\n\n".join(lines)
+
+    def _of_trial(self, trial: FrozenTrial) -> str:
+        attributes = trial.user_attrs
+        if trial.state == TrialState.FAIL:
+            what = f"Not solved: {attributes.get('reason', 'its session ended; its design is another trial')}."
+        elif not feasible(trial):
+            what = f"{'Refused' if refused(trial) else 'Not solved'}: {attributes.get('reason', 'for a reason that was not told')}."
+        else:
+            rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))
+            told = [f"{name} {1e3 * value:.3f} mm" for name, value in (("rms", rms), ("tip error", tip)) if value is not None]
+            what = f"Solved: {', '.join(told)}."
+        scene = str(attributes.get("scene_hash", "?"))[:12]
+        lines = [
+            f"{MARK}{_plain(self.study.study_name)}, trial {trial.number}",
+            _plain(what),
+            f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash `{scene}`).",
+            f"Reproduce:\n\n```\n{_plain(self._command())} --trial {trial.number}\n```",
+        ]
+        return "\n\n".join(lines)
+
+    def _command(self) -> str:
+        return f"magmpm design {shlex.quote(self._file)} --out {shlex.quote(_from_here(self.folder))}"
+
+
+MARK = "### "  # how every note of ours begins
+
+
+def _from_here(path: Path) -> str:
+    """A path as one would type it where the dashboard was begun."""
+    with suppress(ValueError):
+        return str(path.resolve().relative_to(Path.cwd()))
+    return str(path.resolve())
+
+
+def _plain(text: str) -> str:
+    """A text that Markdown shows as it is: names come from files."""
+    return "".join(f"&#{ord(c)};" if c in "<>&`|[]\\" else c for c in str(text)).replace("\n", " ")

@@ -1,0 +1,1 @@
+"""The loop over trials, its storage, its workers, and what it leaves."""

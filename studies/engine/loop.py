@@ -1,0 +1,386 @@
+"""The study itself: ask for a design, solve, compare, keep, until it is good enough or the trials are used up.
+
+By Optuna's ask and tell. With one worker, a trial depends only on the study's definition, its seed and the earlier trials; with several,
+also on which trials were running when it was asked for. A process may end at any moment; the next one continues as if nothing had happened.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from magmpm.errors import InputError
+from magmpm.results.folder_lock import folder_lock
+from magmpm.results.whole_file import REFUSED, explained
+from magmpm.studies.engine import records, report
+from magmpm.studies.engine.artifact_stores import whole_place
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.engine.storage import (
+    OUTAGE,
+    TIMEOUT,
+    StorageError,
+    Store,
+    claim_folder,
+    shown_url,
+    storage_url,
+)
+from magmpm.studies.engine.study_session import STARTS, OpenStudy
+from magmpm.studies.engine.workers.per_trial import EXCHANGED, READY, PerTrial
+from magmpm.studies.engine.workers.pool import Pool
+from magmpm.studies.engine.workers.sessions import Session, remembered, uninterrupted
+from magmpm.studies.evaluate.insertion import Insertion
+from magmpm.studies.evaluate.judge import FAILURES, Judge, Judged, Picture, trial_of
+from magmpm.studies.evaluate.linear_model import Differentiate, needs_derivatives
+from magmpm.studies.evaluate.trial import Solve, Trial, constraints
+from magmpm.studies.rods.limited_designs import next_exchange
+from magmpm.studies.search.definition import Study
+from magmpm.studies.search.objectives import trial_values
+from magmpm.studies.search.samplers.choice import (
+    POOR,
+    check_available,
+    check_suits,
+    check_workers,
+    make_sampler,
+)
+from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
+from magmpm.studies.search.samplers.optuna_ids import trial_id
+from magmpm.studies.search.search_space import SearchSpace
+from magmpm.studies.search.well_posed import check_search
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.samplers import BaseSampler
+
+__all__ = ["FAILURES", "STARTS", "Picture", "check_study", "kernel_uses", "run_study"]
+
+REMEMBERED = 50  # durations of trials by which the time left is guessed
+LOOK = 1.0  # s between two looks at what other sessions do
+
+
+def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
+    """What the search of a study should know, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
+    check_available(study.sampler)
+    check_suits(study)
+    check_workers(workers, time_limit)
+    return check_search(study, SearchSpace.of(study))
+
+
+def run_study(
+    study: Study,
+    *,
+    solve: Solve,
+    differentiate: Differentiate | None = None,
+    out: Path | str,
+    picture: Picture | None = None,
+    on_trial: Callable[[Trial], None] | None = None,
+    on_advice: Callable[[list[str]], None] | None = None,
+    trials: int | None = None,
+    sampler: str | None = None,
+    storage: str | None = None,
+    storage_timeout: float = TIMEOUT,
+    workers: int | None = None,
+    outage: float = OUTAGE,
+    artifacts: str | None = None,
+    time_limit: float | None = None,
+) -> StudyReport:
+    """Runs a study to its end, or resumes it; returns at once when it is done.
+
+    solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
+    use them (magmpm.sensitivities); ValueError where it is missing. trials, sampler: in place of the study's; trials
+    counts all trials, including those of earlier runs; if it is given, the study runs that many, past its `stop` too. After an interrupt
+    (Ctrl-C) everything finished is kept. on_advice: called before the first trial with what a user should know of the search, and when
+    the storage's server goes away and comes back, for which `outage` s are waited. workers: processes that solve; then solve, differentiate
+    and picture must be importable or picklable, and other sessions may share the storage, if it is not the folder's own. None: this
+    process solves, and works on the study alone. artifacts: a folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
+    time_limit: s after which a worker that still solves a design is ended; the design is solved again, once (None: allowed_time).
+    Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
+    StorageError when the database is locked or gone.
+    """
+    study = study.changed(trials=trials, sampler=sampler)
+    if differentiate is None and study.why_sampler is not None:
+        study = dataclasses.replace(study, sampler="tpe", why_sampler="the study names none, and nothing differentiates its solves")
+    advice = check_study(study, workers, time_limit)
+    if needs_derivatives(study) and differentiate is None:
+        raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
+    if on_advice is not None:
+        on_advice(advice)
+    folder = Path(out)
+    url = storage_url(folder, storage)
+    shared = workers is not None and storage is not None
+    artifacts = None if artifacts is None else whole_place(artifacts)
+    store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
+    with folder_lock(folder), _trials_kept(url):
+        claim_folder(folder, study.name)
+        run = _Run(Judge(study, solve, differentiate, picture, folder), folder, store, shared, artifacts)
+        run.time_limit = time_limit
+        stop = study.stop_rms if trials is None else None
+        if workers is None or (workers == 1 and not shared and time_limit is None):
+            ended = run.to_the_end(on_trial, stop)
+        else:
+            ended = run.with_workers(workers, on_trial, stop)
+        ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
+        if ended != "interrupted":
+            run.keep_best()
+            run.mend_artifacts()
+        summary = dataclasses.replace(found := run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
+        summary.save()
+    return summary
+
+
+def allowed_time(durations: list[float]) -> float | None:
+    """How long a worker may take for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
+    return max(600.0, 100.0 * statistics.median(durations)) if durations else None
+
+
+def kernel_uses(study: Study) -> list[str]:
+    """What a study's kernels are for (magmpm.precompile): derivatives and families of rods only where it uses them."""
+    rods = study.sampler == "gauss-newton" or study.start == "rod" or bool(study.depths or study.keyframes)
+    return ["solve", *["sensitivities"] * needs_derivatives(study), *["rods"] * rods]
+
+
+@contextmanager
+def _trials_kept(url: str) -> Iterator[None]:
+    """A file that can't be written ends a study, with its trials kept. Raises StorageError, or InputError where the place is wrong."""
+    try:
+        yield
+    except OSError as error:
+        kind = InputError if error.errno in REFUSED else StorageError
+        kept = f", then run this command again: the finished trials are kept in {shown_url(url)}, and it resumes"
+        raise kind(explained(error, kept)) from None
+
+
+class _Run(OpenStudy):
+    """A study that this process works on."""
+
+    def __init__(self, judge: Judge, out: Path, store: Store, shared: bool, artifacts: str | None) -> None:
+        super().__init__(judge, out, store)
+        self.shared, self.session = shared, Session(self.kept, store, out, shared)
+        self.session.begin()
+        self.starts = self.rod_starts()
+        self.kept.sampler = self.sampler()
+        self.gallery = records.Gallery(out, self.storage, store.url, artifacts)
+        self.deaths, self.hangs, self.looked = 0, 0, 0.0
+        self.time_limit: float | None = None
+        self.mended: list[str] = []
+        self.look()
+        self.durations = [t.user_attrs["seconds"]["total"] for t in self.finished() if "seconds" in t.user_attrs]
+
+    @property
+    def notes(self) -> list[str]:
+        """What happened to trials and workers on the way, a sentence each."""
+        died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
+        hung = f"of these, processes that took too long for a design and were ended (--time-limit): {self.hangs}"
+        return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0), *[hung] * (self.hangs > 0)]
+
+    def look(self) -> None:
+        """See what is finished."""
+        finished = self.finished()
+        best = report.nearest_first(finished)
+        self.count, self.best = len(finished), best[0].values[0] if best else None
+
+    def mend_artifacts(self) -> None:
+        """Puts back what is damaged of the trials' pictures; where other sessions share the study, each sees to its own."""
+        if not self.shared:
+            self.mended = self.store(lambda: self.gallery.mend(self.finished()))
+
+    def sampler(self) -> BaseSampler:
+        """What chooses the trials."""
+        study, insertion = self.study, self.judge.trajectory
+
+        def of(number: int) -> BaseSampler:
+            if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
+                from magmpm.studies.search.samplers.optuna_own import FieldsByRod
+
+                return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
+            return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
+
+        inner = of(0)
+        self.newton = inner if isinstance(inner, GaussNewtonSampler) and self.starts else None
+        first = self.starts if study.sampler != "gauss-newton" else []
+        return PerTrial(of, starts=first, session=self.session.name if self.shared else None, wait=self.shared)
+
+    def ended(self, stop: float | None) -> report.Ended | None:
+        """Why no more trials are wanted, if so; stop: m."""
+        if stop is not None and self.best is not None and self.best <= stop:
+            return "stop"
+        if self.count >= self.study.trials:
+            return "trials"
+        return "exhausted" if self.exhausted() else None
+
+    def exhausted(self) -> bool:
+        """Whether only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
+        from optuna.trial import TrialState
+
+        sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
+        if sampler is None or not found or self.best > POOR * self.space.scene.length:  # type: ignore[operator]
+            return False
+        trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
+        running = [t for t in trials if t.state == TrialState.RUNNING and set(self.distributions) <= set(t.params)]
+        ended = [t for t in trials if t.state.is_finished() and set(self.distributions) <= set(t.params)]
+        return all(t.state != TrialState.WAITING for t in trials) and sampler.used_up(ended, running)
+
+    def exchange(self) -> bool:
+        """Queues the best design with one direction of the set exchanged, where that is left to be tried. Returns whether one waits."""
+        from optuna.trial import TrialState
+
+        if self.shared or self.judge.trajectory is not None or len(self.study.minimize) > 1:
+            return False
+        trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
+        best = report.best_trial([t for t in trials if t.state == TrialState.COMPLETE])
+        if best is None or any(t.state == TrialState.WAITING and EXCHANGED in t.user_attrs for t in trials):
+            return best is not None
+        params = next_exchange(self.space, self.study.target, best.params, [t.params for t in trials if t.state.is_finished()])
+        if params is not None:
+            self.store(lambda: self.kept.enqueue_trial(params, user_attrs={EXCHANGED: best.number}))
+        return params is not None
+
+    def to_the_end(self, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
+        """Runs the remaining trials in this process, or until one comes within `stop`, m. Returns why it ended."""
+        with remembered() as check_for_ctrl_c:
+            while (ended := self.ended(stop)) is None or (ended == "trials" and self.exchange()):
+                try:
+                    check_for_ctrl_c()
+                    trial = self.one_trial()
+                    if trial is not None and on_trial is not None:
+                        on_trial(trial)
+                except KeyboardInterrupt:
+                    return "interrupted"
+        return ended
+
+    def one_trial(self) -> Trial | None:
+        """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
+        begun = time.perf_counter()
+        asked = self.ask()
+        try:
+            return self.keep(asked, self.judge.judged(asked.number, asked.params), begun)
+        except KeyboardInterrupt:
+            self.session.put_back(trial_id(asked))
+            raise
+
+    def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
+        """As `to_the_end`, with processes that solve. Trials that are being solved when one comes within `stop` are finished and kept."""
+        at_work: dict[int, tuple[optuna.Trial, float]] = {}
+        with remembered() as check_for_ctrl_c, Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
+            try:
+                while True:
+                    check_for_ctrl_c()
+                    self.look_around(set(at_work))
+                    ended = self.ended(stop)
+                    if pool is None or (ended is not None and not at_work):
+                        return ended or "trials"
+                    while self.ended(stop) is None and pool.idle and self.wanted(len(at_work)):
+                        begun, asked = time.perf_counter(), self.ask()
+                        if not self.shared or self.in_time(asked):
+                            at_work[asked.number] = asked, begun
+                            pool.begin(asked.number, asked.params)
+                    pool.limit = self.time_limit or allowed_time(self.durations)
+                    for number, answer in pool.answers(LOOK):
+                        asked, begun = at_work[number]
+                        judged = answer if isinstance(answer, Judged) else self.judge.failed(asked.params, answer)
+                        trial = self.keep(asked, judged, begun)
+                        del at_work[number]
+                        if trial is not None and on_trial is not None:
+                            on_trial(trial)
+                    self.deaths, self.hangs = pool.deaths, pool.hangs
+            except BaseException as error:  # also while a trial is asked for or kept
+                self.session.put_all_back()
+                if isinstance(error, KeyboardInterrupt):
+                    return "interrupted"
+                raise
+
+    def look_around(self, mine: set[int]) -> None:
+        """What other sessions have done meanwhile, and have left behind."""
+        if self.shared and time.monotonic() - self.looked > LOOK:
+            self.session.beat()
+            self.session.sweep(mine)
+            self.look()
+            self.looked = time.monotonic()
+
+    def wanted(self, at_work: int) -> bool:
+        """Whether another trial is wanted beside those that are being solved, at_work of them here."""
+        from optuna.trial import TrialState
+
+        if not self.shared:
+            return self.count + at_work < self.study.trials
+        known = [t.state for t in self.store(lambda: self.kept.get_trials(deepcopy=False)) if t.state != TrialState.FAIL]
+        return len(known) < self.study.trials or TrialState.WAITING in known
+
+    def ask(self) -> optuna.Trial:
+        """The next trial, with its design."""
+        def asked_for() -> optuna.Trial:
+            with uninterrupted():  # a trial that is begun must say whose it is
+                return self.kept.ask(self.distributions)
+
+        asked = self.store(asked_for)
+        if self.shared:
+            self.store(lambda: self.storage.set_trial_user_attr(trial_id(asked), READY, True))
+        return asked
+
+    def in_time(self, asked: optuna.Trial) -> bool:
+        """Whether a trial is one of those that are wanted; one that another session was faster with is withdrawn."""
+        from optuna.trial import TrialState
+
+        known = self.store(lambda: self.kept.get_trials(deepcopy=False))
+        before = sum(t.number < asked.number and t.state != TrialState.FAIL for t in known)
+        if before < self.study.trials:
+            return True
+        self.session.withdraw(trial_id(asked))
+        return False
+
+    def keep(self, asked: optuna.Trial, judged: Judged, begun: float) -> Trial | None:
+        """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count.
+
+        None where another session has taken up the trial meanwhile, because this one could not reach the storage for long.
+        """
+        outcome, known = judged.outcome, judged.known
+        trial = trial_of(self.study, asked.number, outcome, self.best)
+        if judged.files:
+            note = self.store(lambda: self.gallery.attach(asked, judged.files))
+            known |= {} if note is None else {"picture_note": note}
+        if outcome.result is not None and trial.improved:
+            design = {"number": asked.number, "rms_m": outcome.rms, "params": asked.params, **known}
+            records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", outcome.result, design)
+        if not self.store(lambda: self.told(asked, judged, begun)):
+            self.session.lost.append(f"trial {asked.number}: taken up by another session while this one could not reach the storage")
+            return None
+        self.count, self.best = self.count + 1, trial.best_rms_m
+        self.durations.append(time.perf_counter() - begun)
+        del self.durations[:-REMEMBERED]
+        left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
+        return dataclasses.replace(
+            trial,
+            finished=self.count,
+            wanted=max(self.study.trials, self.count),
+            seconds=self.durations[-1],
+            seconds_left=left,
+        )
+
+    def told(self, asked: optuna.Trial, judged: Judged, begun: float) -> bool:
+        """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
+        from optuna.exceptions import UpdateFinishedTrialError
+        from optuna.trial import TrialState
+
+        try:
+            for key, value in judged.known.items():
+                asked.set_user_attr(key, value)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
+                for key, value in constraints(judged.outcome, self.study.margin).items():
+                    asked.set_constraint(key, value)
+            # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
+            total = time.perf_counter() - begun
+            asked.set_user_attr("seconds", {"solve": judged.outcome.seconds, "render": judged.drawing, "total": total})
+            values = trial_values(self.study.minimize, self.space, asked.params, judged.outcome.value, not judged.outcome.accepted)
+            self.kept.tell(asked, values)
+        except (UpdateFinishedTrialError, ValueError):
+            state = self.storage.get_trial(trial_id(asked)).state
+            if not state.is_finished():
+                raise
+            return state == TrialState.COMPLETE
+        return True

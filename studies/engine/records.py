@@ -1,0 +1,147 @@
+"""What a study leaves in its folder: a picture of every trial, and the result of every design that was the best so far.
+
+OUT/pictures/trial_007.png    also an Optuna artifact of the trial, in OUT/artifacts, which the dashboard shows
+OUT/improvements/007/         result and design of a trial that was the best when it ran
+OUT/best/                     the same of the best trial, and its scene as a file that runs, scene.yaml
+"""
+
+from __future__ import annotations
+
+import filecmp
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.results.result import readable
+from magmpm.results.whole_file import whole_file
+from magmpm.studies.engine.artifact_stores import ARTIFACTS, artifact_store
+from magmpm.studies.engine.storage import StorageError, storage_faults
+from magmpm.studies.evaluate.judge import PICTURES
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.trial import FrozenTrial
+
+    from magmpm.results.result import Result
+
+BEST = "best"
+IMPROVEMENTS = "improvements"
+DESIGN = "design.json"
+SURFACE = ".stl"
+
+
+class Gallery:
+    """The pictures of a study's trials, as files and as Optuna artifacts."""
+
+    def __init__(self, out: Path, storage: optuna.storages.BaseStorage, url: str, place: str | None = None) -> None:
+        """url: of the storage; place: where artifacts are kept, None for the folder itself."""
+        self._out, self._storage, self._url = out, storage, url
+        (out / PICTURES).mkdir(parents=True, exist_ok=True)
+        self._store, self._own = artifact_store(place, out), place is None
+
+    def attach(self, trial: optuna.Trial, files: Sequence[Path]) -> str | None:
+        """Attaches a trial's pictures. Returns the reason if that is not possible: a missing picture never fails a trial.
+
+        What an interrupted run of the same trial has attached already is replaced.
+        """
+        from optuna.artifacts import get_all_artifact_meta, upload_artifact
+
+        try:
+            with storage_faults(self._url):
+                known = {meta.filename: meta.artifact_id for meta in get_all_artifact_meta(trial, storage=self._storage)}
+                for path in files:
+                    if path.name in known:
+                        self._put(path, known[path.name])
+                    else:
+                        key = upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
+                        self._stored_once(path, key)
+        except StorageError:
+            raise
+        except Exception as error:  # files go through disks and networks
+            return f"{type(error).__name__}: {error}"
+        return None
+
+    def _put(self, path: Path, key: str) -> None:
+        """Makes a file the artifact with this id."""
+        if not self._stored_once(path, key):
+            with path.open("rb") as stream:
+                self._store.write(key, stream)
+
+    def _stored_once(self, path: Path, key: str) -> bool:
+        """Makes the artifact another name of the same file. Returns whether it is one.
+
+        Surfaces alone, some 350 kB a trial: a copy of a picture mends the one that is damaged. Some file systems have no such names.
+        """
+        kept = self._out / ARTIFACTS / key
+        if not self._own or path.suffix != SURFACE or Path(key).name != key:
+            return False
+        try:
+            if not (kept.exists() and kept.samefile(path)):
+                with whole_file(kept) as part:
+                    part.unlink(missing_ok=True)
+                    part.hardlink_to(path)
+        except OSError:
+            return False
+        return True
+
+    def mend(self, trials: Sequence[FrozenTrial]) -> list[str]:
+        """Puts back artifacts that are gone or damaged from the study's pictures. Returns a sentence for each that can't be."""
+        from optuna.artifacts import get_all_artifact_meta
+
+        mended, lost = 0, []
+        if not self._own:  # other sessions write there as well
+            return []
+        for trial in trials:
+            for meta in get_all_artifact_meta(trial, storage=self._storage):
+                if any(Path(name).name != name for name in (meta.filename, meta.artifact_id)):
+                    continue  # a database is data: what it names stays below the study's folder
+                picture, kept = self._out / PICTURES / meta.filename, self._out / ARTIFACTS / meta.artifact_id
+                if not picture.is_file():
+                    if not kept.is_file():
+                        lost.append(f"trial {trial.number}: its artifact {meta.filename} is gone, and so is the file in {PICTURES}")
+                elif not kept.is_file() or not filecmp.cmp(picture, kept, shallow=False):
+                    self._put(picture, meta.artifact_id)
+                    mended += 1
+        return [*([f"artifacts that were damaged or gone, and are put back from {PICTURES}: {mended}"] if mended else []), *lost]
+
+
+def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
+    """Writes a result and the design it belongs to (number, rms_m, params, ...) into a folder; the design last."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / DESIGN).unlink(missing_ok=True)
+    result.save(folder)
+    with whole_file(folder / DESIGN) as part:
+        part.write_text(json.dumps(design, indent=1) + "\n", encoding="utf-8")
+
+
+def holds(folder: Path, trial: FrozenTrial) -> bool:
+    """Whether a folder holds the whole result of this trial, readable."""
+    design = read_design(folder)
+    return design.get("number") == trial.number and design.get("params") == trial.params and readable(folder)
+
+
+def read_design(folder: Path) -> dict[str, Any]:
+    """What is stored there about a design; empty if nothing is readable."""
+    try:
+        design = json.loads(read_regular(folder / DESIGN, MOST))
+    except (OSError, ValueError):
+        return {}
+    return design if isinstance(design, dict) else {}
+
+
+def designs(out: Path) -> dict[int, dict[str, Any]]:
+    """Parameters of the designs that a study's folder holds, by their trials' numbers."""
+    found = [read_design(folder) for folder in [out / BEST, *(out / IMPROVEMENTS).glob("[0-9]*")]]
+    return {design["number"]: design["params"] for design in found if "number" in design and "params" in design}
+
+
+def replace_folder(source: Path, target: Path) -> None:
+    """Makes `target` a copy of `source`; it is never left half copied."""
+    part = target.with_name(f".{target.name}")
+    shutil.rmtree(part, ignore_errors=True)
+    shutil.copytree(source, part)
+    shutil.rmtree(target, ignore_errors=True)
+    part.replace(target)

@@ -1,0 +1,165 @@
+"""What a study has found so far, read from its storage."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from magmpm.results.whole_file import whole_file
+from magmpm.studies.problem.file_names import REPORT
+
+if TYPE_CHECKING:
+    from optuna.trial import FrozenTrial
+
+
+QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
+OF_SEVERAL = (  # of a trial of an insertion or a schedule
+    "exit_error_m", "worst_m", "worst_depth_m", "worst_time_s", "field_largest_change_T", "field_total_variation_T",
+    "insertion", "schedule",
+)  # fmt: skip
+SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
+Ended = Literal["stop", "trials", "exhausted", "interrupted"]
+BRINK = 0.1  # stability below which a design is on the brink: it is told, and another of nearly the same rms takes its place
+NEARLY = 1.1  # times the least rms: what the more stable design may cost
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A study's state. SI.
+
+    trials: finished ones, of which `failed` got the penalty, and `refused` were less stable than the study's margin;
+    exchanged: those in which single directions of the best design were exchanged, beyond the `wanted` ones;
+    best: {number, rms_m, tip_error_m, stability, params, magnetization (k, 3),
+    field_T} of the best trial (best_trial), or None; first_trial_below_stop: number (from 0, as the dashboard
+    counts) of the first trial that reached `stop`, None without one; seconds_per_trial: median of solve, picture and
+    storage; storage: the database's URL (without password); ended: why the study is not running any more.
+    """
+
+    name: str
+    out: Path
+    storage: str
+    sampler: str
+    seed: int
+    wanted: int
+    stop_rms_m: float | None
+    trials: int
+    failed: int
+    refused: int
+    best: dict[str, Any] | None
+    first_trial_below_stop: int | None
+    seconds_per_trial: float | None
+    ended: Ended
+    rms_m: list[float]  # of every finished trial in order; failed ones carry the penalty
+    failed_trials: list[int]  # places of those in rms_m
+    reasons: list[str] = field(default_factory=list)  # why each of them failed, or was refused
+    measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
+    front: dict[str, Any] | None = None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
+    warnings: list[str] = field(default_factory=list)  # what a user should know of the search
+    why_sampler: str | None = None  # why this one, where the study's file names none
+    artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
+    study_file: str | None = None  # the study's file, from the root
+    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
+
+    exchanged: int = 0
+    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
+
+    def __repr__(self) -> str:
+        best = "none" if self.best is None else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
+        return f"StudyReport({self.name!r}: {self.trials} trials by {self.sampler}; best {best}; in {self.out})"
+
+    @property
+    def why(self) -> str:
+        """Why the study has stopped, and how it is continued: one sentence."""
+        if self.ended == "interrupted":
+            return "interrupted; run the same command to go on"
+        done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
+        if self.exchanged:
+            done += f" ({self.exchanged} exchanged single directions of the best design)"
+        if self.ended == "exhausted":
+            return f"{done}, and nothing more is to be had: no descent from the rod's designs gets better; for others, change `seed`"
+        if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
+            return f"{done}, and {self.wanted} {'were' if self.wanted != 1 else 'was'} asked for; for more, say, --trials {2 * self.trials}"
+        return (
+            f"stopped after trial {self.first_trial_below_stop}, because its rms is within `stop`, "
+            f"{1e3 * self.stop_rms_m:g} mm ({done}); to go on past it, say, --trials {2 * self.trials}"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """What `magmpm design --json` prints."""
+        found = asdict(self)
+        two = found.pop("front") or {}
+        return {**found, **two, "out": str(self.out), "why": self.why}
+
+    def save(self) -> Path:
+        """Writes the summary to OUT/study.json, whole or not at all. Returns the path."""
+        path = self.out / REPORT
+        with whole_file(path) as part:
+            part.write_text(json.dumps(self.summary(), indent=1) + "\n", encoding="utf-8")
+        return path
+
+
+def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
+    """The feasible trial nearest to the target; of equals, the first. If it is less stable than BRINK: of those whose value is at most
+    NEARLY times as large the nearest that is not, or the most stable one."""
+    near = nearest_first(trials)
+    close = [t for t in near if _rms(t) <= NEARLY * _rms(near[0])]
+    return max(close, key=lambda t: BRINK if (known := t.user_attrs.get("stability")) is None else min(known, BRINK), default=None)
+
+
+def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
+    """A warning where a best design, as `describe` has it, is less stable than BRINK."""
+    if best is None or best.get("stability") is None or best["stability"] >= BRINK:
+        return []
+    depth = next((f" at {1e3 * row['depth_m']:.4g} mm" for row in best.get("insertion") or () if row["stability"] == best["stability"]), "")
+    return [
+        f"the best design is on the brink: its stability{depth} is {best['stability']:.2g} (1: at rest, 0: a critical load), so small "
+        f"errors of body or field may make it snap; `stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
+    ]
+
+
+def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """The feasible trials, nearest to the target first; of equals, the first."""
+    return sorted((t for t in trials if feasible(t)), key=_rms)
+
+
+def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial | None:
+    """The first feasible trial whose rms is at most `rms`."""
+    return next((t for t in trials if rms is not None and feasible(t) and _rms(t) <= rms), None)
+
+
+def feasible(trial: FrozenTrial) -> bool:
+    """Whether the trial's solve succeeded and it did not get the penalty."""
+    return bool(trial.user_attrs.get("feasible"))
+
+
+def refused(trial: FrozenTrial) -> bool:
+    """Whether the trial was solved, but was less stable than its study's margin."""
+    return bool(trial.user_attrs.get("refused"))
+
+
+def whole_design(trial: FrozenTrial) -> dict[str, Any]:
+    """`describe`, and what pictures of an insertion need."""
+    return describe(trial) | {key: trial.user_attrs[key] for key in ("shapes", "catheter") if key in trial.user_attrs}
+
+
+def describe(trial: FrozenTrial) -> dict[str, Any]:
+    """What a report says of a trial."""
+    kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}
+    varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER, *OF_SEVERAL) if key in trial.user_attrs}
+    rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another
+    return {"number": trial.number, "rms_m": rms, "params": dict(trial.params), **kept, **varied}
+
+
+def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
+    """Median of the trials' whole seconds, by the storage's clock: from the request for a trial until its value was stored."""
+    spans = [(t.datetime_start, t.datetime_complete) for t in trials]
+    seconds = [(end - begin).total_seconds() for begin, end in spans if begin is not None and end is not None]
+    return statistics.median(seconds) if seconds else None
+
+
+def _rms(trial: FrozenTrial) -> float:
+    return float(trial.values[0])  # of two objectives the first

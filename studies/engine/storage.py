@@ -1,0 +1,395 @@
+"""Where trials are kept: an SQLite file in the results folder unless another database is named.
+
+SQLite runs in WAL mode, so that the dashboard can read while trials are written, and waits TIMEOUT seconds for
+other writers.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import sqlite3
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from magmpm.errors import InputError, MagmpmError, report
+from magmpm.results.run_folder import holds_run
+from magmpm.results.whole_file import naming
+from magmpm.studies.engine.storage_url import (
+    GRPC,
+    grpc_address,
+    is_server,
+    refuse_memory,
+    shown_url,
+    storage_url,
+    without_passwords,
+)
+from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
+from magmpm.studies.search.definition import Study, definition_hash, differences
+from magmpm.studies.search.objectives import NAMES
+
+__all__ = ["DATABASE", "OWNER", "TIMEOUT", "StorageAway", "StorageError", "Store", "open_storage", "shown_url", "storage_url"]
+
+if TYPE_CHECKING:
+    import optuna
+
+Kept = TypeVar("Kept")
+TIMEOUT = 60.0  # s to wait for a locked database
+OUTAGE = 600.0  # s to wait for a server that was there and does not answer any more
+CONNECTING = 10.0  # s to wait for a server's first answer
+# a connection that is cut without a word is noticed within half a minute (libpq's settings; the last in milliseconds)
+_SHORT_WAITS = {
+    "connect_timeout": int(CONNECTING), "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 30000,
+}  # fmt: skip
+_CORRUPT = ("malformed", "corrupt", "disk image")
+
+
+class StorageError(MagmpmError):
+    """The database of trials can't be used at the moment: locked, gone, full."""
+
+
+class StorageAway(StorageError):
+    """The server of the database does not answer: it may be back in a while."""
+
+
+@contextmanager
+def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
+    """Turns what the database driver raises into a StorageError that says what to do; StorageAway where a server does not answer."""
+    from optuna.exceptions import StorageInternalError
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, (StorageInternalError, SQLAlchemyError, sqlite3.Error, *_of_grpc())):
+            raise _explained(error, url, timeout) from None
+        raise
+
+
+def _of_grpc() -> tuple[type[Exception], ...]:
+    """What gRPC raises, if it is in use: it is an extra."""
+    grpc = sys.modules.get("grpc")
+    return () if grpc is None else (grpc.RpcError,)
+
+
+def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
+    """The error of a driver in words, without passwords."""
+    from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, PendingRollbackError
+
+    cause, away = error, isinstance(error, _of_grpc())
+    while not isinstance(cause, sqlite3.Error):
+        cut = isinstance(cause, DBAPIError) and cause.connection_invalidated
+        away = away or cut or isinstance(cause, (OperationalError, InterfaceError, PendingRollbackError))
+        if cause.__cause__ is None:
+            break
+        cause = cause.__cause__
+    told = cause.details() if isinstance(cause, _of_grpc()) and hasattr(cause, "details") else getattr(cause, "orig", cause)
+    reason = without_passwords((str(told).strip() or type(cause).__name__).splitlines()[0], url)
+    if any(word in reason for word in _CORRUPT) and not is_server(url):
+        return _corrupt(url, reason)
+    if re.search(r"\b(full|No space left)\b", reason):
+        rule = f"the database needs room on its disk ({reason})"
+        remedy = "free room, then run this command again: the finished trials are kept, and it resumes"
+    elif not is_server(url) and "disk I/O" in reason:
+        rule = f"the disk, or a quota on it, does not take what the database writes ({reason})"
+        remedy = "free room or see to the disk, then run this command again: the finished trials are kept, and it resumes"
+    elif not is_server(url) and ("locked" in reason or "busy" in reason):
+        rule = f"another process has kept it locked for {timeout:g} s"
+        remedy = "end that process, then run this command again: it resumes"
+    else:
+        rule = reason
+        remedy = "see that the database can be reached and written to, then run this command again: it resumes"
+    kind = StorageAway if away and is_server(url) else StorageError
+    return kind(report(shown_url(url), rule=rule, remedy=remedy))
+
+
+class Store:
+    """Calls of a storage. A server that does not answer is waited for: it may be restarted while a study runs for hours.
+
+    tell: gets a line when the wait begins, and when it ends.
+    """
+
+    def __init__(self, url: str, timeout: float, outage: float, tell: Callable[[str], None]) -> None:
+        """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
+        self.url, self.timeout, self.outage, self._tell = url, timeout, outage, tell
+        self.storage: optuna.storages.BaseStorage | None = None
+
+    def opened(self) -> optuna.storages.BaseStorage:
+        """The storage. Raises InputError, StorageError."""
+        self.storage = open_storage(self.url, self.timeout)
+        return self.storage
+
+    def forget(self) -> None:
+        """Give up connections and what was begun on them: a transaction that was cut off refuses all that follows."""
+        import optuna
+
+        backend = getattr(self.storage, "_backend", self.storage)
+        if isinstance(backend, optuna.storages.RDBStorage):
+            with suppress(Exception):  # the server is away
+                backend.scoped_session.remove()
+            backend.engine.dispose()
+
+    def __call__(self, work: Callable[[], Kept]) -> Kept:
+        """What `work` returns, which may be called again: a call that failed may have been carried out. Raises StorageError."""
+        begun: float | None = None
+        pause = 0.1
+        while True:
+            try:
+                with storage_faults(self.url, self.timeout):
+                    found = work()
+            except StorageAway as error:
+                if begun is None:
+                    begun = time.monotonic()
+                    reason = str(error).splitlines()[1].strip().removeprefix("rule: ")
+                    self._tell(f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min")
+                if time.monotonic() - begun > self.outage:
+                    raise
+                self.forget()
+                time.sleep(pause)
+                pause = min(2 * pause, 5.0)
+            else:
+                if begun is not None:
+                    self._tell(f"{shown_url(self.url)} answers again")
+                return found
+
+
+def _corrupt(url: str, reason: str) -> InputError:
+    """The message about an SQLite file whose content is damaged."""
+    from sqlalchemy.engine import make_url
+
+    path = Path(str(make_url(url).database))
+    saved = f"save what can be read of its trials: sqlite3 {path} .recover | sqlite3 {path}.saved, and name that with --storage sqlite:///{path}.saved"
+    return InputError(
+        report(
+            f"{path}: the database of trials is damaged ({reason})",
+            rule="must be an SQLite database that is whole; running again will not mend it",
+            remedy=f"put back a copy; or {saved}; or move the file away and begin anew with another --out",
+        )
+    )
+
+
+def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
+    """The database as Optuna uses it, made if missing.
+
+    Raises InputError when the URL or its driver is wrong or the file is something else, StorageError when it is locked or
+    can't be reached.
+    """
+    import optuna
+    from sqlalchemy.engine import make_url
+    from sqlalchemy.exc import ArgumentError, NoSuchModuleError
+
+    if url.startswith(GRPC):
+        return _open_grpc(url)
+    remedy = "write, say, --storage sqlite:///study.db or --storage postgresql://user@host/name"
+    try:
+        parts = make_url(url)
+        parts.get_dialect().import_dbapi()
+    except (ArgumentError, NoSuchModuleError, ImportError, ValueError) as error:
+        reason = without_passwords(str(error).splitlines()[0], url)
+        if isinstance(error, ImportError) and "psycopg" in reason:
+            remedy = "pip install 'magmpm[postgresql]'"
+        raise InputError(
+            report("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy)
+        ) from None
+    sqlite = parts.get_backend_name() == "sqlite"
+    refuse_memory(parts, url)
+    options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
+    if parts.get_backend_name() == "postgresql":
+        options["connect_args"] = dict(_SHORT_WAITS)
+    if sqlite:
+        _prepare_sqlite(Path(str(parts.database)), timeout, url)
+    with storage_faults(url, timeout):
+        try:
+            backend = _made(url, options)
+        except RuntimeError as error:  # made by another version of Optuna
+            raise InputError(report(shown_url(url), rule=str(error), remedy="use another --out")) from None
+        if sqlite:
+            _commit_without_waiting(backend)
+        return optuna.storages.get_storage(backend)
+
+
+def _made(url: str, options: Mapping[str, Any]) -> optuna.storages.RDBStorage:
+    """The database with its tables. Sessions that begin together may make them at the same moment: all but one of them try again."""
+    import optuna
+    from sqlalchemy.exc import IntegrityError, ProgrammingError
+
+    for _ in range(5):
+        try:
+            return optuna.storages.RDBStorage(url, engine_kwargs=dict(options))
+        except (IntegrityError, ProgrammingError):
+            if not is_server(url):
+                raise
+            time.sleep(0.5)
+    return optuna.storages.RDBStorage(url, engine_kwargs=dict(options))
+
+
+def _open_grpc(url: str) -> optuna.storages.BaseStorage:
+    """Optuna's gRPC proxy, which serves a database that its own machine can reach."""
+    host, port = grpc_address(url)
+    if importlib.util.find_spec("grpc") is None or importlib.util.find_spec("google.protobuf") is None:
+        rule, remedy = "Optuna's gRPC proxy needs the packages grpcio and protobuf", "pip install 'magmpm[grpc]'"
+        raise InputError(report("--storage", received=url, rule=rule, remedy=remedy))
+    from optuna.storages import GrpcStorageProxy
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "experimental"
+        proxy = GrpcStorageProxy(host=host, port=port)
+    try:
+        proxy.wait_server_ready(timeout=CONNECTING)
+    except ConnectionError:
+        rule = f"no gRPC proxy answers there within {CONNECTING:g} s"
+        remedy = f"start one where the database is: python -m magmpm.studies.engine.workers.grpc_proxy --port {port}"
+        raise StorageError(report(url, rule=rule, remedy=remedy)) from None
+    return proxy
+
+
+def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
+    """Checks that the file is a writable database, and puts it into WAL mode."""
+    if path.exists() and not path.is_file():
+        rule, remedy = "must be a file: an SQLite database, or one that is to become one", "name a file in it, with --storage or --out"
+        raise InputError(report(f"{path}: {'a folder' if path.is_dir() else 'no regular file'}", rule=rule, remedy=remedy))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with storage_faults(url, timeout):
+            connection = sqlite3.connect(path, timeout=timeout)
+            try:
+                code = connection.execute("SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')").fetchone()
+                if code is not None:
+                    rule = "a database of trials has tables alone: triggers and views are code, which would run here"
+                    raise InputError(report(f"{path}: holds the {code[0]} {code[1]}", rule=rule, remedy="use another --out or --storage"))
+                connection.execute("PRAGMA journal_mode=WAL")
+                (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+                if found != "ok":
+                    raise _corrupt(url, " ".join(str(found).split()))
+            finally:
+                connection.close()
+    except OSError as error:
+        rule, remedy = f"the folder must be writable ({error.strerror})", "use another --out"
+        raise InputError(report(str(path.parent), rule=rule, remedy=remedy)) from None
+    except StorageError as error:
+        if "not a database" in str(error):
+            rule, remedy = (
+                "must be an SQLite database",
+                "use another --out or --storage, or move the file away",
+            )
+            raise InputError(report(str(path), rule=rule, remedy=remedy)) from None
+        raise
+
+
+def _commit_without_waiting(backend: optuna.storages.RDBStorage) -> None:
+    """synchronous=NORMAL: in WAL mode a power cut can cost the last trials, but never the database."""
+    from sqlalchemy import event
+
+    @event.listens_for(backend.engine, "connect")
+    def _on_connect(connection: sqlite3.Connection, _: object) -> None:
+        connection.execute("PRAGMA synchronous=NORMAL")
+
+    backend.scoped_session.remove()
+    backend.engine.dispose()
+
+
+def open_study(
+    storage: optuna.storages.BaseStorage,
+    study: Study,
+    definition: Mapping[str, Any],
+    out: Path,
+    url: str,
+    timeout: float = TIMEOUT,
+) -> optuna.Study:
+    """The study in its storage, new or resumed, with interrupted trials queued to run again.
+
+    Raises InputError, showing the difference, when the storage holds a study of this name with another definition.
+    """
+    import optuna
+
+    with storage_faults(url, timeout):
+        kept = optuna.create_study(
+            storage=storage, study_name=study.name, directions=["minimize"] * len(study.minimize), load_if_exists=True
+        )
+        known = kept.user_attrs.get("definition")
+        if known is None and kept.get_trials(deepcopy=False):
+            rule = f"holds a study named {study.name} that magmpm did not make"
+            raise InputError(report(shown_url(url), rule=rule, remedy="use another --out or --storage"))
+        if known is None:
+            kept.set_user_attr("definition", dict(definition))
+            kept.set_user_attr("definition_hash", definition_hash(definition))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # "experimental": the name of the axis in the dashboard
+                kept.set_metric_names([NAMES[name] for name in study.minimize])
+        elif kept.user_attrs.get("definition_hash") != definition_hash(definition):
+            changes = "\n".join(f"    {line}" for line in differences(known, definition))
+            raise InputError(
+                f"{study.path}: {shown_url(url)} holds a study named {study.name} with another definition\n{changes}\n"
+                "  rule: a study is continued only as it was begun (trials and stop may change)\n"
+                f"  remedy: begin a new study with --out, say, --out {out}-2; or put the old values back to resume"
+            )
+    return kept
+
+
+def must_exist(url: str, out: Path) -> None:
+    """Raises InputError where the designs of a folder have lost their SQLite file, or `url` names none."""
+    from sqlalchemy.engine import make_url
+    from sqlalchemy.exc import ArgumentError
+
+    if url.startswith(GRPC):
+        return
+    try:
+        parts = make_url(url)
+    except (ArgumentError, ValueError):
+        return  # open_storage says what is wrong with it
+    refuse_memory(parts, url)
+    path = Path(str(parts.database))
+    if parts.get_backend_name() == "sqlite" and (not path.exists() or path.stat().st_size == 0):
+        raise _without_trials(out, f"{path} is {'empty' if path.exists() else 'missing'}")
+
+
+def must_hold(
+    storage: optuna.storages.BaseStorage, name: str, held: Mapping[int, Any], out: Path, url: str, timeout: float = TIMEOUT
+) -> None:
+    """Raises InputError unless the designs that a folder holds (their parameters by number of the trial) are of trials of this storage."""
+    import optuna
+
+    with storage_faults(url, timeout):
+        known = name in optuna.get_all_study_names(storage)
+        trials = optuna.load_study(study_name=name, storage=storage).get_trials(deepcopy=False) if known else []
+    params = {trial.number: trial.params for trial in trials if trial.number in held}
+    if held and (not params or any(params[number] != held[number] for number in params)):
+        has = f"{len(trials)} trials, which are others" if trials else "no trial of this study"
+        raise _without_trials(out, f"{shown_url(url)} has {has}")
+
+
+def _without_trials(out: Path, found: str) -> InputError:
+    written = ""
+    with suppress(OSError, ValueError, KeyError, TypeError):  # it was never written, or is damaged
+        written = str(json.loads((out / REPORT).read_text(encoding="utf-8"))["storage"])
+    which = f"name their database with --storage ({written} when they ended)" if written else "name their database with --storage"
+    return InputError(
+        report(
+            f"{out}: holds designs of trials that are not there: {found}",
+            rule="the designs in a folder and the trials in its database must belong together",
+            remedy=f"put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
+        )
+    )
+
+
+def claim_folder(out: Path, name: str) -> None:
+    """Makes the results folder this study's, whatever database its trials are in: two studies in one would mix their pictures.
+
+    Raises InputError when it is another study's, or a run's.
+    """
+    if holds_run(out):
+        rule = "a study has a folder of its own: its designs would mix with the run's result"
+        raise InputError(report(f"{out}: holds the results of a run", rule=rule, remedy=f"use another --out, say, {out}-study"))
+    path = out / OWNER
+    holder = path.read_text(encoding="utf-8", errors="replace").strip() if path.exists() else name
+    if holder and holder != name:
+        rule = f"the folder holds the results of another study, {holder} ({OWNER}); a study has a folder of its own"
+        raise InputError(report(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"))
+    with naming(path):
+        path.write_text(name + "\n", encoding="utf-8")

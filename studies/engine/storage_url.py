@@ -1,0 +1,125 @@
+"""Where trials are kept, as a URL: which ones can be used, and how they are shown. Passwords never are."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote
+
+from magmpm.errors import InputError, report
+from magmpm.studies.problem.file_names import DATABASE
+
+if TYPE_CHECKING:
+    from sqlalchemy.engine import URL
+
+
+VARIABLE = "MAGMPM_STORAGE"  # an environment variable that names the storage, password and all
+GRPC = "grpc://"
+GRPC_PORT = 13000  # Optuna's
+HIDDEN = "***"
+_IN_FRONT = re.compile(r"^(?P<before>[^:/?#\s]+://[^:/?#@]*:)(?P<password>.*)@", re.DOTALL)
+_IN_QUERY = re.compile(r"(?P<before>[?&;][^=&;]*(?:pass|pwd|secret|token|key)[^=&;]*=)(?P<password>[^&;\s]*)", re.IGNORECASE)
+
+
+def storage_url(out: Path | None, url: str | None) -> str:
+    """The storage's URL: as given, or OUT/study.db. Raises InputError if it is not a URL.
+
+    postgresql://... is served by psycopg, version 3, unless the URL names another driver.
+    """
+    if url is None:
+        return f"sqlite:///{((out or Path()) / DATABASE).resolve()}"
+    if "://" not in url:
+        from sqlalchemy.engine import make_url
+
+        rule, file = "must be the URL of a database", f"sqlite:///{url}"
+        if re.search(r"[=@;\s]", url):  # another way to say it, such as libpq's, which may hold a password
+            remedy = f"write, say, sqlite:///{DATABASE} or postgresql://USER@HOST/DATABASE"
+            raise InputError(report("--storage", received="a text without ://, not shown for what it may hold", rule=rule, remedy=remedy))
+        remedy = f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}"
+        raise InputError(report("--storage", received=url or "nothing", rule=rule, remedy=remedy))
+    _refuse_plain_signs(url)
+    for plain in ("postgresql://", "postgres://"):
+        if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
+            return "postgresql+psycopg://" + url.removeprefix(plain)
+    return url
+
+
+def _refuse_plain_signs(url: str) -> None:
+    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and tell it."""
+    password = _IN_FRONT.match(url.partition("?")[0])
+    if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):
+        rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
+        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=remedy))
+
+
+def known_url(saved: str, option: str | None, environment: Mapping[str, str]) -> str | None:
+    """The storage of a saved study: by --storage, or as its report says, or by MAGMPM_STORAGE where that hides a password; None: unknown.
+
+    Raises InputError for a password on the command line, and for what is no URL.
+    """
+    given = given_url(option, {})
+    if given is None and HIDDEN in saved:
+        given = environment.get(VARIABLE) or None
+        if given is None:
+            return None
+    return saved if given is None else storage_url(None, given)
+
+
+def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
+    """The storage that a command is given: by --storage, or by MAGMPM_STORAGE. Raises InputError for a password on the command line."""
+    if option is not None and passwords(option):
+        rule = "everybody on this machine can read a command line, and with it the password (ps)"
+        remedy = f"put the whole URL into the environment variable {VARIABLE}, or leave the password to PGPASSWORD or ~/.pgpass"
+        raise InputError(report("--storage", received=shown_url(option), rule=rule, remedy=remedy))
+    return option if option is not None else environment.get(VARIABLE) or None
+
+
+def passwords(url: str) -> list[str]:
+    """The passwords in a URL, as they stand there."""
+    found = [match["password"] for match in (_IN_FRONT.match(url), *_IN_QUERY.finditer(url)) if match is not None]
+    return [password for password in found if password]
+
+
+def shown_url(url: str) -> str:
+    """The URL without its passwords, for messages and reports."""
+    front = _IN_FRONT.sub(lambda match: f"{match['before']}{HIDDEN}@", url, count=1)
+    return _IN_QUERY.sub(lambda match: match["before"] + HIDDEN, front)
+
+
+def without_passwords(text: str, url: str) -> str:
+    """A text, such as a driver's message, in which the passwords of a URL do not stand."""
+    for password in passwords(url):
+        for form in {password, unquote(password)}:
+            text = text.replace(form, HIDDEN)
+    return text
+
+
+def is_server(url: str) -> bool:
+    """Whether a storage is a server, which may be away for a while, and which other machines may use as well."""
+    return not url.startswith("sqlite")
+
+
+def grpc_address(url: str) -> tuple[str, int]:
+    """Host and port of grpc://HOST:PORT. Raises InputError."""
+    match = re.fullmatch(r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url)
+    if match is None or not 0 < int(match["port"] or GRPC_PORT) < 65536:
+        rule, remedy = "must be grpc://HOST:PORT, as of Optuna's gRPC proxy", f"write, say, grpc://localhost:{GRPC_PORT}"
+        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=remedy))
+    return match["host"], int(match["port"] or GRPC_PORT)
+
+
+def in_memory(parts: URL) -> bool:
+    """Whether SQLite keeps this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
+    name = parts.database or ""
+    options = (parts.query.get("mode") == "memory", parts.query.get("vfs") == "memdb")
+    return name in ("", ":memory:", "file:") or name.startswith("file::memory:") or any(options)
+
+
+def refuse_memory(parts: URL, url: str) -> None:
+    """Raises InputError for a database that would not outlive its process."""
+    if parts.get_backend_name() == "sqlite" and in_memory(parts):
+        rule = "a database in memory is gone with its process, and with it all trials"
+        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=f"name a file, say, --storage sqlite:///{DATABASE}"))

@@ -1,0 +1,203 @@
+"""A study that is open in this process: its definition, its storage, its folder, and what they hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magmpm.errors import InputError, SolveError
+from magmpm.errors import report as worded
+from magmpm.studies.engine import records, report
+from magmpm.studies.engine.explain_miss import findings
+from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
+from magmpm.studies.engine.verify_best import judged
+from magmpm.studies.engine.workers.per_trial import EXCHANGED
+from magmpm.studies.evaluate.insertion import Insertion
+from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.problem.study import Study
+from magmpm.studies.rods.limited_designs import improved
+from magmpm.studies.rods.rod_designs import rod_starts
+from magmpm.studies.search.best_scene import write_best_scene
+from magmpm.studies.search.objectives import pareto_report
+from magmpm.studies.search.samplers.choice import settings
+
+if TYPE_CHECKING:
+    from optuna.storages import BaseStorage
+    from optuna.trial import FrozenTrial
+
+JUDGED = "judged"  # attribute of a study: its best designs on finer grids
+STARTS = "starts"  # attribute of a study: the rod's designs
+
+
+def as_begun(study: Study, storage: BaseStorage) -> Study:
+    """A study whose file names no sampler, with the one by which the storage's study of its name was begun, if there is one."""
+    import optuna
+
+    if study.why_sampler is None or study.name not in optuna.get_all_study_names(storage):
+        return study
+    kept = optuna.load_study(study_name=study.name, storage=storage).user_attrs.get("definition", {})
+    begun = kept.get("sampler", study.sampler)
+    if begun == study.sampler:
+        return study
+    return dataclasses.replace(study, sampler=begun, why_sampler="the study was begun with it")
+
+
+class OpenStudy:
+    """A study and what is known of it."""
+
+    def __init__(self, judge: Judge, out: Path, store: Store) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        self.judge, self.study, self.space, self.out, self.store = judge, judge.study, judge.space, out, store
+        self.distributions = self.space.distributions()
+        held = records.designs(out)
+        if held:
+            must_exist(store.url, out)
+        self.storage = store.opened()
+        with storage_faults(store.url, store.timeout):
+            self.study = judge.study = as_begun(self.study, self.storage)
+        search = {"parameters": list(self.distributions), **settings(self.study.sampler)}
+        must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
+        definition = {**self.study.definition(), "search": search}
+        self.kept = open_study(self.storage, self.study, definition, out, store.url, store.timeout)
+
+    def finished(self) -> list[FrozenTrial]:
+        """Finished trials in order."""
+        from optuna.trial import TrialState
+
+        return self.store(lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))))
+
+    def rod_starts(self) -> list[dict[str, float]]:
+        """The rod's best designs, if this study begins with them. They are found once and kept with the study."""
+        if self.study.sampler != "gauss-newton" and self.study.start is None:
+            return []
+        known = self.store(lambda: self.kept.user_attrs)
+        if STARTS not in known:
+            if self.judge.trajectory is not None:
+                starts = self.judge.trajectory.rod_starts()
+            else:
+                starts = rod_starts(self.space, self.study.target, self.study.seed)
+                starts = improved(self.space, self.study.target, starts)
+            self.store(lambda: self.kept.set_user_attr(STARTS, starts))
+        return list(self.store(lambda: self.kept.user_attrs)[STARTS])
+
+    def keep_best(self) -> None:
+        """Makes sure that OUT/best holds the best trial and its scene; solves it again if its result is not in this folder."""
+        best = report.best_trial(self.finished())
+        if best is None:
+            return
+        self.mend_improvements()
+        if not records.holds(self.out / records.BEST, best):
+            self.replace_best(best)
+        self.judge_finer()
+        if records.holds(self.out / records.BEST, best):
+            if isinstance(self.judge.trajectory, Insertion):
+                self.judge.trajectory.keep_best(self.out / records.BEST, self.judge.solve, best.params)
+                return
+            write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
+
+    def judge_finer(self) -> None:
+        """Runs the best designs with the error that the study's scene asks for, if it does. What is found is kept with the study."""
+        if self.study.asked is None:
+            return
+        known = self.store(lambda: self.kept.user_attrs.get(JUDGED, []))
+        best = report.nearest_first(self.finished())
+        found = judged(self.study, best, lambda trial: self.judge.scene_of(trial.params), self.judge.solve, known)
+        self.store(lambda: self.kept.set_user_attr(JUDGED, found))
+
+    def mend_improvements(self) -> None:
+        """Solves again those designs among the best so far that can't be read."""
+        trials = {trial.number: trial for trial in self.finished()}
+        for folder in sorted((self.out / records.IMPROVEMENTS).glob("[0-9]*")):
+            trial = trials.get(int(folder.name)) if folder.name.isdigit() else None
+            if trial is None or records.holds(folder, trial):
+                continue
+            try:
+                records.save_design(folder, self.judge.result_of(trial.params), report.whole_design(trial))
+            except SolveError:
+                shutil.rmtree(folder)  # a picture less, where it would stop all of them
+
+    def replace_best(self, best: FrozenTrial) -> None:
+        """Puts the best trial's result into OUT/best."""
+        source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
+        if not records.holds(source, best):
+            try:
+                result = self.judge.result_of(best.params)
+            except SolveError:
+                return  # it has been solved elsewhere; parameters and numbers stay in the report
+            records.save_design(source, result, report.whole_design(best))
+        records.replace_folder(source, self.out / records.BEST)
+
+    def report(self, ended: report.Ended) -> StudyReport:
+        """The study as it stands."""
+        trials = self.finished()
+        chosen, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
+        best = None if chosen is None else report.describe(chosen)
+        return StudyReport(
+            name=self.study.name,
+            out=self.out,
+            storage=shown_url(self.store.url),
+            sampler=self.study.sampler,
+            why_sampler=self.study.why_sampler,
+            seed=self.study.seed,
+            wanted=self.study.trials,
+            stop_rms_m=self.study.stop_rms,
+            trials=len(trials),
+            failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
+            refused=sum(report.refused(t) for t in trials),
+            best=best,
+            exchanged=sum(EXCHANGED in t.user_attrs for t in trials),
+            warnings=report.on_the_brink(best),
+            first_trial_below_stop=None if first is None else first.number,
+            seconds_per_trial=report.seconds_per_trial(trials),
+            ended=ended,
+            rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
+            measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
+            failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
+            reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
+            judged=self.store(lambda: self.kept.user_attrs.get(JUDGED, [])),
+            study_file=str(self.study.path.resolve()),
+            limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
+            front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
+        )
+
+
+def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
+    """What is stored of a trial, and what its parameters give now: number, params, rms_m stored and again, and whether the bits agree.
+
+    Raises InputError where the storage has no such trial, or none that is finished.
+    """
+    import optuna
+
+    must_exist(store.url, judge.out)
+    storage = store.opened()
+    with storage_faults(store.url, store.timeout):
+        judge.study = as_begun(judge.study, storage)
+        try:
+            kept = optuna.load_study(study_name=judge.study.name, storage=storage)
+        except KeyError:
+            rule, remedy = f"holds no study named {judge.study.name}", "name the --out or the --storage that it was run with"
+            raise InputError(worded(shown_url(store.url), rule=rule, remedy=remedy)) from None
+        trials = {t.number: t for t in kept.get_trials(deepcopy=False)}
+    trial = trials.get(number)
+    if trial is None or trial.values is None:
+        what = "is not finished" if trial is not None else f"is not there; the study has {len(trials)}, numbered from 0"
+        remedy = "--trial 0, say" if trials else "run the study first"
+        raise InputError(worded("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy))
+    judged = judge.judged(number, trial.params)
+    stored, now = trial.user_attrs.get("rms_m", trial.values[0]), judged.outcome.rms
+    return {
+        "number": number,
+        "params": dict(trial.params),
+        "rms_m": now,
+        "stored_rms_m": stored,
+        "same": bool(stored == now and trial.values[0] == judged.outcome.value),
+        "reason": judged.outcome.reason,
+        "versions": trial.user_attrs.get("versions", {}),
+        "versions_now": judged.known["versions"],
+        "files": [str(path) for path in judged.files],
+    }

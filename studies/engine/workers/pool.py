@@ -1,0 +1,133 @@
+"""Processes that judge designs, and are replaced when one dies.
+
+They (magmpm.compiled.process) know no storage: what they find comes back, and the session that started them keeps it. A process that dies
+takes nothing with it: its design is given to a new one, once; a design that ends two processes counts as failed. One that hangs, in a solve
+or while it starts, is ended and has died.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from multiprocessing.connection import wait
+from typing import Any
+
+from magmpm.compiled.process import RAISED, READY, Died, Process, threads_each, with_threads
+from magmpm.errors import MagmpmError, report
+from magmpm.studies.evaluate.judge import Judge, Judged
+
+TRIES = 2  # processes that a design may end before it counts as failed
+STARTS = 3  # processes in a row that may end before they are ready
+STARTING = 600.0  # s that a process may take until it is ready
+SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
+
+
+class WorkersError(MagmpmError):
+    """Worker processes do not start."""
+
+
+class Pool:
+    """Worker processes; a context manager that ends them."""
+
+    def __init__(self, judge: Judge, workers: int) -> None:
+        """Starts them, and does not wait for them."""
+        self._failed_starts = 0
+        self.deaths = self.hangs = 0
+        self.limit: float | None = None  # s that a design may take
+        self._workers = [_Worker(judge, threads_each(workers)) for _ in range(workers)]
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for worker in self._workers:
+            worker.end()
+
+    @property
+    def idle(self) -> int:
+        """How many processes have nothing to do."""
+        return sum(worker.job is None for worker in self._workers)
+
+    @property
+    def busy(self) -> set[int]:
+        """Numbers of the trials that are being solved."""
+        return {worker.job[0] for worker in self._workers if worker.job is not None}
+
+    def begin(self, number: int, params: Mapping[str, Any]) -> None:
+        """Give a design to a process that is idle."""
+        worker = next(worker for worker in self._workers if worker.job is None)
+        worker.job = (number, dict(params))
+        worker.give(worker.job)
+
+    def answers(self, patience: float) -> Iterator[tuple[int, Judged | str]]:
+        """Number and judgment of designs that are done, after at most `patience`, s; or why the design ended its processes.
+
+        Raises WorkersError where processes do not start.
+        """
+        if not self.busy:
+            time.sleep(patience)
+            return
+        yield from self._of_those_that_hang()
+        ready = set(wait([worker.pipe for worker in self._workers if worker.job is not None], timeout=patience))
+        for worker in self._workers:
+            if worker.pipe not in ready or worker.job is None:
+                continue
+            number = worker.job[0]
+            try:
+                kind, answer = worker.receive()
+            except Died as death:
+                found = self._replaced(worker, str(death))
+                if found is not None:
+                    yield number, found
+                continue
+            if kind == READY:
+                self._failed_starts = 0
+            elif kind == RAISED:  # what ends a study in one process ends it here as well
+                raise answer
+            else:
+                worker.job, worker.tries = None, 0
+                yield number, answer
+
+    def _of_those_that_hang(self) -> Iterator[tuple[int, str]]:
+        """Ends processes that take too long. Number of each design that is given up, and why."""
+        for worker in self._workers:
+            limit = self.limit if worker.ready else STARTING
+            if worker.job is None or limit is None or time.monotonic() - worker.since < limit or worker.pipe.poll():
+                continue
+            number = worker.job[0]
+            self.hangs += 1
+            worker.end()
+            found = self._replaced(worker, f"ended after {limit:.0f} s without an answer")
+            if found is not None:
+                yield number, found
+
+    def _replaced(self, worker: _Worker, how: str) -> str | None:
+        """Start a process anew that has ended, with the same design; or say why the design is given up."""
+        self.deaths += 1
+        self._failed_starts += not worker.ready
+        if self._failed_starts >= STARTS:
+            rule = f"worker processes must start; {STARTS} in a row {how}"
+            remedy = "see that there is memory for them, or use --workers 1"
+            raise WorkersError(report("--workers", rule=rule, remedy=remedy))
+        worker.tries += worker.ready
+        worker.start()
+        if worker.tries >= TRIES:
+            worker.job, worker.tries = None, 0
+            return f"the process that solved it {how}, {TRIES} times"
+        worker.give(worker.job)
+        return None
+
+
+class _Worker(Process):
+    """One process with its design."""
+
+    def __init__(self, judge: Judge, threads: int) -> None:
+        self.job: tuple[int, dict[str, Any]] | None = None
+        self.tries = 0
+        env = {name: value for name, value in with_threads(threads).items() if name not in SECRETS}
+        super().__init__(_begin, judge.study, judge.solve, judge.differentiate, judge.picture, judge.out, env=env)
+
+
+def _begin(_: object, *judge: Any) -> Callable[[tuple[int, dict[str, Any]]], Judged]:
+    judges = Judge(*judge)
+    return lambda job: judges.judged(*job)

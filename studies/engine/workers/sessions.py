@@ -1,0 +1,281 @@
+"""Who works on a study: one session alone, or several that share its storage; and what is done with the trials of one that died.
+
+A session is one `magmpm design`, with all its workers. Each trial of a shared study says which session runs it, and each session writes
+a beat into the storage every BEAT seconds. A session is dead if its process is gone, as far as this machine can see it; of another machine
+if its beat has not changed for LEASE seconds by our own clock, so that clocks that differ or are set back do no harm.
+
+A trial of a dead session ends as FAIL, which a storage lets only one session do, and that one queues the same design again under a new
+number. So nothing is lost, and nothing done twice: a session that only seemed dead finds its trial ended, and drops what it has.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import socket
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from magmpm.errors import report
+from magmpm.studies.engine.storage import StorageError, Store
+from magmpm.studies.engine.storage_url import is_server
+from magmpm.studies.engine.workers.per_trial import AGAIN, SESSION
+from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.trial import FrozenTrial
+
+STALE = 600.0  # s after which a trial begun on another machine counts as left behind, if its session writes no beat
+BEAT = 10.0  # s between two beats of a session
+LEASE = 60.0  # s without a beat after which a session counts as dead
+RECORD = "session:"  # attribute of a study: who a session is
+SURPLUS = "one more than were asked for: another session had the last one already"
+_OF_ARTIFACTS = "artifacts:"
+
+
+class Session:
+    """This session of a study."""
+
+    def __init__(self, kept: optuna.Study, store: Store, out: Path, shared: bool) -> None:
+        """shared: other sessions may work on the study at the same time."""
+        self.kept, self.store, self.out, self.shared = kept, store, out, shared
+        self.storage = storage_of(kept)
+        self.name = uuid.uuid4().hex[:12]
+        self.lost: list[str] = []  # what became of trials, a sentence each
+        self._beats, self._beaten = 0, -BEAT
+        self._seen: dict[str, tuple[Any, float]] = {}
+        self._looked = time.monotonic()
+
+    def begin(self) -> None:
+        """Takes up what sessions before this one have left behind. Raises StorageError where another one is at work on the study."""
+        if self.shared:
+            self.beat()
+            return
+        self.store(self._requeue)
+        self.store(lambda: self.kept.set_user_attr("process", this_process(self.out)))
+
+    def beat(self) -> None:
+        """Say that this session is alive."""
+        if time.monotonic() - self._beaten >= BEAT:
+            self._beats += 1
+            record = {**this_process(self.out), "beat": self._beats}
+            self.store(lambda: self.kept.set_user_attr(RECORD + self.name, record))
+            self._beaten = time.monotonic()
+
+    def sweep(self, mine: set[int]) -> None:
+        """Ends the trials of dead sessions and queues their designs again; mine: numbers of the trials that are being solved here."""
+        from optuna.trial import TrialState
+
+        now = time.monotonic()
+        if now - self._looked > 2 * BEAT:  # the server, or this machine, was away: nobody's beat could be seen
+            self._seen.clear()
+        self._looked = now
+        records = self.store(lambda: self.kept.user_attrs)
+        for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
+            by = trial.user_attrs.get(SESSION)
+            if trial.number in mine:
+                continue
+            if by == self.name:  # asked for, but the answer was lost
+                self.put_back(trial_id(trial))
+            elif self._is_dead(by, trial, records):
+                self._take_up(trial)
+
+    def put_back(self, trial_id: int) -> None:
+        """Lets `ask` take up a trial of this session again, with the same number and parameters, unless it has ended."""
+        from optuna.trial import TrialState
+
+        def back() -> None:
+            if not self.storage.get_trial(trial_id).state.is_finished():
+                self.storage.set_trial_state_values(trial_id, state=TrialState.WAITING)
+
+        self.store(back)
+
+    def put_all_back(self) -> None:
+        """Puts back every trial that this session has asked for and not finished."""
+        from optuna.trial import TrialState
+
+        for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
+            if not self.shared or trial.user_attrs.get(SESSION) == self.name:
+                self.put_back(trial_id(trial))
+
+    def withdraw(self, trial_id: int) -> None:
+        """Ends a trial that nobody needs."""
+        from optuna.exceptions import UpdateFinishedTrialError
+        from optuna.trial import TrialState
+
+        def end() -> None:
+            with suppress(UpdateFinishedTrialError):
+                self.storage.set_trial_user_attr(trial_id, "reason", SURPLUS)
+                self.storage.set_trial_state_values(trial_id, state=TrialState.FAIL)
+
+        self.store(end)
+
+    def _is_dead(self, by: str | None, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
+        """Whether the session that runs a trial is gone."""
+        owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
+        if owner.get("host") == here() or (owner and "beat" not in owner):
+            return not alive(owner, self.out, _age(trial))
+        key, now = by or f"trial {trial.number}", time.monotonic()
+        beat, since = self._seen.setdefault(key, (owner.get("beat"), now))
+        if beat != owner.get("beat"):
+            self._seen[key] = (owner.get("beat"), now)
+            return False
+        return now - since > LEASE
+
+    def _take_up(self, trial: FrozenTrial) -> None:
+        """End a trial of a dead session, and queue its design, unless another session has."""
+        import optuna
+        from optuna.exceptions import UpdateFinishedTrialError
+        from optuna.trial import TrialState
+
+        def end() -> bool:
+            try:
+                with _one_at_a_time(self.store.url):
+                    if self.storage.get_trial(trial_id(trial)).state != TrialState.RUNNING:
+                        return False
+                    return bool(self.storage.set_trial_state_values(trial_id(trial), state=TrialState.FAIL))
+            except UpdateFinishedTrialError:
+                return False
+
+        if not self.store(end):
+            return
+        whole = bool(trial.params)
+        self.lost.append(f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}")
+        if not whole:
+            return
+        known = {key: value for key, value in trial.system_attrs.items() if not key.startswith(_OF_ARTIFACTS)}
+        again = optuna.trial.create_trial(
+            state=TrialState.WAITING,
+            system_attrs={**known, "fixed_params": trial.params},
+            user_attrs={AGAIN: trial.number, **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs}},
+        )
+        self.store(lambda: self.storage.create_new_trial(study_id(self.kept), template_trial=again))
+
+    def _requeue(self) -> None:
+        """Queues trials that a killed process left running: `ask` takes them up with the same number and parameters.
+
+        Raises StorageError when the process that runs them is alive.
+        """
+        from optuna.trial import TrialState
+
+        records = self.kept.user_attrs
+        for trial in self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+            by = trial.user_attrs.get(SESSION)
+            owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
+            if alive(owner, self.out, _age(trial)):
+                rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
+                remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"
+                raise StorageError(report(f"study {self.kept.study_name}", rule=rule, remedy=remedy))
+            self.storage.set_trial_state_values(trial_id(trial), state=TrialState.WAITING)
+
+
+def this_process(out: Path) -> dict[str, Any]:
+    """Who this process is: its number means something on its own host alone, and there until the number is given to another."""
+    return {"host": here(), "pid": os.getpid(), "started": _started(os.getpid()), "out": str(out.resolve())}
+
+
+def here() -> str:
+    """This machine, as far as numbers of processes go: in a container, they are its own."""
+    try:
+        return f"{socket.gethostname()} {os.readlink('/proc/self/ns/pid')}"
+    except OSError:
+        return socket.gethostname()
+
+
+def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
+    """Whether the process that last took up a study may still be running its trial, begun `age` seconds ago."""
+    mine = this_process(out)
+    if owner.get("host") not in (mine["host"], socket.gethostname()):  # without a number of a namespace: by an earlier version
+        return bool(owner) and age < STALE
+    if owner.get("out") == mine["out"] or owner.get("pid") == mine["pid"]:
+        return False  # we hold that folder's lock, so nobody else runs
+    try:
+        os.kill(int(owner["pid"]), 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return owner.get("started") in (None, _started(int(owner["pid"])))
+
+
+def _started(pid: int) -> int | None:
+    """When a process was started, in clock ticks since the machine was (proc(5), field 22); None where that can't be told."""
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _age(trial: FrozenTrial) -> float:
+    """Seconds since a trial began, by the storage's clock and ours; never negative."""
+    began = trial.datetime_start
+    return max((datetime.now() - began).total_seconds(), 0.0) if began is not None else STALE
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits until this is done. Only the main thread gets it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if asked:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def remembered() -> Iterator[Callable[[], None]]:
+    """A function that raises a Ctrl-C again that was swallowed on its way: exceptions in destructors and weak references' callbacks are.
+
+    Libraries of databases have both. Only the main thread gets Ctrl-C, and a handler of somebody else's is left to do as it does.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is not signal.default_int_handler:
+        yield lambda: None
+        return
+    asked: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        signal.default_int_handler(number, frame)
+
+    def check() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _one_at_a_time(url: str) -> Iterator[None]:
+    """SQLite lets two processes read before either writes, so the sessions on its machine take turns; servers lock the row themselves."""
+    if is_server(url):
+        yield
+        return
+    from sqlalchemy.engine import make_url
+
+    folder = os.open(Path(str(make_url(url).database)).resolve().parent, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)

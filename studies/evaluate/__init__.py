@@ -1,0 +1,1 @@
+"""The value of a design: shapes, derivatives, errors of manufacture, schedules, insertions."""

@@ -1,0 +1,113 @@
+"""Solves a study's designs and says how far each is from its target. It knows no storage, so any process can do it."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from magmpm.studies.evaluate.insertion import Insertion, shapes_of
+from magmpm.studies.evaluate.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
+from magmpm.studies.evaluate.schedule import Schedule
+from magmpm.studies.evaluate.trial import Outcome, Solve, Trial, attributes, evaluate, penalty
+from magmpm.studies.problem.study import Study
+from magmpm.studies.search.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    from magmpm.results.result import Result
+    from magmpm.scene import Scene
+
+FAILURES = "failures.log"
+PICTURES = "pictures"
+
+
+class Picture(Protocol):
+    """Draws a trial's result to a file; returns the file (another ending is fine), or several. What it raises never harms the trial."""
+
+    def __call__(self, result: Result, path: Path, trial: Trial) -> Path | Sequence[Path]: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """What became of a design: its outcome, the attributes to keep, its pictures, and the seconds of drawing."""
+
+    outcome: Outcome
+    known: dict[str, Any]
+    files: list[Path]
+    drawing: float
+
+
+class Judge:
+    """Solves and judges the designs of a study, and draws them."""
+
+    def __init__(self, study: Study, solve: Solve, differentiate: Differentiate | None, picture: Picture | None, out: Path) -> None:
+        self.study, self.solve, self.differentiate, self.picture, self.out = study, solve, differentiate, picture, out
+        self.space = SearchSpace.of(study)
+        self.trajectory = Insertion.of(study, self.space) or Schedule.of(study, self.space)
+
+    def judged(self, number: int, params: Mapping[str, Any]) -> Judged:
+        """The outcome of the design of a trial. Only interrupts, and disks that take no log, end this with an exception."""
+        scene = self.scene_of(params)
+        outcome = self.outcome(params, scene)
+        known = attributes(outcome, scene, self.space.directions(params), self.space.field(params))
+        known |= self.space.quantities(params)
+        begun = time.perf_counter()
+        files = self._drawn(number, outcome, known)
+        return Judged(outcome, known, files, time.perf_counter() - begun)
+
+    def failed(self, params: Mapping[str, Any], reason: str) -> Judged:
+        """The judgment of a design that could not be solved."""
+        outcome = Outcome(None, penalty(self.study.scene), None, reason, 0.0)
+        known = attributes(outcome, self.scene_of(params), self.space.directions(params), self.space.field(params))
+        return Judged(outcome, known | self.space.quantities(params), [], 0.0)
+
+    def scene_of(self, params: Mapping[str, Any]) -> Scene:
+        """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""
+        return self.space.scene_of(params) if self.trajectory is None else self.trajectory.scenes(params)[-1]
+
+    def outcome(self, params: Mapping[str, Any], scene: Scene) -> Outcome:
+        """A trial's outcome, with what its sampler reads."""
+        if self.trajectory is not None:
+            differentiate = self.differentiate if self.study.sampler == "gauss-newton" else None
+            return self.trajectory.evaluate(self.solve, differentiate, params, self.out / FAILURES)
+        return evaluate(self._solved(params), scene, self.study.target, self.out / FAILURES, self.study.margin)
+
+    def result_of(self, params: Mapping[str, Any]) -> Result:
+        """The result of a design; of an insertion or a schedule that of its end. Raises SolveError."""
+        return self.solve(self.scene_of(params)) if self.trajectory is None else self.trajectory.last_result(self.solve, params)
+
+    def _solved(self, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
+        """How the trial with these parameters is solved: with derivatives where they are read."""
+        differentiate = self.differentiate
+        if differentiate is None or not needs_derivatives(self.study):
+            return self.solve
+        return lambda scene: solve_with_derivatives(differentiate, scene, self.study, self.space, params)
+
+    def _drawn(self, number: int, outcome: Outcome, known: dict[str, Any]) -> list[Path]:
+        """A trial's pictures; where there is none, `known` says why: a missing picture never fails a trial."""
+        if outcome.result is None or self.picture is None:
+            return []
+        trial = trial_of(self.study, number, outcome, None)
+        try:
+            found = self.picture(outcome.result, self.out / PICTURES / f"trial_{number:03d}.png", trial)
+            return [found] if isinstance(found, Path) else list(found)
+        except Exception as error:  # drawing goes through OpenGL, worker processes and disks
+            known["picture_note"] = f"{type(error).__name__}: {error}"
+            return []
+
+
+def trial_of(study: Study, number: int, outcome: Outcome, best: float | None) -> Trial:
+    """A trial as callbacks see it; best: value of the best trial before it."""
+    improved = outcome.accepted and (best is None or outcome.value < best)
+    return Trial(
+        number,
+        outcome.value,
+        outcome.tip_error,
+        outcome.value if improved else best,
+        improved,
+        outcome.reason,
+        study.target,
+        shapes=shapes_of(outcome.model),
+    )

@@ -1,0 +1,178 @@
+"""One trial: a design's scene is solved and compared with the target. Whatever goes wrong fails the trial, not the study."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.errors import SolveError
+from magmpm.results.whole_file import naming
+from magmpm.scene import Scene
+from magmpm.studies.problem.shape_distance import gaps, residuals, root_mean_square
+
+if TYPE_CHECKING:
+    from magmpm.results.result import Result
+    from magmpm.rod.cosserat import RodShape
+
+
+
+class Solve(Protocol):
+    """From a scene to its equilibrium: magmpm.run. start: a rod's shape near which it is."""
+
+    def __call__(self, scene: Scene, *, start: RodShape | None = None) -> Result: ...
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A finished trial, as callbacks see it. SI.
+
+    rms_m is what the trial counts as (Outcome.value), the penalty when the solve failed for `reason`; tip_error_m is None then;
+    best_rms_m: least so far, this trial included; finished of wanted trials are done; seconds: all of this trial; seconds_left: guessed,
+    until the last trial.
+    """
+
+    number: int
+    rms_m: float
+    tip_error_m: float | None
+    best_rms_m: float | None
+    improved: bool
+    reason: str | None
+    target: NDArray[np.float64]
+    finished: int = 0
+    wanted: int = 0
+    seconds: float = 0.0
+    seconds_left: float = 0.0
+    shapes: tuple[Mapping[str, Any], ...] = ()  # of an insertion: what pictures need of each depth
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What solving a design gave: a result and its distances (m), or the penalty and the reason.
+
+    A design that is refused keeps its result and distances, with the reason.
+    """
+
+    result: Result | None
+    rms: float
+    tip_error: float | None
+    reason: str | None
+    seconds: float
+    model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
+    stability: float | None = None  # of the result (Result.stability)
+    refused: bool = False  # solved, but less stable than the study's margin
+
+    @property
+    def accepted(self) -> bool:
+        """Whether this design may be the best."""
+        return self.result is not None and not self.refused
+
+    @property
+    def value(self) -> float:
+        """What the trial counts as, m: the rms, or the measure of a design with errors (robust.py)."""
+        return float(self.model.get("measure_m", self.rms))
+
+
+def penalty(scene: Scene) -> float:
+    """What a failed solve counts as, m: the catheter's length.
+
+    Finite, so that samplers learn from it, and farther from the target than most designs: a straight catheter is nearer.
+    """
+    return scene.length
+
+
+def evaluate(
+    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]],
+    scene: Scene,
+    target: NDArray[np.float64],
+    log: Path,
+    margin: float | None = None,
+) -> Outcome:
+    """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
+
+    solve: gives the Result, and what else is to be stored of the trial, if anything. margin: least stability; one that is less
+    is refused.
+
+    A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; unexpected errors are logged
+    with their traceback. Interrupts pass through.
+    """
+    begun = time.perf_counter()
+
+    def failed(reason: str) -> Outcome:
+        return Outcome(None, penalty(scene), None, reason, time.perf_counter() - begun)
+
+    try:
+        found = solve(scene)
+        result, model = found if isinstance(found, tuple) else (found, {})
+        seconds = time.perf_counter() - begun
+        apart = gaps(result, target)
+        rms, tip = root_mean_square(apart), float(np.linalg.norm(apart[-1]))
+    except SolveError as error:
+        return failed(error.reason)
+    except Exception as error:  # a study runs for hours: no design may end it
+        with naming(log), log.open("a", encoding="utf-8") as stream:
+            stream.write(f"scene {scene.hash()}\n{traceback.format_exc()}\n")
+        return failed(f"{type(error).__name__}: {error}")
+    if not (np.isfinite(rms) and np.isfinite(tip)):
+        return failed("the result holds numbers that are not finite")
+    if not result.converged:
+        return failed("the solve did not converge")
+    model = {"residuals": residuals(apart), **model}
+    stability = getattr(result, "stability", None)
+    if margin is not None and stability is None:
+        return failed("the stability of the result is not known, and the study has a margin")
+    if margin is not None and stability is not None and stability < margin:
+        reason = f"stability {stability:.3g} is below the margin, {margin:g}"
+        return Outcome(result, rms, tip, reason, seconds, model, stability, refused=True)
+    return Outcome(result, rms, tip, None, seconds, model, stability)
+
+
+def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
+    """Optuna's constraints of a trial, satisfied at 0 and below; the same ones for every trial of a study, however it ended."""
+    if margin is None:
+        return {}
+    return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
+
+
+def attributes(
+    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
+) -> dict[str, Any]:
+    """What is stored of a trial besides its parameters and value: user attributes, plain data in SI.
+
+    directions (k, 3): magnetization of each segment; uniform field (3,) T.
+    """
+    result = outcome.result
+    kept: dict[str, Any] = {
+        "feasible": outcome.accepted,
+        "scene_hash": scene.hash(),
+        "magnetization": np.round(directions, 9).tolist(),
+        "field_T": np.round(uniform, 12).tolist(),
+        "versions": dict(versions() if result is None else {**versions(), **result.versions}),
+    }
+    if result is None:
+        return {**kept, "reason": outcome.reason}
+    if outcome.refused:
+        kept |= {"refused": True, "reason": outcome.reason}
+    return {
+        **kept,
+        "stability": outcome.stability,
+        "rms_m": outcome.rms,
+        "tip_error_m": outcome.tip_error,
+        "min_det_F": float(result.min_det_F),
+        "max_det_F": float(result.max_det_F),
+        "newton_steps": int(result.iterations),
+        **outcome.model,
+    }
+
+
+def versions() -> Mapping[str, str]:
+    """Versions of what chose the trials; the result names those of what solved it."""
+    from importlib.metadata import version
+
+    return {name: version(name) for name in ("magmpm", "optuna")}

@@ -1,0 +1,1 @@
+"""What a scene does without a study: accuracy, effects, maps, the viewer."""

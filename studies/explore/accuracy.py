@@ -1,0 +1,260 @@
+"""The cost of accuracy: one scene solved at several cell sizes, each with its error and its time."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.errors import InputError, SolveError
+from magmpm.results.result import Result
+from magmpm.scene import Scene
+from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, steady
+from magmpm.statics.ladder import operations
+from magmpm.studies.explore.accuracy_beside import (
+    Model,
+    Solve,
+    answer,
+    apart,
+    beside,
+    percent,
+    settled,
+    timed,
+)
+
+LADDER = (2, 3, 4, 5, 6, 8)
+ASKED = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
+CLOSEST = 1.3  # ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One cell size. Errors are the largest distances of the axis (of STL parts, of their centers) over the length; None if there is no
+    reference."""
+
+    cells_across: int
+    cell_size: float  # m
+    particles: int
+    dof: int
+    iterations: int
+    seconds: float  # median, kernels compiled
+    error_finest: float | None
+    error_reference: float | None
+    split: dict[str, float]  # s: setup, compile, solve, of the last run
+    matrix_bytes: float  # of the factorized matrix, the largest part of the memory
+    bar: float | None  # bound of the discretization error over the length, told by a finer rung, or of the finest by a coarser one
+    pareto: bool  # no other setting is both quicker and more accurate
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """rungs, coarse to fine; order: fitted order of convergence toward the reference, or if there is none toward the finest.
+
+    beside: other models; algebraic_error: what the solve's tolerance leaves, over the length; asymptotic: whether errors fall as they must
+    for an order to mean anything; conclusions: what it all says, in words.
+    """
+
+    scene: str
+    length: float  # m
+    rungs: list[Rung]
+    order_finest: float | None
+    order_reference: float | None
+    beside: list[Model]
+    algebraic_error: float | None
+    asymptotic: bool | None
+    conclusions: list[str]
+    failed: dict[str, str]  # settings that found no answer, and why
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data, SI."""
+        return asdict(self)
+
+    def table(self) -> str:
+        """The ladder as text."""
+        lines = [
+            "cells  cell mm  particles     dof  steps  seconds  set-up  solve  matrix MB  error to finest  error to reference      at most"
+        ]
+        for rung in self.rungs:
+            lines.append(
+                f"{rung.cells_across:5d}  {1e3 * rung.cell_size:7.3f}  {rung.particles:9d}  {rung.dof:6d}  {rung.iterations:5d}  "
+                f"{rung.seconds:7.3f}  {rung.split['setup']:6.3f} {rung.split['solve']:6.3f}  {rung.matrix_bytes / 1e6:9.1f}  "
+                f"{percent(rung.error_finest):>15}  {percent(rung.error_reference):>18}  {percent(rung.bar):>11}"
+                f"{'' if rung.pareto else '  *'}"
+            )
+        if not all(rung.pareto for rung in self.rungs):
+            lines.append("* another setting is both quicker and more accurate")
+        for model in self.beside:
+            lines.append(model.line)
+        if self.algebraic_error is not None:
+            lines.append(f"the solve's tolerance leaves {100 * self.algebraic_error:.1e} % of L")
+        for name, order in (("finest", self.order_finest), ("reference", self.order_reference)):
+            if order is not None:
+                lines.append(f"order of convergence to the {name}: {order:.1f}")
+        if self.asymptotic is False:
+            lines.append("not in the asymptotic range: errors do not fall steadily with the cells, so the order means little here")
+        lines += [f"{name} failed: {reason}" for name, reason in self.failed.items()]
+        return "\n".join([*lines, *self.conclusions])
+
+
+def climb(
+    scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress: Progress | None = None, motion: bool = False
+) -> Ladder:
+    """Solve the scene at each number of cells across. motion: compare with settled motions as well (accuracy_beside.settled).
+
+    Settings whose solve fails are left out, and named. Raises InputError for fewer than two different cell sizes, or sizes that the scene
+    refuses, and SolveError if no solve succeeds.
+    """
+    cells = sorted(set(cells))
+    if len(cells) < 2:
+        raise InputError(
+            f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
+        )
+    scenes = [scene.with_cells(n) for n in cells]
+    solved: dict[int, tuple[Result, float]] = {}
+    failed: dict[str, SolveError] = {}
+    for k, rung in enumerate(scenes):
+        if on_progress is not None:
+            on_progress(k, len(scenes), f"{cells[k]} cells across")
+        try:
+            solved[cells[k]] = timed(rung, solve)
+        except SolveError as error:
+            failed[f"{cells[k]} cells across"] = error
+    if not solved:
+        raise next(iter(failed.values()))
+    cells, runs = list(solved), list(solved.values())
+    finest, length = answer(runs[-1][0]), scene.length
+    rungs, others = _rungs(scene, cells, runs), beside(scene, solve, finest, failed)
+    if motion:
+        if on_progress is not None:
+            on_progress(len(scenes), len(scenes), "motions that settle")
+        others += settled(scene, solve, finest, failed)
+    falling = [rung.error_finest for rung in rungs[:-1] if rung.error_finest]
+    moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
+    return Ladder(
+        scene=scene.name,
+        length=length,
+        rungs=rungs,
+        order_finest=_order(rungs[:-1], "error_finest"),
+        order_reference=_order(rungs, "error_reference"),
+        beside=others,
+        algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
+        asymptotic=_asymptotic(falling, steady(_order(rungs[:-1], "error_finest"))),
+        conclusions=[*_conclusions(rungs, others), *_where(scene)],
+        failed={name: error.reason for name, error in failed.items()},
+    )
+
+
+def _asymptotic(errors: list[float], steady: bool | None) -> bool | None:
+    """Whether errors, coarse to fine, fall steadily, and at an order that errors may have; None for two that do, which show nothing."""
+    if steady is False:
+        return False
+    return None if len(errors) < 3 else errors == sorted(errors, reverse=True)
+
+
+def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
+    finest, reference, length = answer(runs[-1][0]), scene.reference_centreline(), scene.length
+    bars = _bars([result for result, _ in runs], cells)
+    errors = [apart(result, finest if reference is None else reference) for result, _ in runs]
+    rungs = []
+    for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
+        bar = bars[k]
+        better = [j for j, (_, other) in enumerate(runs) if j != k and other <= seconds and errors[j] <= errors[k]]
+        rungs.append(
+            Rung(
+                cells_across=n,
+                cell_size=scene.thickness / n,
+                particles=result.particles,
+                dof=result.dof,
+                iterations=result.iterations,
+                seconds=seconds,
+                error_finest=None if n == cells[-1] else apart(result, finest) / length,
+                error_reference=None if reference is None else errors[k] / length,
+                split={key: float(result.seconds.get(key, 0.0)) for key in ("setup", "compile", "solve")},
+                matrix_bytes=operations(scene.with_cells(n))[1] if scene.static and scene.body.shape.line is not None else 0.0,
+                bar=None if bar is None else bar / length,
+                pareto=not better,
+            )
+        )
+    return rungs
+
+
+def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]:
+    """Bounds (m) of the discretization errors: of each grid by the finest one, of the finest by the coarsest that is fine enough for it."""
+    bars: list[float | None] = []
+    for k, n in enumerate(cells):
+        other = len(cells) - 1 if k < len(cells) - 1 else next((j for j in range(k, -1, -1) if cells[j] <= n / CLOSEST), None)
+        if other is None or max(n, cells[other]) < CLOSEST * min(n, cells[other]):
+            bars.append(None)
+            continue
+        low, high = min(k, other), max(k, other)
+        coarse, fine, finest = cells[low], cells[high], answer(results[high])
+        others = {cells[j]: apart(results[j], finest) for j in range(high) if j != low}
+        most = bound(coarse, fine, apart(results[low], finest), others)
+        bars.append(most if n == coarse else most * left(coarse, fine))
+    return bars
+
+
+def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
+    """What 1 % and 0.1 % cost, and whether the rod would do."""
+    if len(rungs) == 1 and _error(rungs[0]) is None:
+        return [f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."]
+    said = []
+    for wanted in ASKED:
+        will_do = [rung for rung in rungs if _error(rung) is not None and (_error(rung) or 0.0) <= wanted]
+        if will_do:
+            cheapest = min(will_do, key=lambda rung: rung.seconds)
+            said.append(f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here: {cheapest.cells_across} cells across.")
+        else:
+            said.append(f"{100 * wanted:g} % of the length is not reached by these cells.")
+    for rod in (model for model in others if model.name == "rod"):
+        error = rod.error_reference if rod.error_reference is not None else rod.error_finest
+        if error is None:
+            continue
+        good = [f"{100 * wanted:g} %" for wanted in ASKED if error <= wanted]
+        verdict = f"would do for {' and for '.join(good)}" if good else f"would not do for {100 * ASKED[0]:g} %"
+        said.append(f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}.")
+    return said
+
+
+def _where(scene: Scene) -> list[str]:
+    """Of what happens along time: that the grids are compared where it ends."""
+    if not scene.in_time:
+        return []
+    if scene.solver.quasi_static is None or scene.body.shape.line is None:
+        what = "motion" if scene.solver.dynamic is not None else "path"
+        return [f"All this is of the {what}'s end: on the way there errors may be larger."]
+    along = "with `resolution: {error: 1 %}` `magmpm run` proves those along the path"
+    return [f"All this is of the path's end: on the way there errors may be larger; {along}."]
+
+
+def _error(rung: Rung) -> float | None:
+    return rung.bar if rung.error_reference is None else rung.error_reference
+
+
+def _order(rungs: Sequence[Rung], key: str) -> float | None:
+    """Slope of log error against log cell size, by least squares; None with fewer than two errors."""
+    known = [(rung.cell_size, getattr(rung, key)) for rung in rungs if getattr(rung, key)]
+    if len(known) < 2:
+        return None
+    size, error = np.log(np.array(known)).T
+    return float(np.polyfit(size, error, 1)[0])
+
+
+def save(ladder: Ladder, folder: Path) -> tuple[Path, Path]:
+    """Write accuracy.json and accuracy.csv into a folder, made if missing; returns both paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    as_json, as_csv = folder / "accuracy.json", folder / "accuracy.csv"
+    as_json.write_text(json.dumps(ladder.summary(), indent=1) + "\n", encoding="utf-8")
+    with as_csv.open("w", newline="", encoding="utf-8") as stream:
+        rows = [{key: value for key, value in asdict(rung).items() if key != "split"} | rung.split for rung in ladder.rungs]
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return as_json, as_csv

@@ -1,0 +1,120 @@
+"""Solves scenes in a process of its own, the newest first: what has been overtaken is not begun, or is given up."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from magmpm.compiled.arrays import Array
+from magmpm.compiled.process import DONE, RAISED, Died, Process
+from magmpm.errors import MagmpmError, SolveError
+from magmpm.results.result import Result
+from magmpm.scene import Scene
+from magmpm.simulate import simulated
+from magmpm.statics.equilibrium import Following
+from magmpm.studies.explore.neighbors import Neighbors
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+
+MOST = 400  # solves that are remembered, the last ones
+PATIENCE = 0.4  # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so that shapes keep coming
+
+
+class Overtaken(Exception):
+    """A newer scene is to be solved in place of this one."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What came of a scene: its result and rms (m) from the target, or `failure`, in words; seconds it took."""
+
+    result: Result | None
+    rms: float | None
+    failure: str
+    seconds: float
+
+
+class Solver:
+    """One process that solves; requests come from several threads, and the newest counts."""
+
+    def __init__(self, target: Array | None = None) -> None:
+        """target (m, 4) m: rows [s, x, y, z] that shapes are compared with, or None."""
+        self._newest = 0
+        self._counting, self._working = threading.Lock(), threading.Lock()
+        self.process = Process(_begin, target, quiet=False)
+
+    def solved(self, scene: Scene) -> Solved:
+        """Solve a scene. Raises Overtaken when a newer one was asked for meanwhile."""
+        with self._counting:
+            self._newest += 1
+            ticket = self._newest
+        with self._working:
+            if ticket != self._newest:
+                raise Overtaken
+            begun = time.perf_counter()
+            self.process.give(scene)
+            try:
+                kind, answer, rms = self._answer(ticket)
+            except Died as death:
+                self.process.start()
+                kind, answer, rms = "failure", f"the process that solves {death} and was started anew; move a slider to go on", None
+            seconds = time.perf_counter() - begun
+            return Solved(answer, rms, "", seconds) if kind == "result" else Solved(None, None, answer, seconds)
+
+    def _answer(self, ticket: int) -> tuple[str, Any, float | None]:
+        """What the process says of the scene that it was given. Raises Overtaken, Died."""
+        begun = time.perf_counter()
+        while True:
+            if self.process.pipe.poll(0.02):
+                kind, found = self.process.receive()
+                if kind == RAISED:
+                    raise found
+                if kind == DONE:
+                    return found  # type: ignore[no-any-return]
+            elif ticket != self._newest and time.perf_counter() - begun > PATIENCE:
+                self.process.give(None)  # give up; both are answered
+                answered = 0
+                while answered < 2:
+                    answered += self.process.receive()[0] == DONE
+                raise Overtaken
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.end()
+
+
+def _begin(pipe: Any, target: Array | None) -> Callable[[Scene | None], Any]:
+    """What the process does: solve the scenes that come; None only ends the solve before it."""
+    neighbors = Neighbors(MOST)
+    following = Following(neighbors.expected)
+
+    def answer(scene: Scene | None) -> Any:
+        found: Any = ("overtaken", "", None) if scene is None else _answer(scene, following, target, pipe)
+        if found[0] == "result":
+            neighbors.learn(found[1].grid_correction)
+        return found
+
+    return answer
+
+
+def _answer(scene: Scene, following: Following, target: Array | None, pipe: Any) -> tuple[str, Any, float | None]:
+    """("result", Result, rms) or ("failure" or "overtaken", words, None)."""
+
+    def look(step: int, decrement: float) -> None:
+        if pipe.poll():
+            raise Overtaken
+
+    try:
+        result = simulated(scene, start=following, on_progress=look)
+        rms = None if target is None else root_mean_square(gaps(result, target))
+        return "result", result, rms
+    except Overtaken:
+        return "overtaken", "", None
+    except SolveError as error:
+        return "failure", error.reason, None
+    except MagmpmError as error:
+        return "failure", str(error), None
+    except (ArithmeticError, ValueError) as error:
+        return "failure", f"the solve failed: {error}", None

@@ -1,0 +1,1 @@
+"""What a study file says: keys, defaults, checks of each value."""

@@ -1,0 +1,152 @@
+"""A study in memory: what its file says, with the scene and the target that it names."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
+from magmpm.scene import Scene
+from magmpm.scene.options import Resolution
+from magmpm.studies.problem.sampler_names import check_sampler_name
+from magmpm.studies.problem.study_file import MOST_TRIALS, Limits, Robust
+from magmpm.studies.problem.variables import Vary
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """A shape of a schedule: target (m, 4) m, rows [s, x, y, z], which the body must have at this time, s."""
+
+    time: float
+    target: Array
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study with the scene and target it names. SI.
+
+    path: the file; name: the file's name without its ending, which names the folder of results; target (m, 4) m: rows
+    [s, x, y, z], of an insertion its path, of a schedule the last shape; stop_rms m or None; scene_file: the file of the
+    scene, None for a study made in Python; depths: inserted lengths, m, increasing, () without an insertion; keyframes: the
+    shapes of a schedule, () without one; hold: how long its field stays at the end, s; minimize: what a trial's values are;
+    margin: least stability, or None; start: "rod" or None; asked: the error that the scene's file asks for, or None: `scene` then has
+    the coarsest grid, on which trials are compared (studies.judged); why_sampler: the reason for the sampler where the file names none.
+    """
+
+    path: Path
+    name: str
+    scene: Scene
+    target: Array
+    vary: Vary
+    trials: int
+    sampler: str
+    seed: int
+    stop_rms: float | None
+    scene_file: Path | None = None
+    depths: tuple[float, ...] = ()
+    keyframes: tuple[Keyframe, ...] = ()
+    hold: float = 0.0
+    minimize: tuple[str, ...] = ("rms",)
+    robust: Robust | None = None
+    margin: float | None = None
+    limits: Limits | None = None
+    start: str | None = None
+    asked: Resolution | None = None
+    why_sampler: str | None = None
+
+    @property
+    def vary_magnetization(self) -> bool:
+        """Whether directions are varied."""
+        return self.vary.magnetization is not None
+
+    @property
+    def field_max(self) -> float | None:
+        """Greatest strength of a varied field, T; None for a fixed field."""
+        return None if self.vary.field is None else self.vary.field.max
+
+    @property
+    def fields(self) -> int:
+        """How many fields are varied, if any is: one, or one at each depth or time."""
+        at = "once" if self.vary.field is None else self.vary.field.at
+        return {"once": 1, "each depth": len(self.depths), "each time": len(self.keyframes)}[at]
+
+    def changed(self, *, trials: int | None = None, sampler: str | None = None) -> Study:
+        """The study with what a command line overrides. Raises InputError."""
+        if trials is not None and not 1 <= trials <= MOST_TRIALS:
+            rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
+            raise InputError(report("--trials", received=str(trials), rule=rule, remedy="--trials 35"))
+        if sampler is not None:
+            check_sampler_name(sampler, "--sampler")
+        return dataclasses.replace(
+            self,
+            trials=self.trials if trials is None else trials,
+            sampler=self.sampler if sampler is None else sampler,
+            why_sampler=self.why_sampler if sampler is None else None,
+        )
+
+    def definition(self) -> dict[str, Any]:
+        """All that decides which trials are made and how they are judged, as plain data; numbers in SI, the target in mm.
+
+        Of the scene it leaves out names, and what the study varies anyway: starting values do not count.
+        """
+        vary: dict[str, Any] = {"magnetization": {}} if self.vary_magnetization else {}
+        if self.vary.field is not None:
+            vary["field"] = {"max": self.field_max} | ({} if self.vary.field.at == "once" else {"at": self.vary.field.at})
+        vary |= self.vary.model_dump(mode="json", exclude={"magnetization", "field"}, exclude_none=True)
+        return {
+            "scene": self._fixed_scene(),
+            "vary": vary,
+            "match": self._match(),
+            "sampler": self.sampler,
+            "seed": self.seed,
+            **self._more(),
+        }
+
+    def _fixed_scene(self) -> dict[str, Any]:
+        """The scene's data without what varies."""
+        scene = self.scene
+        if self.vary_magnetization:
+            magnetized = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
+            scene = scene.with_magnetizations(np.outer(magnetized, [1.0, 0.0, 0.0]))
+        content: dict[str, Any] = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
+        if self.asked is not None:
+            content["resolution"] = self.asked.model_dump(mode="json")
+        if self.vary.field is not None:
+            content["field"] = "varied"
+        body = content["body"][scene.body.kind]
+        if self.vary.diameter is not None:
+            body["diameter"] = "varied"
+        if self.vary.length is not None:
+            for segment in body["segments"]:
+                segment["length"] = "varied"
+            if self.vary.length.total == "free":
+                body["length"] = "varied"
+        return content
+
+    def _match(self) -> Any:
+        if self.keyframes:
+            return [{"time": frame.time, "centreline": _rows(frame.target)} for frame in self.keyframes]
+        return {"path" if self.depths else "centreline": _rows(self.target)}
+
+    def _more(self) -> dict[str, Any]:
+        """The keys that most studies do not have: they count only where they are given, so that older studies stay what they are."""
+        given = {
+            "insertion": {"depths": list(self.depths)} if self.depths else None,
+            "schedule": {"hold": self.hold} if self.keyframes else None,
+            "minimize": list(self.minimize) if self.minimize != ("rms",) else None,
+            "robust": None if self.robust is None else self.robust.model_dump(mode="json"),
+            "stability": None if self.margin is None else {"margin": self.margin},
+            "limits": None if self.limits is None else self.limits.model_dump(mode="json", exclude_none=True),
+            "start": self.start,
+        }
+        return {key: value for key, value in given.items() if value is not None}
+
+
+def _rows(target: Array) -> list[str]:
+    """A target in mm, a text a row."""
+    return [" ".join(f"{x:.6g}" for x in row) for row in (1e3 * target + 0.0).tolist()]

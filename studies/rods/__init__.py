@@ -1,0 +1,1 @@
+"""Designs and paths that the rod model finds."""

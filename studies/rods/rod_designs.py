@@ -1,0 +1,267 @@
+"""Designs that the rod finds: many descents at once on Cosserat rods, in a fraction of a second, before the body is solved at all.
+
+The rod's shape is within a per cent of the length of the body's (its clamp does not restrain the section), and its derivatives are exact
+(magmpm.rod.derivative_kernels). From points that cover the spheres of directions and the ball of fields evenly, Levenberg's and Marquardt's
+method goes down in all of them at once; the worse ones are dropped on the way. What is left is solved again as `solve_rod` solves it, from
+zero load, because a descent may follow a branch that growing loads do not reach.
+
+A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right; the pull
+follows the moments as they were a step before. Where the scene has no rod, there are no designs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import SolveError
+from magmpm.rod.cosserat import rod_model, solve_rod
+from magmpm.rod.family import RodFamily
+from magmpm.scene import Scene
+from magmpm.studies.search.parameters import Direction, FieldVector
+from magmpm.studies.search.search_space import SearchSpace
+
+STARTS = 64
+ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
+ROUNDS = ((10, 24), (10, 12), (12, 12))  # steps, and how many of the descents go on after them
+KEPT = 6
+NEAR = 3e-4  # of the length: rms of the rod that is near enough, since the body is farther from the rod
+APART = 0.3  # rad: root mean square angle between designs that count as different
+STEADY, UNSTEADY = 0.15, 0.05  # a design less stable than this counts as worse, at a critical load by this share of the length
+LOADS = (0.25, 0.5, 0.75)  # shares of the load on the way to a start's first shape
+
+
+@dataclass(frozen=True)
+class RodDesign:
+    """A design: directions (k, 3) of the varied regions, uniform field (3,) T (the scene's, where it is not varied), rms (m) of the rod,
+    and its stability (1 at rest, 0 at a critical load).
+    """
+
+    directions: Array
+    field: Array
+    rms: float
+    stability: float
+
+
+@dataclass
+class _Descents:
+    """Designs (s, ...) on their way down: directions (s, k, 3), field (s, 3) in shares of the greatest, and what the rod says of them."""
+
+    directions: Array
+    field: Array
+    quaternions: Array
+    residuals: Array  # (s, m)
+    slopes: Array  # (s, m, q) in the tangent space
+    basis: Array  # (s, k, 3, 2)
+    cost: Array  # (s,)
+    damping: Array  # (s,)
+
+    def best(self, count: int) -> _Descents:
+        order = np.argsort(self.cost, kind="stable")[:count]
+        return _Descents(**{name: value[order] for name, value in vars(self).items()})
+
+
+class _Problem:
+    """Rods of a scene against a target."""
+
+    def __init__(self, scene: Scene, target: Array, regions: Sequence[int], field_max: float | None) -> None:
+        rod = rod_model(scene, max(5 * ELEMENTS, ELEMENTS * len(scene.regions())))
+        s = np.concatenate([[0.0], np.cumsum(rod.length)])
+        if field_max is not None:
+            rod = replace(rod, field=np.zeros_like(rod.field))
+        self.gradient: Array | None = None  # (n + 1, 3, 3) T/m
+        if scene.field.varies and scene.effects.in_a_field:
+            source, places = scene.outside_field(), _along_target(scene, target, s)
+            without = np.zeros(3) if field_max is None else np.array(scene.field.uniform)
+            rod = replace(rod, field=source.at(places) - without)
+            self.gradient = source.gradient(places) if scene.effects.magnetic_force is not None else None
+        self.family = RodFamily.of(rod, scene.body.shape.segment_lengths(), regions)  # type: ignore[attr-defined]
+        self.field_max, self.count = field_max, len(regions)
+        self.target = target
+        self.before = np.clip(np.searchsorted(s, target[:, 0], side="right") - 1, 0, len(s) - 2)  # the frames beside each station
+        share = (target[:, 0] - s[self.before]) / np.diff(s)[self.before]
+        self.shares = np.stack([1 - share, share]) / np.sqrt(len(target))
+
+    def shapes(self, directions: Array, field: Array, quaternions: Array, share: float = 1.0) -> tuple[Array, Array, Array]:
+        """Residuals (s, m) m and slopes (s, m, c) by directions and by shares of the greatest field; found (s,)."""
+        fields = None if self.field_max is None else self.field_max * field
+        pull = 0.0 if self.gradient is None else self.family.pull(quaternions, directions, self.gradient)
+        position, slopes, found = self.family.relaxed(quaternions, directions, fields, pull=pull, share=share)
+        goal = self.target[:, 1:] / np.sqrt(len(self.target))
+        rows = (self._at_stations(position) - goal).reshape(len(position), -1)
+        columns = self._at_stations(slopes).reshape(*rows.shape, -1)
+        if self.field_max is not None:
+            columns[:, :, -3:] *= self.field_max
+        return rows, columns, found
+
+    def _at_stations(self, values: Array) -> Array:
+        """Values (s, n + 1, ...) at the frames as values (s, m, ...) at the target's m stations, over the root of m."""
+        shares = self.shares.reshape(2, -1, *(1,) * (values.ndim - 2))
+        return np.asarray(shares[0] * values[:, self.before] + shares[1] * values[:, self.before + 1])
+
+    def state(self, directions: Array, field: Array, quaternions: Array, damping: Array) -> _Descents:
+        """The descents at these designs; one without a stable shape has an infinite cost."""
+        rows, columns, found = self.shapes(directions, field, quaternions)
+        basis = _across(directions)
+        count = 3 * self.count
+        turned = np.einsum("smka,skab->smkb", columns[:, :, :count].reshape(*rows.shape, -1, 3), basis)
+        slopes = np.concatenate([turned.reshape(*rows.shape, 2 * self.count), columns[:, :, count:]], axis=2)
+        cost = np.where(found, np.einsum("sm,sm->s", rows, rows), np.inf)
+        return _Descents(directions, field, quaternions, rows, slopes, basis, cost, damping)
+
+    def step(self, at: _Descents) -> _Descents:
+        """One step of all descents; those that did not get better stay, with more damping."""
+        A = np.einsum("smi,smj->sij", at.slopes, at.slopes, optimize=True)
+        g = np.einsum("smi,sm->si", at.slopes, at.residuals)
+        if self.field_max is not None:
+            _hold_at_the_bound(A, g, at.field)
+        scale = np.maximum(np.einsum("sii->s", A) / A.shape[1], 1e-300)
+        A += (at.damping * scale)[:, None, None] * np.eye(A.shape[1])
+        p = -np.linalg.solve(A, g[:, :, None])[:, :, 0]
+        turns = p[:, : 2 * self.count].reshape(len(p), self.count, 2)
+        directions = _turned(at.directions, np.einsum("skab,skb->ska", at.basis, turns))
+        field = at.field
+        if self.field_max is not None:
+            field = field + p[:, -3:]
+            field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
+        new = self.state(directions, field, at.quaternions.copy(), np.maximum(at.damping / 5, 1e-9))
+        better = new.cost < at.cost
+        kept = {
+            name: np.where(better.reshape(-1, *(1,) * (value.ndim - 1)), getattr(new, name), value) for name, value in vars(at).items()
+        }
+        kept["damping"] = np.where(better, new.damping, np.minimum(6 * at.damping, 1e6))
+        return _Descents(**kept)
+
+
+def rod_designs(
+    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = STARTS, keep: int = KEPT
+) -> list[RodDesign]:
+    """The rod's best designs for target rows [s, x, y, z] (m, 4) m, best first; different from each other. None where the scene has no rod.
+
+    regions: indices of those whose direction is varied; field_max T: greatest strength of a varied uniform field, None: the scene's stays.
+    """
+    try:
+        problem = _Problem(scene, target, regions, field_max)
+    except SolveError:
+        return []
+    uniform = _sequence(starts, 3 * len(regions) + 3, seed)
+    directions = _on_sphere(uniform[:, : 3 * len(regions)].reshape(starts, -1, 3))
+    field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
+    q = problem.family.straight(starts)
+    for share in LOADS:
+        problem.shapes(directions, field, q, share)
+    at = problem.state(directions, field, q, np.full(starts, 0.1))
+    for steps, left in ROUNDS:
+        for _ in range(steps):
+            if np.sort(at.cost)[min(KEPT, len(at.cost)) - 1] < (NEAR * scene.length) ** 2:
+                break
+            at = problem.step(at)
+        at = at.best(left)
+    return _verified(scene, problem, regions, at)[:keep]
+
+
+def rod_starts(space: SearchSpace, target: Array, seed: int) -> list[dict[str, float]]:
+    """The rod's best designs as parameters of a study, best first. Numbers within bounds are in the middle of them."""
+    middle = space.nearest(np.full(space.size, 0.5))
+    order = space.choices[0].choices[0] if space.choices else None
+    scene = space.scene_at(middle, order)
+    found = rod_designs(scene, target, space.segments, space.field_max, seed=seed)
+    starts = []
+    for design in found:
+        x, directions = middle.copy(), iter(design.directions)
+        for block, at in zip(space.blocks, space.slices, strict=True):
+            if isinstance(block, Direction):
+                x[at] = next(directions)
+            elif isinstance(block, FieldVector):
+                x[at] = design.field
+        starts.append(space.parameters_at(x, order))
+    return starts
+
+
+def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Descents) -> list[RodDesign]:
+    """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first.
+
+    Near a critical load the body is hard to solve and its derivatives are large: a design there counts as worse than it is.
+    """
+    target, field_max = problem.target, problem.field_max
+    fixed = np.array(scene.field.uniform, dtype=float)
+    found: list[RodDesign] = []
+    for s in range(len(at.cost)):
+        if not np.isfinite(at.cost[s]):
+            continue
+        field = fixed if field_max is None else field_max * at.field[s]
+        every = np.array([region.magnetization for region in scene.regions()], dtype=float)
+        every[list(regions)] = at.directions[s]
+        there = scene.with_magnetizations(every) if len(regions) else scene
+        try:
+            shape = solve_rod(there if field_max is None else there.with_field(field))
+        except SolveError:
+            continue
+        gap = shape.at(target[:, 0]) - target[:, 1:]
+        stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
+        found.append(RodDesign(at.directions[s], field, float(np.sqrt(np.mean(np.sum(gap**2, axis=1)))), stability))
+    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / STEADY, 0.0) * UNSTEADY * scene.length)
+    kept: list[RodDesign] = []
+    for design in found:
+        if all(_apart(design, other) > APART for other in kept):
+            kept.append(design)
+    return kept
+
+
+def _apart(one: RodDesign, other: RodDesign) -> float:
+    """Root mean square angle between two designs' directions, and the field's."""
+    a, b = (np.vstack([d.directions, _unit(d.field[None])]) for d in (one, other))
+    return float(np.sqrt(np.mean(np.arccos(np.clip(np.sum(a * b, axis=1), -1.0, 1.0)) ** 2)))
+
+
+def _along_target(scene: Scene, target: Array, s: Array) -> Array:
+    """Places (n + 1, 3) m of the rod's frames if it has the target's shape; beyond the target's end it goes on straight."""
+    rows = target if target[0, 0] == 0.0 else np.vstack([np.zeros(4), target])
+    places = np.stack([np.interp(s, rows[:, 0], rows[:, i]) for i in (1, 2, 3)], axis=1)
+    end = _unit(rows[-1:, 1:] - rows[-2:-1, 1:])
+    line = scene.body.shape.line
+    assert line is not None  # only straight bodies are rods
+    return np.asarray(np.array(line.base) + places + np.maximum(s - rows[-1, 0], 0.0)[:, None] * end)
+
+
+def _hold_at_the_bound(A: Array, g: Array, field: Array) -> None:
+    """Keeps fields that are as strong as they may be, and would become stronger, at that strength: no step along them."""
+    size = np.linalg.norm(field, axis=1)
+    outward = field / np.maximum(size, 1e-300)[:, None]
+    held = (size > 1 - 1e-9) & (np.einsum("si,si->s", g[:, -3:], outward) < 0)
+    stiff = 1e6 * np.einsum("sii->s", A)
+    A[held, -3:, -3:] += stiff[held, None, None] * outward[held, :, None] * outward[held, None, :]
+
+
+def _across(units: Array) -> Array:
+    """Two unit vectors across each of the unit vectors (..., 3), as columns (..., 3, 2)."""
+    axis = np.eye(3)[np.argmin(np.abs(units), axis=-1)]
+    first = _unit(np.cross(units, axis))
+    return np.stack([first, np.cross(units, first)], axis=-1)
+
+
+def _turned(units: Array, turns: Array) -> Array:
+    """Unit vectors (..., 3) after turns (..., 3) across them, rad, along great circles."""
+    angle = np.linalg.norm(turns, axis=-1, keepdims=True)
+    return _unit(np.cos(angle) * units + np.sinc(angle / np.pi) * turns)
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+
+
+def _on_sphere(u: Array) -> Array:
+    """Unit vectors of uniform density for numbers u (..., 3) in 0 to 1, of which the third is free."""
+    x, turn = 2 * u[..., 0] - 1, 2 * np.pi * u[..., 1]
+    across = np.sqrt(1 - x * x)
+    return np.stack([x, across * np.cos(turn), across * np.sin(turn)], axis=-1)
+
+
+def _sequence(count: int, size: int, seed: int) -> Array:
+    """Points (count, size) in 0 to 1 that cover it evenly (Sobol, scrambled by the seed)."""
+    from scipy.stats import qmc
+
+    return np.asarray(qmc.Sobol(size, rng=np.random.default_rng([seed])).random(count))

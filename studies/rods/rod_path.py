@@ -1,0 +1,187 @@
+"""Rods that follow one another: each begins from the one before, as a body does that is pushed out of a guide, or whose field changes.
+
+A design has several equilibria at most of its depths. Which of them a body takes is decided by where it comes from, so designs are judged
+on the way: from each depth to the next the length grows and the field passes evenly, in small steps (as in studies.push). A design of
+rods that only hold their shapes (RodTrajectory.grown) may not be reached on it. Where a rod leaves the design's shape, that depth's
+field is fitted anew in every step of the way, and then the whole design from there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import SolveError
+from magmpm.rod.cosserat import RodShape
+from magmpm.scene import Scene
+from magmpm.studies.problem.path import Path
+from magmpm.studies.rods.rod_trajectory import Depth, RodDesign, RodTrajectory, State, depth_of
+
+STEPS = 48  # of the whole length: the way's steps are as long, or shorter
+FEWEST = 4  # steps from one depth to the next
+REPAIRS = 4  # of a design that its rods leave on the way
+FIT, AGAIN = 20, 30  # steps of least squares: a field on the way, and the design after it
+STRAY = 0.01  # of the length: a shape farther than this from the design's has left its branch
+BRINK, RISKY = 0.1, 3.0  # stability on the way below which a design counts so many times as much
+LEAST = 1.0  # diameters: where the way begins, straight
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A rod on the way, at a depth and in a field (3,) T; q (n + 1, 4): its frames as quaternions; positions (n + 1, 3) m; squares, m^2."""
+
+    depth: Depth
+    field: Array
+    q: Array
+    position: Array
+    squares: float
+
+    def shape(self, directions: Array) -> RodShape:
+        """What the body's solve begins from. directions (k, 3): of all segments."""
+        return self.depth.rod.shape(self.q, directions[self.depth.segments], self.field)
+
+
+@dataclass(frozen=True)
+class RodPath:
+    """The places where a design is judged (rods), and for each of them the rods on the way to it, itself the last."""
+
+    rods: RodTrajectory
+    ways: tuple[tuple[Depth, ...], ...]
+
+    @classmethod
+    def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodPath:
+        """The way of a scene's catheter through these inserted lengths (m)."""
+        rods = RodTrajectory.of(scene, path, lengths, max_field=max_field, exit_weight=exit_weight)
+        before, ways = min(LEAST * scene.thickness, lengths[0]), []
+        for length, depth in zip(lengths, rods.depths, strict=True):
+            steps = max(FEWEST, math.ceil(STEPS * (length - before) / scene.length))
+            between = np.linspace(before, length, steps + 1)[1:-1] if length > before else np.zeros(0)
+            ways.append((*(depth_of(scene, path, float(each), len(lengths)) for each in between), depth))
+            before = length
+        return cls(rods, tuple(ways))
+
+    @classmethod
+    def of_fields(cls, rods: RodTrajectory) -> RodPath:
+        """The way of bodies that stay as they are, while the field changes."""
+        return cls(rods, tuple((depth,) * FEWEST for depth in rods.depths))
+
+    def bent(self, path: Any, share: float) -> RodTrajectory:
+        return self.rods.bent(path, share)
+
+    def stops(self, directions: Array, fields: Array) -> list[list[Stop]]:
+        """All rods on the way to each place, by directions (k, 3) and fields (D, 3) T. Raises SolveError where one finds no equilibrium."""
+        last, found = None, []
+        for k, way in enumerate(self.ways):
+            went = self._go(way, directions, last, fields[k])
+            if went is None:
+                raise SolveError("the rod that is pushed on from the depth before finds no equilibrium")
+            found.append(went)
+            last = went[-1]
+        return found
+
+    def least_stability(self, design: RodDesign) -> float:
+        """The smallest stability (RodFamily.stability) of a design's rods on the way; 0 where one finds no equilibrium."""
+        try:
+            ways = self.stops(design.directions, design.fields)
+        except SolveError:
+            return 0.0
+        stops = [stop for stops in ways for stop in stops]
+        return min(stop.depth.rod.stability(stop.q, design.directions[stop.depth.segments], stop.field) for stop in stops)
+
+    def mended(self, design: RodDesign, *, turning: bool = True) -> RodDesign | None:
+        """The design as its rods find it on the way, changed where they left it. None where they find no equilibrium.
+
+        turning: whether directions may change, not fields alone.
+        """
+        for _ in range(REPAIRS):
+            went = self._followed(design)
+            if went is None:
+                return None
+            fields, state, strayed = went
+            if not strayed:
+                return replace(design, value=float(np.sqrt(state.squares)), state=state)
+            begin = RodDesign(design.directions, fields, np.inf, state)
+            design = self.rods.least_squares(begin, AGAIN, turning=turning)
+        try:
+            ends = [way[-1] for way in self.stops(design.directions, design.fields)]
+        except SolveError:
+            return None
+        return replace(design, value=float(np.sqrt(sum(stop.squares for stop in ends))), state=None)
+
+    def _followed(self, design: RodDesign) -> tuple[Array, State, bool] | None:
+        """Fields, rods on the way, and whether a depth had to be fitted anew since its rod left the design's."""
+        assert design.state is not None
+        last: Stop | None = None
+        ends, strayed, length = [], False, float(self.rods.depths[-1].place[-1])
+        for k, way in enumerate(self.ways):
+            went = self._go(way, design.directions, last, design.fields[k])
+            away = np.inf if went is None else float(np.abs(went[-1].position - design.state.positions[k]).max())
+            if away > STRAY * length:
+                strayed = True
+                fitted = self._go(way, design.directions, last, None)
+                if went is None or (fitted is not None and fitted[-1].squares < went[-1].squares):
+                    went = fitted
+            if went is None:
+                return None
+            last = went[-1]
+            ends.append(last)
+        fields = np.array([stop.field for stop in ends])
+        state = self.rods.settled(design.directions, fields, tuple(stop.q for stop in ends))
+        return None if state is None else (fields, state, strayed)
+
+    def _go(self, way: Sequence[Depth], directions: Array, last: Stop | None, field: Array | None) -> list[Stop] | None:
+        """From the last stop along a way to a field (3,) T; without one the field is fitted in each step. None: no equilibrium."""
+        begin = np.zeros(3) if last is None else last.field
+        found: list[Stop] = []
+        for j, depth in enumerate(way):
+            q = depth.rod.straight(1)[0] if last is None else _longer(last, depth)
+            one = replace(self.rods, depths=(depth,))
+            now = (found[-1].field if found else begin) if field is None else begin + (j + 1) / len(way) * (field - begin)
+            state = one.settled(directions, now[None], (q,))
+            if state is None:
+                return None
+            if field is None:
+                fitted = one.least_squares(RodDesign(directions, now[None], np.inf, state), FIT, turning=False)
+                assert fitted.state is not None  # least_squares begins from one
+                now, state = fitted.fields[0], fitted.state
+            last = Stop(depth, now, state.shapes[0], state.positions[0], state.squares)
+            found.append(last)
+        return found
+
+
+def directions_of(scene: Scene) -> Array:
+    """Unit vectors (k, 3) of all segments of a scene; zero where one has no magnetization."""
+    directions = np.array([region.magnetization for region in scene.regions()], dtype=float)
+    return np.asarray(directions / np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None])
+
+
+def _longer(last: Stop, depth: Depth) -> Array:
+    """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
+    old, new = last.depth.place, depth.place
+    at = new - (new[-1] - old[-1])
+    q = np.stack([np.interp(at, old, column) for column in last.q.T], axis=1)
+    return np.asarray(q / np.linalg.norm(q, axis=1)[:, None])
+
+
+def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:
+    """Designs that grew from random starts, best first, judged on the way. May be empty.
+
+    Ends once `wanted` are within `enough` (m). A design whose way comes near the end of a branch counts RISKY times as much: the body,
+    or a slightly other design, may fall there; it ends the search only with one more of its kind.
+    """
+    rng = np.random.default_rng(seed)
+    found: list[tuple[float, RodDesign]] = []
+    for _ in range(starts):
+        grown = way.rods.grown(path, rng)
+        design = None if grown is None else way.mended(grown)
+        if design is None:
+            continue
+        found.append((design.value * (1.0 if way.least_stability(design) > BRINK else RISKY), design))
+        if sum(counts <= enough for counts, _ in found) >= wanted or sum(each.value <= enough for _, each in found) > wanted:
+            break
+    return [design for _, design in sorted(found, key=lambda each: each[0])]

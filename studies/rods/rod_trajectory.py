@@ -1,0 +1,281 @@
+"""Designs of an insertion by the rod: directions of magnetization that all depths share, and a field at each depth.
+
+A trajectory of rods costs a hundredth of one of bodies. Most designs that would put a rod onto the path can't hold it there: magnets that
+point against the field are inverted pendulums, and the rod falls to another branch. So designs *grow with the path*: they begin with a path
+without curvature (and a rod without weight), where magnets along the axis in a field along the axis are stable, and least squares follows
+the path as it bends, in small steps. Where rods leave their branch all the same, rod_path.py mends the design; what is hopeless is given
+up for the next random start.
+
+The fields of two depths do not touch each other's shapes: the normal equations are an arrow, and each depth is eliminated by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from magmpm.bodies.catheter import Catheter
+from magmpm.compiled.arrays import Array
+from magmpm.rod.cosserat import rod_model
+from magmpm.rod.family import RodFamily
+from magmpm.scene import Scene
+from magmpm.studies.problem.path import Path
+
+ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
+FEWEST = 10
+FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
+STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
+LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length: rods fell to another branch
+HOPELESS = 0.1  # of the length: a value that no start recovers from
+SPREAD = 0.5  # of the random part of the first directions, which are along +x
+FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
+LARGEST = 0.6  # of the components of a step: radians, and parts of the greatest field
+ENDLESS = 8.0  # b = v/sqrt(1 + v^2) maps vectors to the unit ball; this v is its boundary, 0.992
+Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
+
+
+@dataclass(frozen=True)
+class Depth:
+    """One depth of the trajectory as a rod of n elements, and the path there. SI.
+
+    segments: which of the whole catheter's are outside and magnetized; place (n + 1,): arc lengths; path (n + 1, 3): the path's points
+    there; roots (n + 1,): of what each point's squared distance counts.
+    """
+
+    rod: RodFamily
+    segments: np.ndarray
+    place: Array
+    path: Array
+    roots: Array
+
+    def weighing(self, share: float) -> Depth:
+        """With this share of its weight."""
+        return replace(self, rod=replace(self.rod, rod=replace(self.rod.rod, weight=share * self.rod.rod.weight)))
+
+    def settled(self, q: Array, directions: Array, uniform: Array) -> tuple[Array, Array, Array] | None:
+        """The equilibrium from q (1, n + 1, 4), changed in place: weighted gaps (3 (n + 1),) m, their slopes by directions and field."""
+        position, slopes, found = self.rod.relaxed(q, directions[None, self.segments], uniform[None])
+        if not found[0]:
+            return None
+        gaps = (position[0] - self.path) * self.roots[:, None]
+        return gaps.ravel(), (slopes[0] * self.roots[:, None, None]).reshape(gaps.size, -1), position[0]
+
+
+@dataclass(frozen=True)
+class State:
+    """Rods in equilibrium: q of each depth, their weighted gaps and slopes, positions."""
+
+    shapes: Shapes
+    gaps: tuple[Array, ...]
+    slopes: tuple[Array, ...]
+    positions: tuple[Array, ...]
+
+    @property
+    def squares(self) -> float:
+        """Sum of squared gaps, m^2."""
+        return float(sum(gap @ gap for gap in self.gaps))
+
+
+@dataclass(frozen=True)
+class RodDesign:
+    """directions (k, 3); fields (D, 3) T; value: root of the weighted mean of the squared distances, m; state: its rods."""
+
+    directions: Array
+    fields: Array
+    value: float
+    state: State | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class RodTrajectory:
+    """An insertion along a path as rods. max_field T; movable: the magnetized segments, whose directions may turn."""
+
+    depths: tuple[Depth, ...]
+    max_field: float
+    movable: np.ndarray
+    count: int
+
+    @classmethod
+    def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodTrajectory:
+        """The rods of a scene's catheter at these inserted lengths (m). exit_weight: see studies.insertion."""
+        depths = [depth_of(scene, path, float(length), len(lengths)) for length in lengths]
+        roots = depths[-1].roots.copy()
+        roots[-1] = np.sqrt(roots[-1] ** 2 + exit_weight)
+        depths[-1] = replace(depths[-1], roots=roots)
+        return cls(tuple(depths), max_field, np.array(scene.magnetized_regions(), dtype=int), len(scene.regions()))
+
+    def bent(self, path: Path, share: float) -> RodTrajectory:
+        """The same along `path`, with this share of the weight."""
+        return replace(self, depths=tuple(replace(depth.weighing(share), path=path.at(depth.place)) for depth in self.depths))
+
+    def settled(self, directions: Array, fields: Array, shapes: Shapes | None) -> State | None:
+        """Stable equilibria at all depths, begun at `shapes`, or straight; None: not found."""
+        found = []
+        for k, depth in enumerate(self.depths):
+            q = depth.rod.straight(1) if shapes is None else shapes[k][None].copy()
+            answer = depth.settled(q, directions, fields[k])
+            if answer is None:
+                return None
+            found.append((q[0], *answer))
+        return State(*(tuple(part) for part in zip(*found, strict=True)))
+
+    def least_squares(self, start: RodDesign, steps: int, *, turning: bool = True) -> RodDesign:
+        """Levenberg's and Marquardt's method from a design in equilibrium. turning: whether directions may change, not fields alone."""
+        d, v, state = start.directions, to_ball(start.fields / self.max_field), start.state
+        assert state is not None
+        damping, little = 1e-2, 0
+        normal: tuple[Array, ...] | None = None
+        for _ in range(steps):
+            if normal is None:
+                normal = self._normal(d, v, state, turning)
+            bases, A, X, V, g, h = normal
+            p, q = _arrow_step(A, X, V, g, h, damping)
+            scale = min(1.0, LARGEST / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
+            d_new = self._turned(d, bases, scale * p)
+            v_new = _within(v + scale * q)
+            tried = self.settled(d_new, self.max_field * from_ball(v_new), state.shapes)
+            if tried is not None and tried.squares < state.squares:
+                little = little + 1 if tried.squares > 0.99 * state.squares else 0
+                d, v, state, normal = d_new, v_new, tried, None
+                damping = max(damping / 4, 1e-6)
+            else:
+                damping *= 5
+            if little > 4 or damping > 1e5:
+                break
+        return RodDesign(d, self.max_field * from_ball(v), float(np.sqrt(state.squares)), state)
+
+    def _normal(self, d: Array, v: Array, state: State, turning: bool) -> tuple[Array, ...]:
+        """Bases across the directions, and the blocks of J^T J and J^T r as _arrow_step takes them, in mm."""
+        bases = across(d[self.movable])
+        m, depths = 2 * len(self.movable) if turning else 0, len(self.depths)
+        A, X, V, g, h = np.zeros((m, m)), np.zeros((depths, m, 3)), np.empty((depths, 3, 3)), np.zeros(m), np.empty((depths, 3))
+        for k, depth in enumerate(self.depths):
+            slopes, gaps = 1e3 * state.slopes[k], 1e3 * state.gaps[k]
+            of_v = self.max_field * slopes[:, -3:] @ _by_v(v[k])
+            V[k], h[k] = of_v.T @ of_v, of_v.T @ gaps
+            if turning:
+                of_d = np.zeros((len(gaps), len(self.movable), 2))
+                at = np.searchsorted(self.movable, depth.segments)
+                of_d[:, at] = np.einsum("rka,kat->rkt", slopes[:, :-3].reshape(len(gaps), -1, 3), bases[at])
+                flat = of_d.reshape(len(gaps), m)
+                A += flat.T @ flat
+                g += flat.T @ gaps
+                X[k] = flat.T @ of_v
+        return bases, A, X, V, g, h
+
+    def _turned(self, d: Array, bases: Array, p: Array) -> Array:
+        """Directions (k, 3) after a step p of those that move; none move without a step."""
+        if not len(p):
+            return d
+        moved = d.copy()
+        moved[self.movable] += np.einsum("kat,kt->ka", bases, p.reshape(-1, 2))
+        return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
+
+    def grown(self, path: Path, rng: np.random.Generator) -> RodDesign | None:
+        """A design that grows with the path from a random start (see above); None where it can't, or where it is hopeless."""
+        d = SPREAD * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0]
+        d /= np.linalg.norm(d, axis=1)[:, None]
+        fields = self.max_field * np.tile([0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1))
+        fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
+        design = RodDesign(d, fields, 0.0)
+        share, step, size = 0.0, FIRST, self.depths[-1].place[-1]
+        while share < 1.0:
+            now = min(1.0, share + step)
+            bent = self.bent(path.flattened(now), now) if now < 1.0 else self
+            state = bent.settled(design.directions, design.fields, None if design.state is None else design.state.shapes)
+            found = None
+            if state is not None:
+                found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else LAST)
+            fell = found is None or found.value > LEFT[0] * design.value + LEFT[1] * size
+            if fell and step > LEAST:
+                step /= 2
+            elif found is None or found.value > HOPELESS * size:
+                return None
+            else:
+                design, share, step = found, now, min(1.5 * step, FIRST)
+        return design
+
+
+    def fitted(self, path: Path, directions: Array) -> RodDesign:
+        """The fields that bring rods with these directions nearest to their path, depth by depth: the best of several first fields.
+
+        The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on the way, the fields follow them there.
+        """
+        found = [RodDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
+        for first in FIELDS:
+            design = RodDesign(directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf)
+            for share in np.linspace(0.0, 1.0, COARSE + 1)[1:]:
+                bent = self.bent(path.flattened(share), share) if share < 1.0 else self
+                state = bent.settled(directions, design.fields, None if design.state is None else design.state.shapes)
+                if state is None:
+                    break
+                design = bent.least_squares(replace(design, state=state), STEPS, turning=False)
+            else:
+                found.append(design)
+        return min(found, key=lambda each: each.value)
+
+
+def across(directions: Array) -> Array:
+    """Two unit vectors across each of k unit vectors, (k, 3, 2)."""
+    unit = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    a = np.cross(directions, unit)
+    a /= np.linalg.norm(a, axis=1)[:, None]
+    return np.stack([a, np.cross(directions, a)], axis=2)
+
+
+def to_ball(b: Array) -> Array:
+    """v (D, 3) with b = v/sqrt(1 + v^2), for b (D, 3) in the unit ball."""
+    size = np.linalg.norm(b, axis=1)
+    inside = np.minimum(size, 0.99)
+    return np.asarray(b * (inside / np.sqrt(1 - inside**2) / np.maximum(size, 1e-300))[:, None])
+
+
+def from_ball(v: Array) -> Array:
+    """b (D, 3) of v."""
+    return np.asarray(v / np.sqrt(1 + np.sum(v * v, axis=1))[:, None])
+
+
+def _by_v(v: Array) -> Array:
+    """db/dv (3, 3)."""
+    root = np.sqrt(1 + v @ v)
+    return np.asarray(np.eye(3) / root - np.outer(v, v) / root**3)
+
+
+def _within(v: Array) -> Array:
+    return np.asarray(v * np.minimum(1.0, ENDLESS / np.maximum(np.linalg.norm(v, axis=1), 1e-300))[:, None])
+
+
+def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float) -> tuple[Array, Array]:
+    """The step of damped least squares (Marquardt's scaling): p (m,) of what depths share, q (D, 3) of each depth's own.
+
+    A (m, m), X (D, m, 3), V (D, 3, 3): blocks of J^T J; g (m,), h (D, 3): of J^T r. Each depth is eliminated by itself.
+    """
+    small = 1e-3 * (np.trace(A) + np.trace(V, axis1=1, axis2=2).sum()) / (len(g) + h.size)
+    own = np.einsum("kii->ki", V)
+    V = V + np.eye(3) * (damping * (own + small) + 1e-12 * small)[:, None, :]
+    Y = np.linalg.solve(V, np.concatenate([X.transpose(0, 2, 1), -h[:, :, None]], axis=2))
+    S = A + np.diag(damping * (np.diag(A) + small) + 1e-12 * small) - np.einsum("kix,kxj->ij", X, Y[:, :, :-1])
+    p = np.linalg.solve(S, -g - np.einsum("kix,kx->i", X, Y[:, :, -1]))
+    return p, Y[:, :, -1] - Y[:, :, :-1] @ p
+
+
+def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
+    """The rod of one depth of `count`. Each depth counts the same, and within it each piece of its length."""
+    scene = whole.with_field([0.0, 0.0, 0.0]).inserted(length)
+    catheter = scene.body.shape
+    assert isinstance(catheter, Catheter)
+    rod = rod_model(scene, max(FEWEST, round(ELEMENTS * length / whole.length)))
+    magnetized = scene.magnetized_regions()
+    place = np.concatenate([[0.0], np.cumsum(rod.length)])
+    share = np.zeros(len(place))
+    share[1:] += rod.length / 2
+    share[:-1] += rod.length / 2
+    return Depth(
+        rod=RodFamily.of(rod, catheter.segment_lengths(), magnetized),
+        segments=np.array(magnetized, dtype=int) + len(whole.regions()) - len(scene.regions()),
+        place=place,
+        path=path.at(place),
+        roots=np.sqrt(share / place[-1] / count),
+    )

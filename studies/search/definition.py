@@ -1,0 +1,159 @@
+"""What a study file says: the scene, what is varied, what it must match, and how it is searched.
+
+`load_study(path)` reads a file and all it names. A study's *definition* is everything that decides which trials are
+made and how they are judged; the length of the study (`trials`, `stop`) is not part of it, so a study can be
+extended, but is never silently continued as a different one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
+from magmpm.inputs.allowed_paths import REMEDY, RULE, is_allowed
+from magmpm.inputs.csv_tables import read_centreline
+from magmpm.inputs.settings import validate
+from magmpm.inputs.yaml_document import Document, read_yaml
+from magmpm.scene import Scene, load_scene
+from magmpm.scene.coarsest import coarsest_cells
+from magmpm.studies.problem.sampler_names import SAMPLERS, check_sampler_name
+from magmpm.studies.problem.study import Keyframe, Study
+from magmpm.studies.problem.study_file import Match, StudyFile
+from magmpm.studies.search.samplers.choice import best_suited
+from magmpm.studies.search.study_checks import (
+    check_file_name,
+    check_numbers,
+    check_scene,
+    check_target,
+    named_in,
+    place,
+)
+
+__all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
+
+SHOWN_DIFFERENCES = 12
+
+
+def load_study(path: Path | str) -> Study:
+    """The study a file describes, with the scene and the target it names.
+
+    Raises InputError (NotThereYet for what a later version brings) with file, line, key, value, rule and remedy.
+    """
+    document = read_yaml(path)
+    check_file_name(document.path)
+    file = validate(StudyFile, document)
+    folder = document.path.parent
+    _must_be_near(document, folder / file.scene, "scene")
+    try:
+        scene = load_scene(folder / file.scene)
+    except InputError as error:
+        raise named_in(error, place(document, "scene")) from None
+    check_scene(scene, file, document)
+    asked = None
+    if scene.resolution.asked:  # of the whole shape, which designs are judged by: a bound for the tip as well
+        asked = scene.resolution.model_copy(update={"of": "centreline"})
+        scene = scene.with_cells(coarsest_cells(scene))
+    check_numbers(scene, file, document)
+    target, keyframes = _targets(file, document, scene)
+    study = Study(
+        path=document.path,
+        name=document.path.stem,
+        scene=scene,
+        target=target,
+        vary=file.vary,
+        trials=file.trials,
+        sampler=file.sampler or "gauss-newton",
+        seed=file.seed,
+        stop_rms=None if file.stop is None else file.stop.rms,
+        scene_file=folder / file.scene,
+        depths=_depths(file, target, scene.thickness),
+        keyframes=keyframes,
+        hold=0.0 if file.schedule is None else file.schedule.hold,
+        minimize=file.minimize,
+        robust=file.robust,
+        margin=None if file.stability is None else file.stability.margin,
+        limits=file.limits,
+        start=file.start,
+        asked=asked,
+    )
+    return study if file.sampler is not None else best_suited(study)
+
+
+def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, tuple[Keyframe, ...]]:
+    """The target of a study (the path of an insertion, the last shape of a schedule), and the shapes of a schedule."""
+    if isinstance(file.match, Match):
+        key = "centreline" if file.match.centreline is not None else "path"
+        return _read_target(str(file.match.centreline or file.match.path), ("match", key), file, document, scene), ()
+    frames = tuple(
+        Keyframe(shape.time, _read_target(shape.centreline, ("match", k, "centreline"), file, document, scene))
+        for k, shape in enumerate(file.match)
+    )
+    return frames[-1].target, frames
+
+
+def _must_be_near(document: Document, path: Path, *key: str | int) -> None:
+    """Raises InputError for a path that a study may not name."""
+    if not is_allowed(path, document.path):
+        raise InputError(report(place(document, *key), received=str(path), rule=RULE, remedy=REMEDY))
+
+
+def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, document: Document, scene: Scene) -> Array:
+    """Rows [s, x, y, z] (m, 4) m of a table that the study names. Raises InputError."""
+    csv = document.path.parent / name
+    _must_be_near(document, csv, *key)
+    try:
+        target = read_centreline(csv)
+    except InputError as error:
+        raise named_in(error, place(document, *key)) from None
+    check_target(target, scene, file, csv, place(document, *key))
+    return target
+
+
+def _depths(file: StudyFile, path: Array, thickness: float) -> tuple[float, ...]:
+    """Inserted lengths, m, of an insertion along a path, (m, 4) m."""
+    if file.insertion is None:
+        return ()
+    if isinstance(file.insertion.depths, tuple):
+        return file.insertion.depths
+    first = max(path[-1, 0] / file.insertion.depths, thickness)  # a piece shorter than its diameter is no rod
+    return tuple(np.linspace(first, path[-1, 0], file.insertion.depths).tolist()) if file.insertion.depths > 1 else (float(path[-1, 0]),)
+
+
+def definition_hash(definition: Mapping[str, Any]) -> str:
+    """SHA-256, in hex, of a definition; numbers count to 12 digits, the order of keys does not."""
+    return hashlib.sha256(json.dumps(dict(_flat(definition)), sort_keys=True).encode()).hexdigest()
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """What changed between two definitions, one line a key: `sampler: tpe -> random`."""
+    was, now = dict(_flat(old)), dict(_flat(new))
+    keys = [*was, *(key for key in now if key not in was)]
+    lines = [
+        f"{key}: {was.get(key, 'nothing')} -> {now.get(key, 'nothing')}"
+        for key in keys
+        if was.get(key) != now.get(key)
+    ]
+    if len(lines) > SHOWN_DIFFERENCES:
+        lines[SHOWN_DIFFERENCES:] = [f"and {len(lines) - SHOWN_DIFFERENCES} more"]
+    return lines
+
+
+def _flat(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """("body.catheter.length", "0.04") for every leaf of nested data."""
+    if isinstance(content, Mapping) and content:
+        for name, value in content.items():
+            yield from _flat(value, f"{key}.{name}" if key else str(name))
+    elif isinstance(content, (list, tuple)) and content:
+        for i, value in enumerate(content):
+            yield from _flat(value, f"{key}[{i}]")
+    elif isinstance(content, (int, float)) and not isinstance(content, bool):
+        yield key, f"{content + 0.0:.12g}"
+    else:
+        yield key, content if isinstance(content, str) else json.dumps(content)

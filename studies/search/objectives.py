@@ -1,0 +1,106 @@
+"""What a trial's values are: its distance from the target, and of two objectives also the largest field or the magnetized volume.
+
+A design is on the Pareto front if no other is better in one objective and no worse in the other. A trial that failed has the worst values
+that any design can have, the penalty and the greatest field or volume within the bounds, so it never is on the front and samplers avoid it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.bodies.segments import StraightBody
+from magmpm.studies.search.parameters import FieldVector, Parameters
+from magmpm.studies.search.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    from optuna.trial import FrozenTrial
+
+NAMES = {"rms": "rms_m", "largest_field": "largest_field_T", "magnetized_volume": "magnetized_volume_m3"}  # with SI units, for reports
+
+
+def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
+    """The second objective of a design: the strength of its strongest field, T, or the volume of its magnetized segments, m^3."""
+    if name == "largest_field":
+        return max(float(np.linalg.norm(block.read(parameters))) for block in space.blocks if isinstance(block, FieldVector))
+    shape = space.scene_of(parameters).body.shape
+    assert isinstance(shape, StraightBody)
+    magnetized = np.linalg.norm(space.directions(parameters), axis=1) > 0
+    return _area(shape) * float(np.sum(np.array(shape.segment_lengths())[magnetized]))
+
+
+def worst(name: str, space: SearchSpace) -> float:
+    """An upper bound of the second objective over all designs, T or m^3."""
+    if name == "largest_field":
+        return max(block.max for block in space.blocks if isinstance(block, FieldVector))
+    shape = space.scene.body.shape
+    assert isinstance(shape, StraightBody)
+    highest = {number.what: number.high for number in space.numbers_within}
+    thickest = highest.get("diameter", shape.thickness) / shape.thickness
+    return _area(shape) * max(thickest, 1.0) ** 2 * max(shape.length, highest.get("length", 0.0) * len(space.scene.regions()))
+
+
+def _area(shape: StraightBody) -> float:
+    one = np.ones(1)
+    return float(shape.section(one, 3 * one, 0.45 * one).area)  # the moduli do not matter
+
+
+def trial_values(minimize: Sequence[str], space: SearchSpace, parameters: Parameters, first: float, failed: bool) -> list[float]:
+    """A trial's values, SI, in the order of `minimize`; first: the first of them."""
+    return [first, *(worst(name, space) if failed else second(name, space, parameters) for name in minimize[1:])]
+
+
+def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """The trials that no other dominates, by their first value; of equals the first."""
+    found: list[FrozenTrial] = []
+    for trial in sorted(trials, key=lambda t: (*t.values, t.number)):
+        if not found or trial.values[1] < found[-1].values[1]:
+            found.append(trial)
+    return found
+
+
+def compromise(values: Sequence[Sequence[float]]) -> int:
+    """Which point (a, b) of a front is nearest to the ideal one, both objectives scaled to the front's extent."""
+    points = np.array(values, dtype=float)
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    return int(np.argmin(np.linalg.norm((points - low) / np.where(extent > 0, extent, 1.0), axis=1)))
+
+
+def pareto_report(minimize: Sequence[str], trials: Sequence[FrozenTrial], feasible: Callable[[FrozenTrial], bool]) -> dict[str, Any]:
+    """The front as reports have it: `objectives`, `values` of every trial (None if it failed), `pareto` with number, values, params,
+    and `compromise`, the number of the trial nearest to the ideal point.
+    """
+    on_it = front([t for t in trials if feasible(t)])
+    return {
+        "objectives": [NAMES[name] for name in minimize],
+        "values": [list(t.values) if feasible(t) else None for t in trials],
+        "pareto": [{"number": t.number, "values": list(t.values), "params": dict(t.params)} for t in on_it],
+        "compromise": on_it[compromise([t.values for t in on_it])].number if on_it else None,
+    }
+
+
+def ranked(trials: Sequence[FrozenTrial]) -> list[int]:
+    """Places of the trials, best first: by their value; of two objectives front by front, along each from its compromise outward."""
+    if not trials or len(trials[0].values) == 1:
+        return sorted(range(len(trials)), key=lambda k: (trials[k].values[0], k))
+    left, order = dict(enumerate(trials)), []
+    while left:
+        place = {trial.number: k for k, trial in left.items()}
+        layer = [place[trial.number] for trial in front(list(left.values()))]
+        order += _spread(np.array([trials[k].values for k in layer]), layer)
+        for k in layer:
+            del left[k]
+    return order
+
+
+def _spread(points: np.ndarray, places: list[int]) -> list[int]:
+    """The places of the points of a front, each next one farthest from those before."""
+    scaled = (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-300)
+    chosen = [compromise(points.tolist())]
+    while len(chosen) < len(places):
+        apart = np.min(np.linalg.norm(scaled[:, None] - scaled[chosen], axis=2), axis=1)
+        apart[chosen] = -1.0
+        chosen.append(int(np.argmax(apart)))
+    return [places[k] for k in chosen]

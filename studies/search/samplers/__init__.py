@@ -1,0 +1,1 @@
+"""Samplers: which design is tried next."""

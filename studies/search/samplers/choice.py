@@ -1,0 +1,229 @@
+"""How the next trial is chosen, so that a study can be interrupted anywhere and still be the same study.
+
+A sampler is created anew for every trial, seeded by the study's seed and the number of finished trials. It reads earlier trials from the
+storage, so nothing depends on which process ran which trial.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.errors import InputError, report
+from magmpm.studies.problem.sampler_names import (
+    HEED_NO_CONSTRAINTS,
+    ONE_OBJECTIVE,
+    TAKE_CHOICES,
+    check_sampler_name,
+)
+from magmpm.studies.search.parameters import Direction, FieldVector, Number
+from magmpm.studies.search.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    from optuna.samplers import BaseSampler
+
+    from magmpm.studies.problem.study import Study
+    from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
+
+POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
+MOST_WORKERS = 256  # processes of one session
+POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
+
+_TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
+_EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
+
+
+def check_available(name: str) -> None:
+    """Raises InputError when a sampler needs a package that is not installed, before any trial has run."""
+    module, extra = _EXTRAS.get(name, (None, None))
+    if module is not None and importlib.util.find_spec(module) is None:
+        raise InputError(
+            f"sampler: received {name}\n  rule: the sampler {name} needs the package {module}, which is not installed\n"
+            f"  remedy: pip install 'magmpm[{extra}]', or sampler: tpe"
+        )
+
+
+def check_suits(study: Study) -> None:
+    """Raises InputError when a study, as the command line has changed it, asks for what its sampler can't do."""
+    if (found := _unsuited(study)) is not None:
+        rule, remedy = found
+        raise InputError(report(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy))
+    if len(study.minimize) > 1 and study.robust is not None:
+        rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
+        raise InputError(report(f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy))
+
+
+def _unsuited(study: Study) -> tuple[str, str] | None:
+    """Rule and remedy where a study asks for what its sampler can't do."""
+    name = study.sampler
+    if name == "gauss-newton" and not study.scene.static:
+        rule = "gauss-newton differentiates equilibria, and the scene is a motion"
+        return rule, "sampler: tpe, or leave `dynamic` out of the scene's solver"
+    if study.margin is not None and name in HEED_NO_CONSTRAINTS:
+        rule = f"{name} would learn from designs that `stability` refuses as from others"
+        return rule, "sampler: tpe or gauss-newton, or remove `stability`"
+    if len(study.minimize) > 1 and name in ONE_OBJECTIVE:
+        rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
+        return rule, "sampler: nsga2, or remove `minimize`"
+    if study.vary.order is not None and name not in TAKE_CHOICES:
+        return f"{name} can't choose an order of segments", f"sampler: {TAKE_CHOICES[0]}"
+    return None
+
+
+def best_suited(study: Study) -> Study:
+    """The study with the sampler that suits what it asks, and the reason: gauss-newton, or tpe where there is no derivative to follow."""
+    newton = study.changed(sampler="gauss-newton")
+    found = _unsuited(newton)
+    if found is None:
+        return dataclasses.replace(newton, why_sampler="the file names none, and the shape has derivatives by all that varies")
+    return dataclasses.replace(study.changed(sampler="tpe"), why_sampler=f"the file names none, and {found[0]}")
+
+
+def check_workers(workers: int | None, time_limit: float | None = None) -> None:
+    """Raises InputError for a number of workers, or a time limit of their solves (s), that can't be."""
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        rule = f"must be from 1 to {MOST_WORKERS}"
+        raise InputError(report("--workers", received=str(workers), rule=rule, remedy="--workers 2, or as many as there are cores"))
+    if time_limit is None:
+        return
+    if workers is None:
+        rule = "ends worker processes; without --workers there is none"
+        raise InputError(report("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well"))
+    if not 0.0 < time_limit < math.inf:
+        rule = "must be a number of seconds above 0"
+        raise InputError(report("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600"))
+
+
+def settings(name: str) -> dict[str, Any]:
+    """A sampler's settings. They belong to the study's definition, because other settings give other trials."""
+    if name == "tpe":
+        from magmpm.studies.search.samplers.tpe import Settings
+
+        return dataclasses.asdict(Settings())
+    if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
+        return {"population": POPULATION}
+    if name == "gp":
+        from magmpm.studies.search.samplers.gp import SETTINGS
+
+        return dict(SETTINGS)
+    return {}
+
+
+def make_sampler(
+    name: str, space: SearchSpace, seed: int, finished: int, *, starts: Sequence[Mapping[str, float]] = (), goal: float = 0.0
+) -> BaseSampler:
+    """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name.
+
+    starts: designs that gauss-newton begins from; goal: the value, m, that it need not go below.
+    """
+    check_sampler_name(name, "sampler")
+    if name == "gauss-newton":
+        return _gauss_newton(space, seed, starts, goal)
+    with warnings.catch_warnings():
+        # Optuna calls samplers experimental, or announces changes of defaults, on every construction
+        warnings.simplefilter("ignore")
+        return _MAKERS[name](space, seed, finished)
+
+
+def _tpe(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from magmpm.studies.search.samplers.tpe import DirectionTPE
+
+    return DirectionTPE(space, seed, finished)
+
+
+def _number(seed: int, finished: int) -> int:
+    """A seed of 32 bits for one trial of a study."""
+    return int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])
+
+
+def _gp(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from magmpm.studies.search.samplers.gp import ShapeSampler
+
+    return ShapeSampler(space, seed, finished)
+
+
+def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from magmpm.studies.search.samplers.optuna_own import DataOnlyCmaEsSampler
+
+    return DataOnlyCmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
+
+
+def _random(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import RandomSampler
+
+    return RandomSampler(seed=_number(seed, finished))
+
+
+def _nsga2(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import NSGAIISampler
+
+    return NSGAIISampler(seed=_number(seed, finished), population_size=POPULATION)
+
+
+def _nsga3(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import NSGAIIISampler
+
+    return NSGAIIISampler(seed=_number(seed, finished), population_size=POPULATION)
+
+
+def _optuna_tpe(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import TPESampler
+
+    return TPESampler(seed=_number(seed, finished))
+
+
+def _optuna_gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from optuna.samplers import GPSampler
+
+    return GPSampler(seed=_number(seed, finished), deterministic_objective=True)
+
+
+def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
+    from magmpm.studies.search.samplers.optuna_own import SobolSampler
+
+    return SobolSampler(space, seed, finished)
+
+
+def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, float]], goal: float) -> BaseSampler:
+    from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
+
+    blocks = gauss_newton_blocks(space).blocks
+    return GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
+
+
+def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
+    """The blocks of a study as those of the Gauss-Newton sampler, which knows nothing of studies; with the same coordinates."""
+    from magmpm.studies.search.samplers import gauss_newton_steps as gn
+
+    blocks: list[gn.Block] = []
+    for block in space.blocks:
+        names = list(block.bounds())
+        if isinstance(block, Direction):
+            blocks.append(gn.Direction(*names))
+        elif isinstance(block, FieldVector):
+            blocks.append(gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3))  # T for each mT
+        elif isinstance(block, Number):
+            blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
+    return gn.Coordinates(blocks)
+
+
+_MAKERS: dict[str, Callable[[SearchSpace, int, int], BaseSampler]] = {
+    "tpe": _tpe,
+    "gp": _gp,
+    "cmaes": _cmaes,
+    "nsga2": _nsga2,
+    "random": _random,
+    "optuna:TPESampler": _optuna_tpe,
+    "optuna:RandomSampler": _random,
+    "optuna:CmaEsSampler": _cmaes,
+    "optuna:GPSampler": _optuna_gp,
+    "optuna:QMCSampler": _qmc,
+    "optuna:NSGAIISampler": _nsga2,
+    "optuna:NSGAIIISampler": _nsga3,
+}

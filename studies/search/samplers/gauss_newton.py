@@ -1,0 +1,241 @@
+"""Gauss-Newton for Optuna: a sampler that minimizes a sum of squares by its residuals and their Jacobian.
+
+    sampler = GaussNewtonSampler([Direction("around", "along"), Number("length", 4.0, 12.0)], seed=1)
+
+An objective stores two user attributes with each trial: `residuals` (m) and `jacobian` (m rows of k), the derivatives of the residuals with
+respect to the coordinates of the blocks, one after the other: the three components of a direction's unit vector, the three of a vector in a
+ball, and a number's place between its bounds, 0 to 1. Of a direction's derivatives only the part along the sphere counts. A trial
+without these attributes has failed.
+
+The method is Levenberg's and Marquardt's with a trust region (Nocedal and Wright, Numerical Optimization, chapter 10), in the tangent space
+of the product of spheres, balls and intervals (Absil et al., Optimization Algorithms on Matrix Manifolds, chapter 8): the step p solves
+min |r + J p|^2 within bounds, with |p| at most the radius (1 is a radian, a ball's radius, or an interval's length). A step that is worse,
+infeasible or failed is taken back, and the radius shrinks. A descent that is stuck is left for the next start: first the given designs,
+then points of a low-discrepancy sequence (Roberts' generalized golden ratio).
+
+Every suggestion depends only on the seed and the finished trials: what a step began from is kept with its trial (the system attribute
+PLAN), and the rest is read from there. So a study that is resumed, by any process, is the same study, and suggestions do not get slower.
+While a trial of a descent is running, another one begins from the next start: several workers follow several descents.
+This file, running.py and gauss_newton_steps.py need Optuna, NumPy and SciPy alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.distributions import BaseDistribution, FloatDistribution
+from optuna.trial import FrozenTrial, TrialState
+
+from magmpm.studies.search.samplers.gauss_newton_steps import (
+    Array,
+    Ball,
+    Block,
+    Coordinates,
+    Direction,
+    Number,
+    Step,
+)
+from magmpm.studies.search.samplers.optuna_ids import storage_of, trial_id
+from magmpm.studies.search.samplers.pending_trials import others_running
+
+__all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
+
+PLAN = "gauss_newton:plan"
+RADIUS = 1.0  # of the first step of a descent
+LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
+LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else the descent is stuck
+PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brought the value below this share
+LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the trial that is asked for shall be: its parameters, and what is kept with it."""
+
+    params: dict[str, float]
+    kept: dict[str, Any]
+
+
+class GaussNewtonSampler(optuna.samplers.BaseSampler):
+    """Suggests starts and Gauss-Newton steps; reads `residuals` and `jacobian` from the trials' user attributes.
+
+    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first. goal: value that is good
+    enough: a descent above it is left once it hardly moves. poor: value above which a given design is not improved before others
+    are tried.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        seed: int,
+        *,
+        starts: Sequence[Mapping[str, float]] = (),
+        goal: float = 0.0,
+        poor: float = math.inf,
+    ) -> None:
+        self._space, self._seed = Coordinates(blocks), seed
+        self._starts, self._goal, self._poor = [dict(start) for start in starts], goal, poor
+
+    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+        return {name: kind for block in self._space.blocks for name, kind in block.distributions().items()}
+
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        ended = (TrialState.COMPLETE, TrialState.FAIL, TrialState.PRUNED)
+        trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
+        running, _ = others_running(study, trial, search_space)
+        plan = self._plan(trials, running)
+        storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, plan.kept)
+        return plan.params
+
+    def sample_independent(
+        self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
+    ) -> Any:
+        """For parameters that no block names: the middle of their range."""
+        if not isinstance(param_distribution, FloatDistribution):
+            raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
+        return (param_distribution.low + param_distribution.high) / 2
+
+    def _plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> _Plan:
+        """The next trial: a step from the descent's best design so far, or a start. Descents with a running trial wait for it."""
+        known = {t.number: t for t in trials}
+        busy = {_start(t) for t in running}
+        free = [t for t in trials if _start(t) not in busy]
+        found = self._base(free, known)
+        trials = [*trials, *running]
+        if found is not None:
+            base, radius = found
+            x, residuals, jacobian = self._space.read(base.params), *_model(base)
+            step = self._space.step(x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian))
+            there = self._space.write(self._space.moved(x, step.p))
+            if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
+                kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
+                return _Plan(there, {**kept, "promised": step.promised})
+        index = 1 + max((_start(t) for t in trials), default=-1)
+        while self._seen(params := self._start_at(index), trials):
+            index += 1
+        return _Plan(params, {"start": index, "from": None})
+
+    def used_up(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> bool:
+        """Whether the given designs and the descents from them are, so that a point of the sequence comes next."""
+        return bool(self._plan(trials, running).kept["start"] >= len(self._starts))
+
+    def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
+        """The design to step from and the radius, after the last trial; None: a start is due."""
+        if not trials:
+            return None
+        last = trials[-1]
+        plan = last.system_attrs.get(PLAN)
+        if plan is not None and plan["from"] is not None:
+            before = known[plan["from"]]
+            return _judged(before, last, plan)
+        given = [t for t in trials if _model_of(t) is not None and _of_a_start(t)]
+        if plan is None:  # not ours: enqueued, or of another sampler
+            return (min(given, key=_cost), RADIUS) if given else None
+        looked_at = min(LOOKED_AT, len(self._starts))
+        fresh = [t for t in given if t is last or 0 <= _start(t) <= plan["start"] < looked_at]
+        if not fresh or (_value(best := min(fresh, key=_cost)) > self._poor and plan["start"] + 1 < looked_at):
+            return None
+        return best, RADIUS
+
+    def _curvature(self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array) -> float:
+        """By how much residuals leave the linear model, over a step's length squared: as the last step showed, or a guess."""
+        guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
+        if plan is None or plan["from"] is None or _model_of(last) is None:
+            return guess
+        left = math.sqrt(max(_cost(known[plan["from"]]) - plan["promised"], 0.0))
+        seen = abs(math.sqrt(_cost(last)) - left) / max(plan["length"], LEAST_RADIUS) ** 2
+        return min(max(seen, guess / 10), 10 * guess)
+
+    def _stuck(
+        self,
+        base: FrozenTrial,
+        step: Step,
+        radius: float,
+        known: Mapping[int, FrozenTrial],
+        x: Array,
+        residuals: Array,
+        jacobian: Array,
+    ) -> bool:
+        """Whether this descent is better left."""
+        cost = float(residuals @ residuals)
+        if radius < LEAST_RADIUS or step.promised <= 0.0:
+            return True
+        if step.promised < LEAST_GAIN * cost:  # because it is short, or because the end is near
+            step = self._space.step(x, residuals, jacobian, RADIUS / 4)
+        if step.promised < LEAST_GAIN * cost:
+            return True
+        if _value(base) <= self._goal:
+            return False
+        earlier: FrozenTrial | None = base
+        for _ in range(PATIENCE):
+            plan = earlier.system_attrs.get(PLAN) if earlier is not None else None
+            earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
+        return earlier is not None and _cost(base) > PROGRESS**2 * _cost(earlier)
+
+    def _start_at(self, index: int) -> dict[str, float]:
+        """The given design, or after them the point of the sequence."""
+        if index < len(self._starts):
+            return self._starts[index]
+        size = self._space.size
+        ratio = 1.5
+        for _ in range(60):  # the root of ratio^(size + 1) = ratio + 1
+            ratio = (1.0 + ratio) ** (1.0 / (size + 1))
+        shift = np.random.default_rng([self._seed]).random(size)
+        return self._space.write(self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0))
+
+    def _seen(self, params: Mapping[str, float], trials: Sequence[FrozenTrial]) -> bool:
+        """Whether a finished trial had this design."""
+        return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
+
+
+def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:
+    """The better of the two designs, and the next radius, from how well the linear model foresaw the last one."""
+    length = plan["length"]
+    if _model_of(last) is None:
+        return before, length / 4
+    gain = _cost(before) - _cost(last)
+    share = gain / plan["promised"]
+    if share < 0.25:
+        # the parabola through both sums of squares, with the slope that belongs to the promise
+        shrunk = length * min(0.5, max(0.1, 1.0 / (2.0 - share)))
+        return (last if gain > 0.0 else before), shrunk
+    return last, max(plan["radius"], 2.0 * length) if share > 0.75 else plan["radius"]
+
+
+def _model_of(trial: FrozenTrial) -> Any:
+    """A trial's stored residuals, if it counts: solved, with derivatives, and no constraint violated."""
+    attrs = trial.user_attrs
+    if "residuals" not in attrs or "jacobian" not in attrs or any(c > 0.0 for c in trial.constraints.values()):
+        return None
+    return attrs["residuals"]
+
+
+def _model(trial: FrozenTrial) -> tuple[Array, Array]:
+    residuals = np.array(trial.user_attrs["residuals"], dtype=float)
+    return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
+
+
+def _cost(trial: FrozenTrial) -> float:
+    residuals = np.array(trial.user_attrs["residuals"], dtype=float)
+    return float(residuals @ residuals)
+
+
+def _value(trial: FrozenTrial) -> float:
+    return math.inf if trial.value is None else trial.value
+
+
+def _start(trial: FrozenTrial) -> int:
+    """Number of the start whose descent a trial belongs to; -1 for one that was not ours."""
+    return int(trial.system_attrs.get(PLAN, {"start": -1})["start"])
+
+
+def _of_a_start(trial: FrozenTrial) -> bool:
+    return bool(trial.system_attrs.get(PLAN, {"from": None})["from"] is None)
+

@@ -1,0 +1,164 @@
+"""A scene with some of its values changed: its data are edited once, and read as a file's are."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array
+from magmpm.scene import Scene
+from magmpm.studies.problem.variables import Vary
+from magmpm.studies.search.parameters import Number
+
+MOST_ORDERS = 1000
+
+
+UNITS = {"length": (1e3, "mm"), "diameter": (1e3, "mm"), "remanence": (1e3, "mT"), "field": (1e3, "mT"), "shear_modulus": (1e-3, "kPa")}
+
+
+class Edits:
+    """Changes to a scene's data: its own (SI), or, where `content` is given, those of its file, with units as text."""
+
+    def __init__(self, scene: Scene, content: dict[str, Any] | None = None) -> None:
+        self.data = scene.to_si() if content is None else content
+        self._as_text = content is not None
+        self._body = self.data["body"][scene.body.kind]
+
+    def _written(self, what: str, value: float) -> Any:
+        """A value, SI, as the data have it: text has 15 digits, which are the value to rounding."""
+        factor, unit = UNITS[what]
+        return f"{factor * value:.15g} {unit}" if self._as_text else value
+
+    def segment(self, index: int) -> dict[str, Any]:
+        """The data of the segment with this number, from 0."""
+        found: dict[str, Any] = self._body["segments"][index]
+        return found
+
+    @staticmethod
+    def material_name(scene: Scene, number: Number) -> str:
+        """The name of the material that a number belongs to; a segment's own is named after it."""
+        if isinstance(number.of, str):
+            return number.of
+        assert number.of is not None
+        return own_material(scene.regions()[number.of].material_name, number.of)
+
+    def number(self, number: Number, value: float) -> None:
+        """A diameter, or a quantity of a material, SI. A segment gets a material of its own where it needs one."""
+        if number.what == "diameter":
+            self._body["diameter"] = self._written("diameter", value)
+            return
+        name = number.of
+        if isinstance(name, int):
+            segment = self.segment(name)
+            old = segment.get("material") or self._body["material"]
+            name = old if old.endswith(_ending(name)) else own_material(old, name)
+            self.data["materials"].setdefault(name, dict(self.data["materials"][old]))
+            segment["material"] = name
+        self.data["materials"][name][number.what] = self._written(number.what, value)
+
+    def lengths(self, lengths: Array, *, keep: bool) -> None:
+        """Lengths (k,) m of the segments; keep: they sum to the body's length to rounding, and leave it as it is."""
+        for segment, length in zip(self._body["segments"], lengths.tolist(), strict=True):
+            segment["length"] = self._written("length", length)
+        if keep:
+            del self._body["segments"][int(np.argmax(lengths))]["length"]  # it takes the rest, to the last bit
+        else:
+            self._body["length"] = self._written("length", math.fsum(lengths.tolist()))
+
+    def field(self, uniform: Array) -> None:
+        """The uniform part of the field, (3,) T."""
+        self.data["field"] = {**self.data.get("field", {}), "uniform": [self._written("field", x) for x in uniform.tolist()]}
+
+    def order(self, pieces: NDArray[np.int64]) -> None:
+        """The segments in this order, by their numbers in the scene."""
+        self._body["segments"] = [self._body["segments"][piece] for piece in pieces]
+
+    def scene(self) -> Scene:
+        """The scene. Raises InputError for values that no scene has."""
+        return Scene.from_si(self.data)
+
+
+def _ending(segment: int) -> str:
+    return f" of segment {segment + 1}"
+
+
+def own_material(name: str, segment: int) -> str:
+    """What a segment's own material is called."""
+    return name + _ending(segment)
+
+
+def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
+    """The numbers within bounds that a study varies: lengths, diameter, remanence, stiffness."""
+    found: list[Number] = []
+    regions, magnetized = scene.regions(), scene.magnetized_regions()
+    names = [f"segment_{i + 1:0{len(str(len(regions)))}d}" for i in range(len(regions))]
+    if vary.length is not None:
+        low, high = vary.length.min, vary.length.max
+        found += [Number(f"{name}_length_mm", "length", low, high, 1e3, i) for i, name in enumerate(names)]
+    if vary.diameter is not None:
+        found.append(Number("diameter_mm", "diameter", vary.diameter.min, vary.diameter.max, 1e3))
+    if vary.remanence is not None:
+        low, high = vary.remanence.min, vary.remanence.max
+        if vary.remanence.per == "segment":
+            found += [Number(f"{names[i]}_remanence_mT", "remanence", low, high, 1e3, i) for i in magnetized]
+        else:
+            used = dict.fromkeys(regions[i].material_name for i in magnetized)
+            found += [Number(f"remanence_of_{name}_mT", "remanence", low, high, 1e3, name) for name in used]
+    if vary.shear_modulus is not None:
+        low, high = vary.shear_modulus.min, vary.shear_modulus.max
+        if vary.shear_modulus.per == "segment":
+            found += [Number(f"{name}_shear_modulus_kPa", "shear_modulus", low, high, 1e-3, i) for i, name in enumerate(names)]
+        else:
+            used = dict.fromkeys(region.material_name for region in regions)
+            found += [Number(f"shear_modulus_of_{name}_kPa", "shear_modulus", low, high, 1e-3, name) for name in used]
+    return tuple(found)
+
+
+def kept_total(asked: Array, low: float, high: float, total: float) -> tuple[Array, Array]:
+    """The lengths (k,) within low and high that sum to `total` and are nearest to those asked for, and their derivatives (k, k).
+
+    The projection on the sum and the bounds: all are shifted by one amount, and stop at their bounds. That amount is found exactly: the
+    sum is piecewise linear in it, with corners where a length meets a bound. low k <= total <= high k.
+    """
+    k = len(asked)
+    corners = np.unique(np.concatenate([low - asked, high - asked]))
+    sums = np.array([np.clip(asked + shift, low, high).sum() for shift in corners])
+    shift = float(np.interp(total, sums, corners))
+    lengths = np.clip(asked + shift, low, high)
+    free = (asked + shift > low) & (asked + shift < high)
+    derivative = np.zeros((k, k))
+    if free.any():
+        derivative[np.ix_(free, free)] = np.eye(int(free.sum())) - 1.0 / free.sum()
+    return lengths, derivative
+
+
+def magnetized_places(scene: Scene) -> list[bool]:
+    """Which segments are magnetized, base to tip."""
+    found = scene.magnetized_regions()
+    return [i in found for i in range(len(scene.regions()))]
+
+
+@lru_cache(maxsize=8)
+def _orders(pattern: str) -> tuple[str, ...]:
+    places = range(len(pattern))
+    return tuple(
+        "".join("M" if i in chosen else "P" for i in places) for chosen in itertools.combinations(places, pattern.count("M"))
+    )
+
+
+def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
+    """All orders of the scene's magnetized (M) and plain (P) segments, base to tip; own: only the scene's."""
+    pattern = "".join("M" if magnetized else "P" for magnetized in magnetized_places(scene))
+    return (pattern,) if own else _orders(pattern)
+
+
+def arrangement(scene: Scene, order: str) -> NDArray[np.int64]:
+    """The numbers (k,) of the scene's segments in this order: magnetized ones stay in sequence among themselves, and plain ones too."""
+    magnetized = magnetized_places(scene)
+    pieces = {"M": iter([i for i, m in enumerate(magnetized) if m]), "P": iter([i for i, m in enumerate(magnetized) if not m])}
+    return np.array([next(pieces[kind]) for kind in order])

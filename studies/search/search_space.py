@@ -1,0 +1,375 @@
+"""What a study searches, and the scene that each design stands for.
+
+A design is made of blocks (blocks.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each depth
+or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
+has two angles, relative to the catheter and not to the room:
+
+    around: turn about the catheter's axis, from +y toward +z, -180 to 180 deg
+    along:  lift from the cross-section toward the tip, -90 to 90 deg
+    d = (sin along, cos along cos around, cos along sin around)
+
+`along` = 90 deg is magnetized along the axis toward the tip, 0 across it. The mechanics of a bent catheter refers to its axis, not
+to +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
+A varied field has its strength and the two angles of scene files: azimuth from +x toward +y, elevation to +z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.segments import StraightBody
+from magmpm.compiled.arrays import Array
+from magmpm.scene import Scene
+from magmpm.studies.search.manufacturing import Makeable
+from magmpm.studies.search.parameters import (
+    FIELD,
+    Block,
+    Choice,
+    Direction,
+    FieldVector,
+    Number,
+    Parameters,
+    angles,
+    direction,
+    distributions,
+    from_azimuth,
+)
+from magmpm.studies.search.scene_edits import Edits, arrangement, kept_total, numbers_of, orders
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
+
+    from magmpm.studies.problem.study import Study
+    from magmpm.studies.problem.study_file import Limits
+
+__all__ = ["FIELD", "SearchSpace", "angles", "direction"]
+
+
+class VariableLike(Protocol):
+    """What the chain rule asks of a variable of magmpm.sensitivities."""
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def name(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """What is varied in a scene.
+
+    segments: the magnetized segments whose directions are (numbers from 0, base first); field_max: T, None for a fixed field; fields: how
+    many fields there are, one at each depth or time; numbers: quantities within bounds; keeps_length: whether segments that vary their
+    lengths sum to the body's; order: whether the order of magnetized and plain segments varies; limits: of the directions that can be made.
+    """
+
+    scene: Scene
+    segments: tuple[int, ...]
+    field_max: float | None
+    fields: int = 1
+    numbers_within: tuple[Number, ...] = ()
+    keeps_length: bool = True
+    order: bool = False
+    limits: Makeable | None = None
+
+    @classmethod
+    def of(cls, study: Study) -> SearchSpace:
+        """The space a study asks for."""
+        vary, scene = study.vary, study.scene
+        return cls(
+            scene=scene,
+            segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
+            field_max=study.field_max,
+            fields=study.fields,
+            numbers_within=numbers_of(vary, scene),
+            keeps_length=vary.length is None or vary.length.total == "keep",
+            order=vary.order is not None,
+            limits=makeable(study.limits),
+        )
+
+    # the blocks, and where their embedded coordinates stand
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The parts of a design, in the order of its parameters and embedded coordinates."""
+        found: list[Block] = [Direction(name, i) for name, i in zip(self.segment_names(), self.segments, strict=True)]
+        if self.field_max is not None:
+            found += [FieldVector(names, self.field_max, k) for k, names in enumerate(self._field_names())]
+        found += self.numbers_within
+        if self.order:
+            found.append(Choice("order", orders(self.scene)))
+        return tuple(found)
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Where each block's embedded coordinates stand."""
+        ends = np.cumsum([block.size for block in self.blocks]).tolist()
+        return tuple(slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True))
+
+    @property
+    def size(self) -> int:
+        """How many embedded coordinates a design has."""
+        return sum(block.size for block in self.blocks)
+
+    @property
+    def freedom(self) -> int:
+        """How many numbers can change independently: two a direction, three a field, one a number (one less for a kept length).
+
+        Limits aside.
+        """
+        lengths = sum(number.what == "length" for number in self.numbers_within)
+        count = sum(2 if isinstance(block, Direction) else block.size for block in self.blocks)
+        return count - int(lengths > 0 and self.keeps_length)
+
+    @cached_property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Least and greatest value of each numeric parameter, by name, in the order of the blocks."""
+        return {name: pair for block in self.blocks for name, pair in block.bounds().items()}
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The parameters that are choices rather than numbers."""
+        return tuple(block for block in self.blocks if isinstance(block, Choice))
+
+    def segment_names(self) -> list[str]:
+        """segment_1 is the segment at the base; numbers have as many digits as the last one, so that they sort."""
+        return [self.scene_names[i] for i in self.segments]
+
+    @cached_property
+    def scene_names(self) -> list[str]:
+        """segment_1 ... of every segment of the scene."""
+        count = len(self.scene.regions())
+        return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
+
+    def _field_names(self) -> list[tuple[str, str, str]]:
+        """Parameters of each field; of several, field_01 is the first."""
+        if self.fields == 1:
+            return [(FIELD[0], FIELD[1], FIELD[2])]
+        digits = len(str(self.fields))
+        a, b, c = (name.removeprefix("field") for name in FIELD)
+        stems = [f"field_{k:0{digits}d}" for k in range(1, self.fields + 1)]
+        return [(stem + a, stem + b, stem + c) for stem in stems]
+
+    def distributions(self) -> dict[str, BaseDistribution]:
+        """The parameters as Optuna asks for them."""
+        return distributions(self.blocks)
+
+    # parameters <-> embedded coordinates
+
+    def embedded(self, parameters: Parameters) -> Array:
+        """A design's embedded coordinates, (size,)."""
+        return np.concatenate([np.zeros(0), *(block.read(parameters) for block in self.blocks)])
+
+    def parameters_at(self, x: Array, order: str | None = None) -> dict[str, Any]:
+        """The parameters of embedded coordinates (size,), each block brought to its nearest design; the inverse of `embedded`.
+
+        order: of the segments where it varies; as in the scene unless given.
+        """
+        found: dict[str, Any] = {}
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Choice):
+                found[block.name] = order or orders(self.scene, own=True)[0]
+            found |= block.written(block.nearest(np.asarray(x, dtype=float)[at]))
+        return found
+
+    def nearest(self, x: Array) -> Array:
+        """The embedded coordinates (size,) of a design nearest to x, block by block."""
+        parts = [block.nearest(np.asarray(x, dtype=float)[at]) for block, at in zip(self.blocks, self.slices, strict=True)]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """A random design, (size,): directions uniform on the sphere, numbers between their bounds."""
+        return np.concatenate([np.zeros(0), *(block.drawn(rng) for block in self.blocks)])
+
+    # designs as directions and plain numbers, for samplers with kernels on the sphere (tpe.py)
+
+    @property
+    def count(self) -> int:
+        """Directions in a design: one a magnetized segment, and the fields'."""
+        return len(self.segments) + (self.fields if self.field_max is not None else 0)
+
+    @property
+    def numbers(self) -> int:
+        """Plain numbers in a design: the fields' strengths and the numbers within bounds."""
+        return (self.fields if self.field_max is not None else 0) + len(self.numbers_within)
+
+    def design(self, parameters: Parameters) -> tuple[Array, Array]:
+        """Parameters as directions (count, 3), segments base to tip and then the fields, and numbers from 0 to 1."""
+        directions, strengths, rest = [], [], []
+        for block in self.blocks:
+            if isinstance(block, Direction):
+                directions.append(block.read(parameters))
+            elif isinstance(block, FieldVector):
+                azimuth, elevation = (np.deg2rad(parameters[name]) for name in block.names[1:])
+                directions.append(from_azimuth(azimuth, elevation))
+                strengths.append(parameters[block.names[0]] / (1e3 * block.max))
+            elif isinstance(block, Number):
+                rest.append(float(block.read(parameters)[0]))
+        return np.array(directions).reshape(-1, 3), np.array([*strengths, *rest])
+
+    def parameters(self, directions: Array, numbers: Array) -> dict[str, float]:
+        """The inverse of `design`."""
+        found: dict[str, float] = {}
+        vectors, values = iter(directions), iter(numbers)
+        for block in self.blocks:
+            if isinstance(block, Direction):
+                found |= block.written(next(vectors))
+            elif isinstance(block, FieldVector):
+                x, y, z = next(vectors)
+                found[block.names[0]] = float(next(values)) * 1e3 * block.max
+                found[block.names[1]] = float(np.rad2deg(np.arctan2(y, x)))
+                found[block.names[2]] = float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
+            elif isinstance(block, Number):
+                found |= block.written(np.array([next(values)]))
+        return found
+
+    # designs -> scenes
+
+    def made(self, x: Array) -> Array:
+        """The embedded coordinates (size,) of what is made: directions within the limits."""
+        if self.limits is None or not self.segments:
+            return x
+        count = 3 * len(self.segments)  # directions come first
+        return np.concatenate([self.limits.made(np.asarray(x[:count], dtype=float).reshape(-1, 3)).reshape(-1), x[count:]])
+
+    def scene_of(self, parameters: Parameters, field: int = -1) -> Scene:
+        """The scene of a trial, in the field with this number (of one at each depth or time; the last unless given)."""
+        return self.scene_at(self.embedded(parameters), parameters.get("order"), field)
+
+    def scene_at(self, x: Array, order: str | None = None, field: int = -1) -> Scene:
+        """The scene of embedded coordinates (size,). Raises InputError for values that no scene has."""
+        edits = Edits(self.scene)
+        self.edit(edits, x, order, field)
+        return edits.scene()
+
+    def edit(self, edits: Edits, x: Array, order: str | None = None, field: int = -1) -> None:
+        """Write a design, by its embedded coordinates (size,), into a scene's data."""
+        lengths, x = {}, self.made(x)
+        fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Direction):
+                edits.segment(block.segment)["magnetization"] = x[at].tolist()
+            elif isinstance(block, Number) and block.what == "length":
+                lengths[block.of] = block.value(x[at])
+            elif isinstance(block, Number):
+                edits.number(block, block.value(x[at]))
+        if lengths:
+            edits.lengths(self._lengths(np.array(list(lengths.values()))), keep=self.keeps_length)
+        if fields:
+            edits.field(x[fields[field]])
+        if order is not None:
+            edits.order(arrangement(self.scene, order))
+
+    def _lengths(self, asked: Array) -> Array:
+        """Lengths (k,) m of the segments, of those asked for; shifted alike to sum to the body's length if that is kept."""
+        if not self.keeps_length:
+            return asked
+        numbers = [number for number in self.numbers_within if number.what == "length"]
+        return kept_total(asked, numbers[0].low, numbers[0].high, self.scene.length)[0]
+
+    def directions(self, parameters: Parameters) -> Array:
+        """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
+        found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
+        x = self.made(self.embedded(parameters))
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Direction):
+                found[block.segment] = x[at]
+        order = parameters.get("order")
+        return found if order is None else found[arrangement(self.scene, order)]
+
+    def quantities(self, parameters: Parameters) -> dict[str, Any]:
+        """The values, SI, of the numbers that vary: lengths base to tip, the diameter, and remanence and shear modulus of each segment."""
+        varied = {number.what for number in self.numbers_within}
+        if not varied:
+            return {}
+        scene = self.scene_of(parameters)
+        shape, materials = scene.body.shape, [scene.region_material(i) for i in range(len(scene.regions()))]
+        assert isinstance(shape, StraightBody)
+        found = {
+            "length": ("segment_lengths_m", shape.segment_lengths()),
+            "diameter": ("diameter_m", shape.thickness),
+            "remanence": ("remanence_T", [material.remanence for material in materials]),
+            "shear_modulus": ("shear_modulus_Pa", [material.shear_modulus for material in materials]),
+        }
+        return dict(found[what] for what in found if what in varied)
+
+    def field(self, parameters: Parameters, number: int = -1) -> Array:
+        """The uniform part of the field with this number (the last unless given), (3,) T."""
+        found = [block for block in self.blocks if isinstance(block, FieldVector)]
+        return found[number].read(parameters) if found else np.array(self.scene.field.uniform, dtype=float)
+
+    # sensitivities -> embedded coordinates
+
+    @property
+    def sensitivities(self) -> list[str]:
+        """What to ask `magmpm.sensitivities` for: its `of`."""
+        named = [("magnetization", bool(self.segments)), ("field", self.field_max is not None)]
+        named += [(what, any(n.what == what for n in self.numbers_within)) for what in ("length", "diameter", "remanence", "shear_modulus")]
+        return [what for what, wanted in named if wanted]
+
+    def chain(self, variables: Sequence[VariableLike], x: Array, order: str | None = None, field: int = -1) -> Array:
+        """The derivatives of the variables of a solve by embedded coordinates: (k, size), so that columns (..., k) @ chain are (..., size).
+
+        variables: `Sensitivities.variables` of the scene of these coordinates x (size,), order and field. A direction's three columns are
+        the gradient on the sphere: they have no part along the direction.
+        """
+        found = np.zeros((len(variables), self.size))
+        rows = _rows(variables)
+        count = len(self.scene.regions())
+        places: NDArray[np.int64] = np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
+        fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
+        numbers = [(block, at) for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, Number)]
+        lengths = [(number.of, at) for number, at in numbers if number.what == "length"]
+        for block, at in zip(self.blocks, self.slices, strict=True):
+            if isinstance(block, Direction):
+                for row in rows.get(("magnetization", int(places[block.segment])), ()):  # none where the remanence is zero
+                    found[row, at] = variables[row].direction  # type: ignore[attr-defined]
+            elif isinstance(block, Number) and block.what != "length":
+                name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
+                for row in rows.get((block.what, name), ()):
+                    found[row, at] = block.high - block.low
+        if fields:
+            for row, column in zip(rows["field", None], range(fields[field].start, fields[field].stop), strict=True):
+                found[row, column] = 1.0
+        if lengths:
+            self._chain_of_lengths(found, rows, x, lengths, places)
+        if self.limits is not None:
+            count = 3 * len(self.segments)
+            found[:, :count] = found[:, :count] @ self.limits.derivative(x[:count].reshape(-1, 3)).reshape(count, count)
+        return found
+
+    def _chain_of_lengths(
+        self, found: Array, rows: Mapping[Any, list[int]], x: Array, lengths: list[Any], places: NDArray[np.int64]
+    ) -> None:
+        numbers = [number for number in self.numbers_within if number.what == "length"]
+        low, high = numbers[0].low, numbers[0].high
+        moved = np.eye(len(lengths))
+        if self.keeps_length:
+            moved = kept_total(np.array([low + (high - low) * float(x[at][0]) for _, at in lengths]), low, high, self.scene.length)[1]
+        for i, (segment, _) in enumerate(lengths):
+            for row in rows["length", int(places[segment])]:
+                for j, (_, at) in enumerate(lengths):
+                    found[row, at] = (high - low) * moved[i, j]
+
+
+def _rows(variables: Sequence[VariableLike]) -> dict[tuple[str, int | str | None], list[int]]:
+    """Which rows of a Jacobian belong to what: by kind, and by segment or material."""
+    found: dict[tuple[str, int | str | None], list[int]] = {}
+    for row, variable in enumerate(variables):
+        where = {"magnetization": "region", "length": "region", "remanence": "material", "shear_modulus": "material"}.get(variable.kind)
+        found.setdefault((variable.kind, None if where is None else getattr(variable, where)), []).append(row)
+    return found
+
+
+def makeable(limits: Limits | None) -> Makeable | None:
+    """The limits of a study."""
+    if limits is None:
+        return None
+    return Makeable(None if limits.directions is None else np.array(limits.directions), limits.at_most)
