@@ -190,10 +190,12 @@ class Grid:
 
     def splines(self, points: Array, cell: NDArray[np.int64]) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
-        xi = self.locate(points, cell)
-        ends, width = np.full((*cell.shape, 2), 0.5), np.tile(self.spacing, (len(cell), 1))
-        ends[:, 0], width[:, 0] = self.along.ends[cell[:, 0]], self.along.width[cell[:, 0]]
-        return spline_weights(xi, ends), spline_slopes(xi, ends) / width[:, :, None]
+        xi, first = self.locate(points, cell), cell[:, 0]
+        weights, slopes = np.empty((*xi.shape, 3)), np.empty((*xi.shape, 3))
+        for axis in range(3):  # one at a time: all at once take the most memory of all that a model is built with
+            ends, width = (0.5, self.spacing[axis]) if axis else (self.along.ends[first], self.along.width[first, None])
+            weights[:, axis], slopes[:, axis] = spline_weights(xi[:, axis], ends), spline_slopes(xi[:, axis], ends) / width
+        return weights, slopes
 
     def own(self, points: Array, cell: NDArray[np.int64]) -> Array:
         """Coordinates (n, 3) along its axes of points (n, 3) m in these cells (n, 3)."""
