@@ -114,6 +114,12 @@ class Catheter(StraightBody):
         return 3 / math.sqrt(2) * middle**2 * math.sqrt(1 - poisson**2) / wall if self.hollow else 0.0
 
     @property
+    def held_round(self) -> float:
+        """Length (m) from the clamp within which it keeps a tube's section round: r sqrt(r/t), in which flattening dies away."""
+        wall, middle = (self.diameter - self.inner_diameter) / 2, (self.diameter + self.inner_diameter) / 4
+        return middle * math.sqrt(middle / wall)
+
+    @property
     def radii(self) -> dict[str, float]:
         """Outer and inner radius, m."""
         return {"outer": self.diameter / 2, "inner": self.inner_diameter / 2}

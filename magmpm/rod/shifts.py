@@ -25,6 +25,7 @@ MOMENTS = 9  # along equilibria in time, at equal parts; and where the load is s
 QUICK_CLOSE = 1e-3  # of the length, to which quick rods follow a field that varies in space
 QUICK = 0.2  # of a shift that was found by few elements
 EDGEWISE = 0.01  # of the length: a wide strip that goes farther along its width topples, in a rod, before its clamp lets it
+BORNE = 2 / 3  # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
 MODEL = 0.05  # of a shift: what rod and body differ by, from tests/benchmarks/advice.py
 
 
@@ -45,6 +46,31 @@ def is_cantilever(scene: Scene) -> bool:
     """Whether the scene's body is straight and held at its base alone: its rest can be taken as a rod's."""
     shape = scene.body.shape
     return isinstance(shape, StraightBody) and shape.clamp == "base"
+
+
+def kink_warning(scene: Scene) -> str | None:
+    """A warning, in milliseconds and before any equilibrium is solved, that a tube at rest will kink; None where it will not.
+
+    A tube bears at most M = (2 sqrt(2)/9) pi E r t^2 / sqrt(1 - nu^2) (Brazier 1927), BORNE of the moment that its round section would
+    have at Catheter.kink_radius. Its rod has the moments of the round section. The clamp keeps the section round nearby: the largest
+    moment beyond that length counts.
+    """
+    tube = scene.body.catheter
+    if tube is None or not tube.hollow or not scene.static or not is_cantilever(scene):
+        return None
+    try:
+        rod = solve_rod(scene)
+    except SolveError:
+        return None
+    used = [scene.materials[region.material_name] for region in scene.regions()]
+    limit = tube.kink_radius(max(poisson_ratio(m.shear_modulus, m.shear_modulus * m.bulk_to_shear) for m in used))
+    bent = np.linalg.norm(rod.curvature[rod.s >= tube.held_round, 1:], axis=1).max(initial=0.0)
+    if bent * limit <= BORNE:
+        return None
+    return (
+        f"the tube will kink: the load bends it with {bent * limit / BORNE:.2g} times the moment that its wall bears before the section "
+        "flattens (Brazier); the solve may take long and fail; thicken the wall, or bend it less"
+    )
 
 
 def flat_stiffening(scene: Scene) -> float:

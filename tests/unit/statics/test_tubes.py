@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from reference.problems import finite_element_problems
 from reference.scenes import rod_scene
 
 from magmpm.errors import SolveError
 from magmpm.model import build, knots_of
 from magmpm.rod.cosserat import solve_rod
-from magmpm.scene import Scene
+from magmpm.rod.shifts import kink_warning
+from magmpm.scene import Scene, load_scene
 from magmpm.statics import axis, equilibrium
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
@@ -64,3 +68,20 @@ def test_a_solve_that_fails_where_a_tube_kinks_says_so(field: float, kinks: bool
     monkeypatch.setattr(equilibrium, "_branch", fails)
     with pytest.raises(SolveError, match="the tube kinks.*71" if kinks else "^no equilibrium$"):
         solve_static(model)
+
+
+@pytest.mark.parametrize(("wall", "ratio", "field"), [(0.1, 20, 4.24e-3), (0.1, 200, 4.38e-3), (0.1, 200, 5.77e-3), (0.2, 200, 25.1e-3)])
+def test_a_tube_that_will_kink_is_told_before_the_solve(wall: float, ratio: float, field: float) -> None:
+    """Tubes that end 16 to 39 % of the length from their rod, or without an equilibrium, after 6 to 49 s."""
+    length = {0.1: 60e-3, 0.2: 48e-3}[wall]
+    scene = rod_scene(length=length, inner_diameter=4e-3 * (1 - wall), bulk_to_shear=ratio, field=(0, 0, field))
+    assert "will kink: the load bends it with 1." in (kink_warning(scene) or "")
+
+
+def test_no_tube_that_stays_round_is_said_to_kink() -> None:
+    """Those held against finite elements, up to 0.91 of what the wall bears, and the scenes of data/."""
+    data = Path(__file__).resolve().parents[3] / "data"
+    scenes = [problem.scene(2) for problem in finite_element_problems(data / "references/jointed_catheters.json").values()]
+    scenes += [load_scene(data / "scenes" / name) for name in ("hollow.yaml", "gallery/steerable_guidewire.yaml")]
+    assert sum(scene.body.catheter.hollow for scene in scenes if scene.body.catheter) >= 10
+    assert [kink_warning(scene) for scene in scenes] == [None] * len(scenes)
