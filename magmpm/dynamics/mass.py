@@ -1,9 +1,9 @@
-"""How much too slowly a free body turns: mass on nodes lies farther out than the mass of the particles.
+"""How much too slowly a free body turns in the updated formulation: mass on nodes lies farther out than the mass of the particles.
 
-Particles give their mass to the nodes by splines with second moment h^2 / 4 along each axis: in the total formulation as lumped mass, in
-the updated one through the affine part of APIC. So a body of mass M turns with the inertia I + M (h_y^2 + h_z^2) / 4 about x, and likewise
-about y and z. This is 75 % too much for a cube of two cells, 19 % for four, 5 % for eight. Momentum, angular momentum and energy are still
-conserved. Bending and swinging suffer little (0.6 % in the first frequency of a rod of 2 cells).
+Particles give their mass to the nodes by splines with second moment h^2 / 4 along each axis, through the affine part of APIC. So a body of
+mass M turns with the inertia I + M (h_y^2 + h_z^2) / 4 about x, and likewise about y and z. This is 75 % too much for a cube of two cells,
+19 % for four, 5 % for eight. Momentum, angular momentum and energy are still
+conserved. The total formulation has the body's own inertia (dynamics.nodal_mass).
 
 Source: Belytschko et al., Nonlinear Finite Elements (2014), 2.4 (lumped mass).
 """

@@ -8,6 +8,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
+from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
 from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
 from magmpm.model import Model
 
@@ -19,14 +20,14 @@ class Packed:
     """Groups of eight particles of one cell and one material, with cells sorted by slab; nodes of the whole grid, x slowest.
 
     If the last group of a cell is not full, its other lanes repeat its first particle with volume 0. particle (groups, 8): the model's
-    particle in each lane, -1 for a repetition; node_mass (nodes,) kg.
+    particle in each lane, -1 for a repetition; mass: of the nodes.
     """
 
     cells: Cells
     particles: Particles
     nodes: Nodes
     particle: Index
-    node_mass: Array
+    mass: NodalMass
 
     @property
     def node_place(self) -> Array:
@@ -81,7 +82,9 @@ def pack(model: Model) -> Packed:
     moments, modes = _alike(_lanes(model.modes, particle)) if count else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
     strides = (int(shape[1] * shape[2]), int(shape[2]))
     base = first @ np.array([*strides, 1])
-    mass, inverse, place = _nodes(model, weights, base, strides)
+    lumped, inverse, place = _nodes(model, weights, base, strides)
+    active = np.flatnonzero(lumped > 0).astype(np.int64)
+    mass = nodal_mass(model, weights, base, strides, (lumped, inverse, place), active)
     slab_of_cell = slab[order[starts]]
     cells = Cells(
         slab_first=np.searchsorted(slab_of_cell, np.arange(slab_of_cell.max() + 2)).astype(np.int64),
@@ -103,7 +106,7 @@ def pack(model: Model) -> Packed:
         remanence=_lanes(model.remanence, particle).ravel(),
         reference=_lanes(model.particles.position, particle).ravel(),
     )
-    nodes = Nodes(active=np.flatnonzero(mass > 0).astype(np.int64), inverse_mass=inverse, place=place.ravel())
+    nodes = Nodes(active=active, inverse_mass=inverse, place=place.ravel())
     return Packed(cells, particles, nodes, np.where(real, particle, -1), mass)
 
 

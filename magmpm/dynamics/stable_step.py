@@ -18,6 +18,7 @@ sampled field would seem to change more slowly than it does, or not at all.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,24 +147,33 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
 
 def body_step(motion: TotalMotion) -> float:
     """2 / omega of the fastest oscillation of the body about its present shape, s."""
-    inverse = motion.packed.nodes.inverse_mass
-    free = np.flatnonzero(inverse > 0)
-    root = np.sqrt(inverse[free])
+    inverse, mass = motion.packed.nodes.inverse_mass.reshape(-1, 3), motion.packed.mass
+    free = np.flatnonzero(inverse.ravel() > 0)
     scale = 1e-6 * float(motion.model.grid.spacing.min())
-    rest = motion.acceleration(motion.u)[free]
+    rest = motion.acceleration(motion.u)
 
-    def apply(z: Array) -> Array:
-        moved = motion.u.copy()
-        step = root * z
-        size = scale / np.abs(step).max()
-        moved[free] += size * step
-        return (rest - motion.acceleration(moved)[free]) / (size * root)
+    def whole(z: Array) -> Array:
+        nodal = np.zeros(inverse.size)
+        nodal[free] = z
+        return nodal.reshape(-1, 3)
+
+    def stiffness_product(z: Array) -> Array:
+        size = scale / np.abs(z).max()
+        change = rest - motion.acceleration(motion.u + size * whole(z).ravel())
+        return np.asarray(mass.momentum(change.reshape(-1, 3)).ravel()[free] / size)
 
     begin = np.random.default_rng(0).standard_normal(len(free))  # always the same: a resumed run finds the same step
     from scipy.sparse.linalg import LinearOperator, eigsh  # 0.1 s to import: not before a motion begins
 
-    operator = LinearOperator((len(free), len(free)), matvec=apply, dtype=float)
-    largest = eigsh(operator, k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False)[0]
+    def operator(product: Callable[[Array], Array]) -> LinearOperator:
+        return LinearOperator((len(free), len(free)), matvec=product, dtype=float)
+
+    largest = eigsh(
+        operator(stiffness_product),
+        M=operator(lambda z: mass.momentum(whole(z)).ravel()[free]),
+        Minv=operator(lambda z: mass.accelerated(whole(z), inverse).ravel()[free]),
+        k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False,
+    )[0]  # fmt: skip
     return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))
 
 

@@ -99,7 +99,8 @@ def begin(model: Model) -> SimulationState:
             remedy="lower it, or leave it out: it is then chosen",
         )
     control = StepControl(motion, stable, options)
-    return SimulationState(motion, stable, control, control.step, options.frame_interval, warnings=mass.warnings(model))
+    warnings = [] if isinstance(motion, TotalMotion) else mass.warnings(model)
+    return SimulationState(motion, stable, control, control.step, options.frame_interval, warnings=warnings)
 
 
 def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:

@@ -25,7 +25,7 @@ class TotalMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.packed = pack(model)
-        nodes = len(self.packed.node_mass)
+        nodes = len(self.packed.mass.lumped)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
@@ -53,7 +53,8 @@ class TotalMotion:
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
         state = total_lagrangian_step.State(u, v, force, stiffness, anchor)
-        return int(total_lagrangian_step.advance(steps, dt, p.cells, p.particles, p.nodes, state, effects, watch, self.slabs))
+        body = p.cells, p.particles, p.nodes, p.mass.correction
+        return int(total_lagrangian_step.advance(steps, dt, *body, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
         """Velocity of the nodes (3 nodes,) m/s, at the time of their displacements.
@@ -78,7 +79,7 @@ class TotalMotion:
         position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         rest = self.model.particles.position
         total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, self.u, v, rest, position, velocity, deformation)
-        kinetic = 0.5 * float(np.repeat(p.node_mass, 3) @ v**2)
+        kinetic = 0.5 * float(v @ p.mass.momentum(v.reshape(-1, 3)).ravel())
         return Kinematics(position, velocity, deformation, kinetic)
 
     def kept(self) -> dict[str, Any]:

@@ -48,7 +48,8 @@ class Viscosity(Effect):
         With lumped mass, no motion strains faster than s^2 = sum_axes 6 / h^2 allows (Cauchy-Schwarz over a particle's splines), so
         viscous stress decays at rates up to r = 2 eta s^2 / rho. It is computed from velocities one step old. A step is then stable
         while (w dt)^2 / 4 + r dt / 2 <= 1 for the fastest elastic frequency w. With w dt at 0.8 of 2 this leaves r dt <= 0.72, so the
-        bound is 0.9 / r before the same factor 0.8.
+        bound is 0.9 / r before the same factor 0.8. The corrected mass (dynamics.nodal_mass) makes the fastest rate 0.39 of r at most,
+        measured on rods, blocks and strips of 2 to 4 cells, 0.18 with lumped mass.
         """
         steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
         if model.grid.runs:  # at repeated knots splines are steeper than between equal cells

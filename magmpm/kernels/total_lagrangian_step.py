@@ -31,6 +31,7 @@ from magmpm.compiled.simd import (
 )
 from magmpm.compiled.simd_views import row, vector
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress, push_time
+from magmpm.kernels.mass_correction import added_at, correct, sum_plane
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
@@ -183,8 +184,8 @@ class Particles(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Nodes of the whole grid, x slowest. active: nodes with mass; inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest;
-    place (3 nodes,) m."""
+    """Nodes of the whole grid, x slowest. active: nodes with mass; inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest,
+    of the lumped mass; place (3 nodes,) m."""
 
     active: Index
     inverse_mass: Array
@@ -275,11 +276,12 @@ def particles_to_grid(cell, step, push, cells, particles, state, effects, room, 
 
 
 @inlined
-def update_grid(node, step, dt, push, nodes, state, effects):
-    """v += push f / m, then what effects do to v, then u += dt v, for one node. push: s for which forces push (effects.hooks)."""
+def update_grid(k, step, dt, push, nodes, correction, state, effects):
+    """v += push f / m, then what effects do to v, then u += dt v, for one active node. push: s for which forces push (effects.hooks)."""
+    node, plane = nodes.active[k], correction.plane[k]
     n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
     for i in range(3):
-        v[n + i] += push * inverse_mass[n + i] * force[n + i]
+        v[n + i] += push * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))
         force[n + i] = 0.0
     if has_node(effects):
         change_node(effects, step, row(nodes.place, n), row(u, n), row(v, n), dt)
@@ -288,8 +290,8 @@ def update_grid(node, step, dt, push, nodes, state, effects):
 
 
 @kernel
-def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
-    """Take up to `steps` steps of dt (s). Changes State in place. watch, slabs: see kernels.watch.
+def advance(steps, dt, cells, particles, nodes, correction, state, effects, watch, slabs):
+    """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; watch, slabs: see kernels.watch.
 
     Returns the number of steps taken; if fewer than `steps`, the watch says why.
     """
@@ -311,8 +313,11 @@ def advance(steps, dt, cells, particles, nodes, state, effects, watch, slabs):
         if stops(watch, slabs):
             clear(state.force)
             return step
+        for plane in prange(len(correction.left)):
+            sum_plane(plane, correction, state.force)
+        correct(correction)
         for k in prange(len(nodes.active)):
-            update_grid(nodes.active[k], step, dt, push, nodes, state, effects)
+            update_grid(k, step, dt, push, nodes, correction, state, effects)
     return steps
 
 

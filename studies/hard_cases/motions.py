@@ -83,7 +83,7 @@ def spin(motion: Motion) -> Array:
     if isinstance(motion, TotalMotion):
         p = motion.packed
         place = p.node_place + motion.u.reshape(-1, 3)
-        return np.asarray(p.node_mass @ np.cross(place, motion.velocity().reshape(-1, 3)))
+        return np.asarray(np.cross(place, p.mass.momentum(motion.velocity().reshape(-1, 3))).sum(axis=0))
     within = model.grid.spacing**2 / 4 * motion.affine()  # sum of m d (x) dv over a particle's nodes: m C h^2/4
     turning = np.stack([within[:, 2, 1] - within[:, 1, 2], within[:, 0, 2] - within[:, 2, 0], within[:, 1, 0] - within[:, 0, 1]], axis=1)
     return np.asarray(mass @ (np.cross(now.x, now.v) + turning))

@@ -16,6 +16,7 @@ from magmpm.compiled.simd import (
     splat,
     store,
 )
+from magmpm.kernels.mass_correction import added_at, correct, sum_plane
 from magmpm.kernels.total_lagrangian_step import CellRoom, State, _projected, grid_to_particles, scatter
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import neo_hookean, stiffest
@@ -46,18 +47,19 @@ def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, ch
 
 
 @inlined
-def update_grid(node, dt, nodes, state):
+def update_grid(k, dt, nodes, correction, state):
     """As of kernels.total_lagrangian_step, without effects."""
+    node, plane = nodes.active[k], correction.plane[k]
     n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
     for i in range(3):
-        v[n + i] += dt * inverse_mass[n + i] * force[n + i]
+        v[n + i] += dt * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))
         force[n + i] = 0.0
     for i in range(3):
         u[n + i] += dt * v[n + i]
 
 
 @kernel
-def advance(steps, dt, cells, particles, nodes, state, watch, slabs):
+def advance(steps, dt, cells, particles, nodes, correction, state, watch, slabs):
     """As of kernels.total_lagrangian_step, without effects."""
     count, most = len(cells.slab_first) - 1, 1
     for cell in range(len(cells.first_node)):
@@ -76,12 +78,15 @@ def advance(steps, dt, cells, particles, nodes, state, watch, slabs):
         if stops(watch, slabs):
             clear(state.force)
             return step
+        for plane in prange(len(correction.left)):
+            sum_plane(plane, correction, state.force)
+        correct(correction)
         for k in prange(len(nodes.active)):
-            update_grid(nodes.active[k], dt, nodes, state)
+            update_grid(k, dt, nodes, correction, state)
     return steps
 
 
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
     p, state = motion.packed, State(u, v, motion.force, motion.stiffness, motion.anchor)
-    return advance(steps, dt, p.cells, p.particles, p.nodes, state, motion.watch, motion.slabs)
+    return advance(steps, dt, p.cells, p.particles, p.nodes, p.mass.correction, state, motion.watch, motion.slabs)

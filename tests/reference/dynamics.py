@@ -28,6 +28,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import brentq
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from magmpm.bodies.grid import spline_weights
 from magmpm.effects import hooks
@@ -160,12 +162,43 @@ class Total:
         )
         return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN)
 
+    def fields(self) -> np.ndarray:
+        """Nodal values (nodes, k) for which the mass is right: of each connected set of free nodes 1, x, y, z; of a straight body hats
+        along x, over every second plane of nodes, times 1, y, z."""
+        free = (self.mass > 0) & ~self.fixed & (self.model.scene.effects.feed is None)
+        rows, columns = np.nonzero((self.N > 0) & free)
+        shared = coo_matrix((np.ones(len(rows)), (rows, columns)), self.N.shape)
+        label = connected_components(shared.T @ shared, directed=False)[1]
+        columns_of = []
+        for one in np.unique(label[free]):
+            on = free & (label == one)
+            x, y, z = ((self.X - self.X[on].mean(axis=0)) / self.model.grid.spacing).T
+            hats = [np.ones_like(x), x]
+            if self.model.line is not None:
+                planes = np.unique(x[on])
+                spaces = max(1, round((len(planes) - 1) / 2))
+                at = planes[np.round(np.linspace(0, len(planes) - 1, spaces + 1)).astype(int)]
+                hats = [np.interp(x, at, row) for row in np.eye(len(at))]
+                columns_of += [on * hat * field for hat in hats for field in (np.ones_like(x), y, z)]
+            else:
+                columns_of += [on * field for field in (*hats, y, z)]
+        return np.column_stack(columns_of) if columns_of else np.zeros((len(free), 0))
+
+    def inverse_mass(self) -> np.ndarray:
+        """Inverse mass (nodes, nodes) 1/kg: lumped, corrected so that the fields have their consistent mass."""
+        A, weight = self.fields(), self.model.density * self.model.particles.volume
+        lumped, values = A.T @ (self.mass[:, None] * A), self.N @ A
+        consistent = values.T @ (weight[:, None] * values)
+        inverse = [np.linalg.pinv(matrix, rcond=1e-10, hermitian=True) for matrix in (consistent, lumped)]
+        on = np.where(self.mass > 0, self.mass, np.inf)
+        return np.asarray(np.diag(1.0 / on) + A @ (inverse[0] - inverse[1]) @ A.T)
+
     def step(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and velocity of the nodes after a time dt. Nodes without mass stay at rest."""
         on = self.mass > 0
         after = np.zeros_like(v)
         push = push_time(self.model, dt, step)
-        after[on] = v[on] + push * self.force(c, v, push, step)[on] / self.mass[on, None]
+        after[on] = v[on] + push * (self.inverse_mass() @ self.force(c, v, push, step))[on]
         for node in np.flatnonzero(on):
             call(self.model, "node", self.X[node], c[node], after[node], dt, step=step)
         after[self.fixed] = 0.0

@@ -74,7 +74,7 @@ def quantities(motion: Motion) -> Quantities:
     if isinstance(motion, TotalMotion):
         p = motion.packed
         v = motion.v.reshape(-1, 3)
-        return _quantities(p.node_mass, p.node_place + motion.u.reshape(-1, 3), v)
+        return _quantities(np.ones(len(v)), p.node_place + motion.u.reshape(-1, 3), p.mass.momentum(v))
     model = motion.model
     x, v, _ = motion.particles()
     mass = model.density * model.particles.volume

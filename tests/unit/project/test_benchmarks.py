@@ -42,8 +42,8 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
     own = [
         "P, f, spare = np.empty(72), np.zeros(24), np.empty(72)",
         "high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)",
-        "update_grid(nodes.active[k], dt, nodes, state)",
-        "v[n + i] += dt * inverse_mass[n + i] * force[n + i]",
+        "update_grid(k, dt, nodes, correction, state)",
+        "v[n + i] += dt * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))",
     ]
     effects = ("effect", "push", "store(x,", "touched", "gather(state.v,", "gather_value(")
     of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "store(f, 8 * i, splat(0.0))",

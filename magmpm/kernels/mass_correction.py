@@ -1,0 +1,107 @@
+"""The correction of the lumped mass in a step of the total formulation: plane by plane, and along chains of hats (dynamics.nodal_mass).
+
+Inverse mass = 1/m + A (C^-1 - L^-1) A', with the fields A = hat(x) (1, y, z), C = A'M A and L = A'm A. Along a chain both matrices couple
+a knot with REACH others on each side, so a step takes two solves with factors that never change.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.jit import compiled, inlined
+
+FIELDS = 3  # 1, y and z in a plane of nodes
+REACH = 2  # knots: splines reach over two planes, so hats that are two knots apart still overlap
+
+
+class Correction(NamedTuple):
+    """Planes of nodes of a component that share one x; chains of knots along x, one chain a component.
+
+    order (m,), first (planes + 1,): the nodes of each plane; arm (2 nodes,): y and z in cells from the component's center;
+    plane (active,): of each of Nodes.active, the last one where nothing is corrected; left, share (planes,): knot before the plane, and
+    the value of the next knot's hat; chain (components + 1,): first knot of each; pivot (2, knots, 3, 3), link (2, knots, REACH, 3, 3):
+    factors of C and L; moving (3,): 1 for directions in which nodes can move. Work space: moment, added (planes + 1, 9), load (knots, 9),
+    answer (2, knots, 9).
+    """
+
+    order: Index
+    first: Index
+    arm: Array
+    plane: Index
+    left: Index
+    share: Array
+    chain: Index
+    pivot: Array
+    link: Array
+    moving: Array
+    moment: Array
+    added: Array
+    load: Array
+    answer: Array
+
+
+@inlined
+def sum_plane(plane, correction, force):
+    """Moments of the nodes' forces in one plane: sums of f, y f and z f."""
+    a0, a1, a2, b0, b1, b2, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(correction.first[plane], correction.first[plane + 1]):
+        node = correction.order[k]
+        y, z = correction.arm[2 * node], correction.arm[2 * node + 1]
+        f0, f1, f2 = force[3 * node], force[3 * node + 1], force[3 * node + 2]
+        a0, a1, a2 = a0 + f0, a1 + f1, a2 + f2
+        b0, b1, b2 = b0 + y * f0, b1 + y * f1, b2 + y * f2
+        c0, c1, c2 = c0 + z * f0, c1 + z * f1, c2 + z * f2
+    m = correction.moment
+    m[plane, 0], m[plane, 1], m[plane, 2] = a0, a1, a2
+    m[plane, 3], m[plane, 4], m[plane, 5] = b0, b1, b2
+    m[plane, 6], m[plane, 7], m[plane, 8] = c0, c1, c2
+
+
+@compiled
+def _solve(pivot, link, first, last, load, answer):
+    """answer (knots, 9) of one chain, by block elimination with factors from dynamics.nodal_mass."""
+    for k in range(first, last):
+        for a in range(FIELDS):
+            for i in range(3):
+                value = load[k, 3 * a + i]
+                for d in range(min(REACH, k - first)):
+                    for b in range(FIELDS):
+                        value -= link[k, d, a, b] * answer[k - 1 - d, 3 * b + i]
+                answer[k, 3 * a + i] = value
+    for k in range(last - 1, first - 1, -1):
+        for i in range(3):
+            y0, y1, y2 = answer[k, i], answer[k, 3 + i], answer[k, 6 + i]
+            for a in range(FIELDS):
+                value = pivot[k, a, 0] * y0 + pivot[k, a, 1] * y1 + pivot[k, a, 2] * y2
+                for d in range(min(REACH, last - 1 - k)):
+                    for b in range(FIELDS):
+                        value -= link[k + 1 + d, d, b, a] * answer[k + 1 + d, 3 * b + i]
+                answer[k, 3 * a + i] = value
+
+
+@compiled
+def correct(correction):
+    """From the moments of all planes, what the correction adds to the accelerations in each: `added`, constant and slopes along y and z."""
+    load, answer, left, share = correction.load, correction.answer, correction.left, correction.share
+    load[:] = 0.0
+    for plane in range(len(left)):
+        k, s = left[plane], share[plane]
+        for j in range(9):
+            load[k, j] += (1.0 - s) * correction.moment[plane, j]
+            load[k + 1, j] += s * correction.moment[plane, j]
+    for c in range(len(correction.chain) - 1):
+        for which in range(2):
+            _solve(correction.pivot[which], correction.link[which], correction.chain[c], correction.chain[c + 1], load, answer[which])
+    for plane in range(len(left)):
+        k, s = left[plane], share[plane]
+        for j in range(9):
+            low, high = answer[0, k, j] - answer[1, k, j], answer[0, k + 1, j] - answer[1, k + 1, j]
+            correction.added[plane, j] = correction.moving[j % 3] * ((1.0 - s) * low + s * high)
+
+
+@inlined
+def added_at(correction, plane, node, i):
+    """What the correction adds to component i of the acceleration of a node, m/s^2."""
+    added, arm = correction.added, correction.arm
+    return added[plane, i] + arm[2 * node] * added[plane, 3 + i] + arm[2 * node + 1] * added[plane, 6 + i]
