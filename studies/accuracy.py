@@ -15,7 +15,7 @@ from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, steady
-from magmpm.statics.ladder import operations
+from magmpm.statics.grids import operations
 from magmpm.studies.accuracy_beside import Model, Solve, answer, apart, beside, percent, settled, timed
 
 LADDER = (2, 3, 4, 5, 6, 8)
