@@ -175,7 +175,6 @@ def _resolved(
     except SolveError as error:
         if isinstance(grids, Equilibria):
             raise with_state(error, {"setup": 0.0, "compile": 0.0, "solve": time.perf_counter() - begun}) from None
-        error.state = error.state if into_folder is None else None  # whose frames are not written
         raise
     seconds, found = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}, None
     if isinstance(grids, Equilibria):

@@ -20,7 +20,7 @@ from test_import import robot_file
 from magmpm.cli import main
 from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
-from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE, TRYING
+from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
@@ -338,7 +338,6 @@ def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_re
     saved = OUT / FAILED if first else OUT
     assert not Result.load(saved).converged
     assert not (saved / CHECKPOINT).exists()
-    assert not (OUT / TRYING).exists()
     assert not (OUT / EARLIER).exists()
     if first:
         assert {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()} == before
