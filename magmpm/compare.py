@@ -16,16 +16,22 @@ import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
+from magmpm.effects.base import Effect
+from magmpm.errors import InputError, MagmpmError, SolveError, report
 from magmpm.model import build
 from magmpm.precompile import PROOFS, SOLVE, prepare_kernels
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
+from magmpm.rod.advice import Judgment, allowed_error, nearest, reason, unknown, variants, verdict
+from magmpm.rod.shifts import Shift
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solve import measured, solve
 from magmpm.statics.error_estimate import PROOF, WITNESS
 from magmpm.statics.grids import PARTICLE, STATIONS, Equilibria, Grids, OnStep, Solved, operations, particles
 from magmpm.statics.resolution import ChosenGrid, choose, known_error
+
+FRAMES = 25  # of a motion with and without an effect
 
 
 @dataclass
@@ -89,13 +95,16 @@ class Runs(Grids):
         super().__init__(asked, on_step)
         self.results: dict[int, Result] = {}
         self.frames: dict[int, Frames] = {}
+        self.mute: dict[str, Effect] = {}  # effects that the scene does not name, but whose kernels are used
 
     def solve(self, cells: int) -> None:
         """Run the scene, if it has not been."""
         if cells in self.solved:
             return
         begun, frames = time.perf_counter(), Frames()
-        result = solve(self.on(cells), on_progress=self.on_step, on_frame=frames.see)
+        scene = self.on(cells)
+        scene = scene.model_copy(update={"effects": scene.effects.model_copy(update={k: muted(e) for k, e in self.mute.items()})})
+        result = solve(scene, on_progress=self.on_step, on_frame=frames.see)
         if not frames.times:
             frames = frames_of(result)
         frames.jumps = [jump["time"] for jump in result.jumps]
@@ -219,3 +228,93 @@ def cost_in_words(scene: Scene) -> str:
         f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on {first}, "
         f"{' and '.join(map(str, others))} cells across: about {times:.2g} times as long as on {first} alone"
     )
+
+
+FAINT = 1e-30  # of a load or a setting: what it moves is below the last digit
+NEVER_MUTED = ("magnetic_interaction", "self_contact", "feed")  # with them a scene is solved in another way, or held by another clamp
+CLOSE = 2.0  # times the error, or its half: between the two a motion's shift is found again on a finer grid
+
+
+def influence(scene: Scene | Path | str, effect: str | None = None) -> list[Judgment]:
+    """Find what effects do to a scene's answer, named or not: one effect, or all of them; and what to do about each.
+
+    The scene is run with and without each, on the coarsest grid: the shift is their distance, over all frames. One cell more tells its
+    uncertainty; a motion is run again only where the advice depends on it. self_contact matters where the body would go through itself.
+    Raises InputError for a name that is no effect; what can't be run has its reason in `why`.
+    """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    every = list(scene.effects.every())
+    if effect is not None and effect not in every:
+        raise InputError(report("effect", received=repr(effect), rule=f"must be one of {', '.join(every)}", remedy="leave it out for all"))
+    trials = _Trials(scene)
+    return [trials.judged(key) for key in ([effect] if effect else every)]
+
+
+class _Trials:
+    """Runs of a scene's variants, each once on a grid."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.error, self._found = scene, allowed_error(scene), dict[tuple[Any, int], Frames]()
+        self.pairs = {key: variants(scene, key) for key in scene.effects.every()}
+        sides = [side for pair in self.pairs.values() if not isinstance(pair, str) for side in pair]
+        named: dict[str, Effect] = {key: effect for side in sides for key, effect in side.effects.named().items()}
+        self._muted = {key: effect for key, effect in named.items() if key not in NEVER_MUTED}
+
+    def judged(self, key: str) -> Judgment:
+        """What one effect does."""
+        pair, named = self.pairs[key], getattr(self.scene.effects, key) is not None
+        if isinstance(pair, str):
+            return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", pair)
+        cells = coarsest_cells(self.scene)
+        try:
+            if key == "self_contact":
+                return verdict(self.scene, key, Shift(self._overlap(pair[1], cells), 0.1 * self.scene.thickness), self.error)
+            moved = self._shift(pair, cells)
+            close = self.error / CLOSE < moved < self.error * CLOSE
+            unsure = abs(self._shift(pair, cells + 1) - moved) if close or self.scene.static else 0.0
+        except SolveError as failed:
+            return unknown(key, named, failed.reason)
+        except MagmpmError as failed:
+            return unknown(key, named, reason(failed))
+        return verdict(self.scene, key, Shift(moved, unsure), self.error)
+
+    def _shift(self, pair: tuple[Scene, Scene], cells: int) -> float:
+        first, second = (self._frames(side, cells) for side in pair)
+        return max(first.distances(second).values())
+
+    def _overlap(self, without: Scene, cells: int) -> float:
+        """How deep (m) a straight body would go through itself; 0 where it does not, and for parts."""
+        if without.body.shape.line is None:
+            return 0.0
+        thickness = without.thickness
+        return max(0.0, *(thickness - nearest(axis, thickness) for axis in self._frames(without, cells).points))
+
+    def _frames(self, variant: Scene, cells: int) -> Frames:
+        key = tuple(variant.effects.named().items()), cells
+        if key not in self._found:
+            grids = Runs(_with_few_frames(variant))
+            grids.mute = {name: effect for name, effect in self._muted.items() if getattr(variant.effects, name) is None}
+            grids.solve(cells)
+            self._found[key] = grids.frames[cells]
+        return self._found[key]
+
+
+def _with_few_frames(scene: Scene) -> Scene:
+    """A motion with a frame at each of FRAMES equal parts of its duration."""
+    dynamic = scene.solver.dynamic
+    if dynamic is None:
+        return scene
+    options = dynamic.model_copy(update={"output_every": dynamic.duration / FRAMES, "time_step": None})
+    return scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": options})})
+
+
+def muted(effect: Effect) -> Effect:
+    """The effect without effect: kernels call its hooks, which add nothing. So one set of kernels serves a scene with and without it."""
+    kind = type(effect)
+
+    def records(self: Any, scene: Any, strength: float = 1.0, times: Array | None = None) -> Any:
+        return kind.records(self, scene, FAINT * strength, times)
+
+    silent = type(kind.__name__, (kind,), {"records": records, "__module__": kind.__module__})
+    weak = {name: FAINT for name in ("rate", "viscosity", "stiffness") if name in kind.model_fields}
+    return silent.model_construct(**{**dict(effect), **weak})  # type: ignore[no-any-return,attr-defined]

@@ -175,6 +175,8 @@ def _resolved(
     except SolveError as error:
         if isinstance(grids, Equilibria):
             raise with_state(error, {"setup": 0.0, "compile": 0.0, "solve": time.perf_counter() - begun}) from None
+        if isinstance(grids, Runs) and grids.results and error.state is None:
+            error.state = replace(next(iter(grids.results.values())), converged=False, failure=error.reason)
         raise
     seconds, found = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}, None
     if isinstance(grids, Equilibria):

@@ -218,11 +218,8 @@ def _where(scene: Scene) -> list[str]:
     """Of what happens along time: that the grids are compared where it ends."""
     if not scene.in_time:
         return []
-    if scene.solver.quasi_static is None or scene.body.shape.line is None:
-        what = "motion" if scene.solver.dynamic is not None else "path"
-        return [f"All this is of the {what}'s end: on the way there errors may be larger."]
-    along = "with `resolution: {error: 1 %}` `magmpm run` proves those along the path"
-    return [f"All this is of the path's end: on the way there errors may be larger; {along}."]
+    what = "motion" if scene.solver.dynamic is not None else "path"
+    return [f"All this is of the {what}'s end: on the way there errors may be larger. `resolution: {{error: 1 %}}` bounds those of all frames."]
 
 
 def _error(rung: Rung) -> float | None:

@@ -349,10 +349,9 @@ def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -
     assert run(waiting, "--time-limit", "2") == 3
     before = {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()}
     assert (OUT / CHECKPOINT).exists()
-    grounded = waiting.replace("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}, ground: {point: [0 mm, 0 mm, -20 mm]}}")
     for options in ((), ("--resume",)):
-        assert run(grounded.replace("{cells_across: 2}", "{seconds: 60 s}"), *options) == 2
-        assert "with ground that is not known" in capsys.readouterr().err
+        assert run(waiting.replace("{cells_across: 2}", "{seconds: 0.1 s}"), *options) == 2
+        assert "must be enough for the coarsest grid" in capsys.readouterr().err
         assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
 
 
@@ -364,9 +363,9 @@ def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_
     asked += "solver: {quasi_static: {steps: 3}}\nresolution: {error: 1 %}\n"
 
     def fails(*_: Any, **__: Any) -> Any:
-        raise SolveError("no grid", None)
+        raise SolveError("no proof", None)
 
-    monkeypatch.setattr("magmpm.dynamics.judged_run.choose", fails)
+    monkeypatch.setattr("magmpm.compare.Runs.prove", fails)
     assert run(asked, "--out", "runs/new") == 3
     assert not Result.load("runs/new").converged
     assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
