@@ -219,7 +219,7 @@ def _where(scene: Scene) -> list[str]:
     if not scene.in_time:
         return []
     what = "motion" if scene.solver.dynamic is not None else "path"
-    return [f"All this is of the {what}'s end: on the way there errors may be larger. `resolution: {{error: 1 %}}` bounds those of all frames."]
+    return [f"All this is of the {what}'s end; `resolution: {{error: 1 %}}` bounds the errors of all its frames, which may be larger."]
 
 
 def _error(rung: Rung) -> float | None:
