@@ -316,5 +316,5 @@ def muted(effect: Effect) -> Effect:
         return kind.records(self, scene, FAINT * strength, times)
 
     silent = type(kind.__name__, (kind,), {"records": records, "__module__": kind.__module__})
-    weak = {name: FAINT for name in ("rate", "viscosity", "stiffness") if name in kind.model_fields}
+    weak: dict[str, Any] = {name: FAINT for name in ("rate", "viscosity", "stiffness") if name in kind.model_fields}
     return silent.model_construct(**{**dict(effect), **weak})  # type: ignore[no-any-return,attr-defined]
