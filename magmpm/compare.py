@@ -1,4 +1,4 @@
-"""Compare runs: how far apart two are (`distance`), how wrong a scene's grid is (`error`), what an effect does (`influence`).
+"""Compare runs: how far apart two are (`distance`), and how wrong a scene's grid is (`error`).
 
 Straight bodies are compared along their axes at equal arc length, parts at the centers of their regions, both in all frames.
 """
@@ -16,22 +16,19 @@ import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import Effect
-from magmpm.errors import InputError, MagmpmError, SolveError, report
+from magmpm.errors import SceneError
 from magmpm.model import build
 from magmpm.precompile import PROOFS, SOLVE, prepare_kernels
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
-from magmpm.rod.advice import Judgment, allowed_error, nearest, reason, unknown, variants, verdict
-from magmpm.rod.shifts import Shift
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solve import measured, solve
 from magmpm.statics.error_estimate import PROOF, WITNESS
 from magmpm.statics.grids import PARTICLE, STATIONS, Equilibria, Grids, OnStep, Solved, operations, particles
-from magmpm.statics.resolution import ChosenGrid, choose, known_error
+from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells, known_error
 
-FRAMES = 25  # of a motion with and without an effect
+EARLY = 0.01  # of the time that an error may take: after it the pace of the first run is known
 
 
 @dataclass
@@ -95,16 +92,19 @@ class Runs(Grids):
         super().__init__(asked, on_step)
         self.results: dict[int, Result] = {}
         self.frames: dict[int, Frames] = {}
-        self.mute: dict[str, Effect] = {}  # effects that the scene does not name, but whose kernels are used
 
     def solve(self, cells: int) -> None:
         """Run the scene, if it has not been."""
         if cells in self.solved:
             return
         begun, frames = time.perf_counter(), Frames()
-        scene = self.on(cells)
-        scene = scene.model_copy(update={"effects": scene.effects.model_copy(update={k: muted(e) for k, e in self.mute.items()})})
-        result = solve(scene, on_progress=self.on_step, on_frame=frames.see)
+
+        def tell(step: int, at: float) -> None:
+            self._check_hopeful(cells, time.perf_counter() - begun, at)
+            if self.on_step is not None:
+                self.on_step(step, at)
+
+        result = solve(self.on(cells), on_progress=tell, on_frame=frames.see)
         if not frames.times:
             frames = frames_of(result)
         frames.jumps = [jump["time"] for jump in result.jumps]
@@ -112,6 +112,29 @@ class Runs(Grids):
         moved = float(np.abs(result.particle_position - result.particle_reference).max())
         self.results[cells], self.frames[cells] = result, frames
         self.solved[cells] = Solved(cells, True, seconds, result.iterations, result.dof, result.centreline, result.tip, moved)
+
+    def times(self, cells: int) -> float:
+        """How many times as long as a run on a grid it takes to run it and to know its error."""
+        return 1.0 + sum(work(self.on(n)) for n in needed_for(cells)) / work(self.on(cells))
+
+    def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
+        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error asked for will take too long.
+
+        gone: seconds since the run began.
+        """
+        asked, allowed = self.asked, self.asked.resolution.allowed(self.asked.length)
+        if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < EARLY * PATIENCE:
+            return
+        end = asked.solver.dynamic.duration if asked.solver.dynamic is not None else asked.path_times()[-1]
+        alone, times = gone * end / at, self.times(cells)
+        if alone * times > PATIENCE:
+            raise SceneError(
+                "resolution.error",
+                received=f"{100 * allowed / asked.length:.3g} % of the length",
+                rule=f"must be within reach of {PATIENCE:g} s: a run on {cells} cells across takes {alone:.2g} s, and to know its error "
+                f"{times:.2g} times as long",
+                remedy=f"give cells_across: {cells} without an error, shorten it, or allow resolution.seconds: {1.2 * alone * times:.2g}",
+            )
 
     def prove(self, cells: int, against: int) -> None:
         """Run the scene."""
@@ -219,102 +242,16 @@ def error(scene: Scene | Path | str) -> GridError:
 
 def cost_in_words(scene: Scene) -> str:
     """What knowing the error will cost, said before it starts; "" for equilibria, which take a second or two."""
-    grids, first = grids_of(scene), coarsest_cells(scene)
+    grids, first = grids_of(scene), first_cells(scene)
     if not isinstance(grids, Runs):
         return ""
-    others = sorted({*WITNESS.get(first, ()), PROOF[first]})
-    times = 1.0 + sum(work(grids.on(n)) / work(grids.on(first)) for n in others)
+    *others, last = needed_for(first)
     return (
-        f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on {first}, "
-        f"{' and '.join(map(str, others))} cells across: about {times:.2g} times as long as on {first} alone"
+        f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on {', '.join(map(str, [first, *others]))} "
+        f"and {last} cells across: about {grids.times(first):.2g} times as long as on {first} alone"
     )
 
 
-FAINT = 1e-30  # of a load or a setting: what it moves is below the last digit
-NEVER_MUTED = ("magnetic_interaction", "self_contact", "feed")  # with them a scene is solved in another way, or held by another clamp
-CLOSE = 2.0  # times the error, or its half: between the two a motion's shift is found again on a finer grid
-
-
-def influence(scene: Scene | Path | str, effect: str | None = None) -> list[Judgment]:
-    """Find what effects do to a scene's answer, named or not: one effect, or all of them; and what to do about each.
-
-    The scene is run with and without each, on the coarsest grid: the shift is their distance, over all frames. One cell more tells its
-    uncertainty; a motion is run again only where the advice depends on it. self_contact matters where the body would go through itself.
-    Raises InputError for a name that is no effect; what can't be run has its reason in `why`.
-    """
-    scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    every = list(scene.effects.every())
-    if effect is not None and effect not in every:
-        raise InputError(report("effect", received=repr(effect), rule=f"must be one of {', '.join(every)}", remedy="leave it out for all"))
-    trials = _Trials(scene)
-    return [trials.judged(key) for key in ([effect] if effect else every)]
-
-
-class _Trials:
-    """Runs of a scene's variants, each once on a grid."""
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene, self.error, self._found = scene, allowed_error(scene), dict[tuple[Any, int], Frames]()
-        self.pairs = {key: variants(scene, key) for key in scene.effects.every()}
-        sides = [side for pair in self.pairs.values() if not isinstance(pair, str) for side in pair]
-        named: dict[str, Effect] = {key: effect for side in sides for key, effect in side.effects.named().items()}
-        self._muted = {key: effect for key, effect in named.items() if key not in NEVER_MUTED}
-
-    def judged(self, key: str) -> Judgment:
-        """What one effect does."""
-        pair, named = self.pairs[key], getattr(self.scene.effects, key) is not None
-        if isinstance(pair, str):
-            return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", pair)
-        cells = coarsest_cells(self.scene)
-        try:
-            if key == "self_contact":
-                return verdict(self.scene, key, Shift(self._overlap(pair[1], cells), 0.1 * self.scene.thickness), self.error)
-            moved = self._shift(pair, cells)
-            close = self.error / CLOSE < moved < self.error * CLOSE
-            unsure = abs(self._shift(pair, cells + 1) - moved) if close or self.scene.static else 0.0
-        except SolveError as failed:
-            return unknown(key, named, failed.reason)
-        except MagmpmError as failed:
-            return unknown(key, named, reason(failed))
-        return verdict(self.scene, key, Shift(moved, unsure), self.error)
-
-    def _shift(self, pair: tuple[Scene, Scene], cells: int) -> float:
-        first, second = (self._frames(side, cells) for side in pair)
-        return max(first.distances(second).values())
-
-    def _overlap(self, without: Scene, cells: int) -> float:
-        """How deep (m) a straight body would go through itself; 0 where it does not, and for parts."""
-        if without.body.shape.line is None:
-            return 0.0
-        thickness = without.thickness
-        return max(0.0, *(thickness - nearest(axis, thickness) for axis in self._frames(without, cells).points))
-
-    def _frames(self, variant: Scene, cells: int) -> Frames:
-        key = tuple(variant.effects.named().items()), cells
-        if key not in self._found:
-            grids = Runs(_with_few_frames(variant))
-            grids.mute = {name: effect for name, effect in self._muted.items() if getattr(variant.effects, name) is None}
-            grids.solve(cells)
-            self._found[key] = grids.frames[cells]
-        return self._found[key]
-
-
-def _with_few_frames(scene: Scene) -> Scene:
-    """A motion with a frame at each of FRAMES equal parts of its duration."""
-    dynamic = scene.solver.dynamic
-    if dynamic is None:
-        return scene
-    options = dynamic.model_copy(update={"output_every": dynamic.duration / FRAMES, "time_step": None})
-    return scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": options})})
-
-
-def muted(effect: Effect) -> Effect:
-    """The effect without effect: kernels call its hooks, which add nothing. So one set of kernels serves a scene with and without it."""
-    kind = type(effect)
-
-    def records(self: Any, scene: Any, strength: float = 1.0, times: Array | None = None) -> Any:
-        return kind.records(self, scene, FAINT * strength, times)
-
-    silent = type(kind.__name__, (kind,), {"records": records, "__module__": kind.__module__})
-    weak: dict[str, Any] = {name: FAINT for name in ("rate", "viscosity", "stiffness") if name in kind.model_fields}
-    return silent.model_construct(**{**dict(effect), **weak})  # type: ignore[no-any-return,attr-defined]
+def needed_for(cells: int) -> list[int]:
+    """The finer grids, by their cells across, from which a grid's error is known."""
+    return sorted({*WITNESS.get(cells, ()), PROOF[cells]})

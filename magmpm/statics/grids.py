@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import SolveError, TimeOver
-from magmpm.model import build
+from magmpm.model import build, knots_of
 from magmpm.scene import Scene, memory
 from magmpm.statics import axis
 from magmpm.statics.approach import approached
@@ -187,7 +187,7 @@ def particles(scene: Scene) -> float:
 
 def operations(scene: Scene) -> tuple[float, float]:
     """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
-    grid = scene.body.shape.grid(scene.resolution.cells_across, scene.knots)
+    grid = scene.body.shape.grid(scene.resolution.cells_across, knots_of(scene))
     along, across = grid.nodes[0] - 2, grid.cells[1:]
     m = 3.0 * float(np.prod([n + 2.0 for n in across]))
     if scene.body.shape.in_plane_strain:
