@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from magmpm.compiled import environment
 
 if TYPE_CHECKING:
+    from magmpm.compare import error
     from magmpm.errors import BudgetError, InputError, MagmpmError, NotThereYet, SceneError, SolveError
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design", "fit",
-    "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
+    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design",
+    "error", "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
 _HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
-_HOMES |= {"load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
+_HOMES |= {"error": "compare", "load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
 environment.prepare()  # before anything imports Numba
 
 

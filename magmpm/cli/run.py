@@ -102,8 +102,11 @@ def _tell_waiting(folder: Path) -> None:
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
+    from magmpm.compare import cost_in_words
     from magmpm.simulate import simulated
 
+    if scene.resolution.asked and (cost := cost_in_words(scene)):
+        print(f"magmpm: {cost}", file=sys.stderr)
     with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
 
         def tell(step: int, number: float) -> None:
