@@ -1,9 +1,7 @@
 """magmpm: simulation and computational design of magnetic soft robots with the material point method.
 
     result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field("8 mT")
-    print(result, result.tip)                      # everything in SI
-
-The names in __all__ are loaded when they are first used, so that `import magmpm` is quick.
+    print(result, result.tip)                      # everything in SI; names in __all__ are loaded when they are first used
 """
 
 from importlib import import_module
@@ -23,8 +21,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design",
-    "error", "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
+    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design", "error",
+    "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
 _HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
 _HOMES |= {"error": "compare", "load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
 environment.prepare()  # before anything imports Numba

@@ -9,10 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from magmpm.compare import Runs, choose_grid, grids_of
 from magmpm.errors import InputError, SolveError, report
 from magmpm.inputs.yaml_document import of_file
-from magmpm.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
@@ -22,7 +20,9 @@ from magmpm.scene import Scene, load_scene, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.variables import variables
 from magmpm.scene.warnings import of_known_error
-from magmpm.solve import Progress, at_rest, finite, result_of, solve, with_state
+from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
+from magmpm.solving.several_grids import Runs, choose_grid, grids_of
+from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state
 from magmpm.statics.effects_choice import choose_effects
 from magmpm.statics.effects_choice import missed_effects as missed_effects
 from magmpm.statics.equilibrium import Equilibrium, Following

@@ -102,8 +102,8 @@ def _tell_waiting(folder: Path) -> None:
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
-    from magmpm.compare import cost_in_words
     from magmpm.simulate import simulated
+    from magmpm.solving.several_grids import cost_in_words
 
     if scene.resolution.asked and (cost := cost_in_words(scene)):
         print(f"magmpm: {cost}", file=sys.stderr)

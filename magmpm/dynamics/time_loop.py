@@ -173,8 +173,7 @@ def integrate(
     writer, conserves = None if folder is None else _writer(state, folder, saved), _conserves(model)
     see = on_state or (lambda _: None)
     see(state)
-    if saved is None:
-        _write(state, writer)
+    _write(state, writer if saved is None else None)
     times = options.frame_times if saved is None else saved.times(options)
     scene_hash = motion_hash(model.scene)
     last = saved_last = _checkpoint(state, scene_hash)

@@ -18,10 +18,11 @@ import numpy as np
 from drawn_scenes import along_path
 
 from magmpm import run
-from magmpm.compare import Runs, near_jumps
 from magmpm.errors import MagmpmError
+from magmpm.results.frames import near_jumps
 from magmpm.scene import Scene
 from magmpm.scene.time_limit import limited
+from magmpm.solving.several_grids import Runs
 
 FIRST, SCENES = 6000, 40
 MORE = 3  # cells across

@@ -365,7 +365,7 @@ def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_
     def fails(*_: Any, **__: Any) -> Any:
         raise SolveError("no proof", None)
 
-    monkeypatch.setattr("magmpm.compare.Runs.prove", fails)
+    monkeypatch.setattr("magmpm.solving.several_grids.Runs.prove", fails)
     assert run(asked, "--out", "runs/new") == 3
     assert not Result.load("runs/new").converged
     assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3

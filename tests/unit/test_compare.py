@@ -11,8 +11,10 @@ from reference.scenes import rod_scene
 
 import magmpm
 from magmpm import Motion, Result, Scene, run
-from magmpm.compare import Frames, Runs, cost_in_words, distance, grids_of, near_jumps
+from magmpm.compare import distance
 from magmpm.errors import SceneError, SolveError
+from magmpm.results.frames import Frames, near_jumps
+from magmpm.solving.several_grids import Runs, cost_in_words, grids_of
 from magmpm.statics.branch import Branch, Jump
 from magmpm.statics.grids import Equilibria
 

@@ -16,7 +16,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
-from magmpm.precompile import SOLVE, prepare_kernels
 from magmpm.results import measures
 from magmpm.results.folder_lock import written_folder
 from magmpm.results.result import Result
@@ -24,6 +23,7 @@ from magmpm.results.strain import Strain, strain_of
 from magmpm.results.versions import versions
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, memory, remedies
+from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
@@ -123,7 +123,7 @@ def _motion(
 
     def see(state: SimulationState) -> None:
         if on_frame is not None:
-            on_frame(state.time, *measured(model, state.x))
+            on_frame(state.time, *measures.of_particles(model, state.x))
 
     try:
         with written_folder(folder, resume, on_begin):
@@ -193,7 +193,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
 def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:
     model = moved.motion.model
     J = np.linalg.det(moved.F)
-    axis, tip, _ = measured(model, moved.x)
+    axis, tip, _ = measures.of_particles(model, moved.x)
     return Result(
         **_particles(model, moved.x, moved.F, moved.time),
         grid_correction=np.zeros((0, 0)),
@@ -215,12 +215,6 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
         **_strained(moved.strain),
         failure=failure,
     )
-
-
-def measured(model: Model, x: Array) -> tuple[Array, Array, Array]:
-    """Axis rows, tip and centers of regions of a body in motion, as OnFrame has them. x (n, 3) m: its particles."""
-    axis, centers = measures.axis_of_particles(model, x), measures.region_means(model, x)
-    return axis, axis[-1, 1:] if len(axis) else centers[-1], centers
 
 
 def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
