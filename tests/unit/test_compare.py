@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference import acting
 from reference.scenes import rod_scene
+from reference.solids import box
 
 import magmpm
 from magmpm import Motion, Result, Scene, run
+from magmpm.bodies.surface_mesh import write_stl
 from magmpm.compare import distance
 from magmpm.errors import SceneError, SolveError
 from magmpm.results.frames import Frames, near_jumps
+from magmpm.solving import several_grids
 from magmpm.solving.several_grids import Runs, cost_in_words, grids_of
 from magmpm.statics.branch import Branch, Jump
 from magmpm.statics.grids import Equilibria
@@ -74,16 +78,49 @@ def test_a_path_and_an_equilibrium_have_the_same_error() -> None:
     assert isinstance(grids_of(along_a_ramp(cells_across=2)), Runs)
 
 
-def test_an_error_is_known_where_it_was_refused() -> None:
-    """A motion onto the ground: both grids are run to the end, and it holds against 5 cells."""
-    data = moving(cells_across=2).to_si()
-    data["effects"] |= {"ground": {"point": [0.0, 0.0, -2.2e-3]}, "gravity": {"acceleration": [0.0, 0.0, -300.0]}}
-    scene = Scene.from_si(data)
+def refused_before(kind: str, folder: Path) -> Scene:
+    """A scene on 2 cells of a kind whose error was refused when errors of motions were those of a rest."""
+    data = acting.scene(kind if kind in acting.SCENES else "magnetic_torque").to_si()
+    data["solver"] = {"dynamic": {"duration": 0.5e-3, "output_every": 0.25e-3}}
+    if kind == "self_contact":
+        data["effects"]["gravity"] = {"acceleration": [0.0, 0.0, -3000.0]}  # the upper block falls onto the held one
+        data["body"]["parts"]["meshes"][0]["clamp"] = True
+    elif kind == "free body":
+        del data["body"]["catheter"]["clamp"]
+    elif kind == "endless field":
+        data["field"]["over_time"] = {"rotation": {"axis": [1.0, 0.0, 0.0], "frequency": 500.0}}
+    elif kind == "parts at rest":
+        meshes = []
+        for name, ends in {"held": ((0, 0, 0), (2, 3, 3)), "end": ((2, 0, 0), (9, 3, 3))}.items():
+            write_stl(box(*ends), folder / f"{name}.stl")
+            meshes.append({"mesh": str(folder / f"{name}.stl"), "material": "m", "clamp": name == "held"})
+        data["body"] = {"parts": {"unit": "mm", "spacing": 1.5e-3, "meshes": meshes}}
+        data["effects"], data["solver"] = {"gravity": {}}, {"static": {}}
+    return Scene.from_si(data)
+
+
+@pytest.mark.parametrize("kind", ["ground", "walls", "feed", "self_contact", "free body", "endless field", "parts at rest"])
+def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> None:
+    """The whole runs are compared, and the bound holds against 5 cells."""
+    scene = refused_before(kind, tmp_path)
     found, runs = magmpm.error(scene), Runs(scene)
+    assert [one["cells_across"] for one in found.report["tried"]] == [2, 3, 4]
     for cells in (2, 5):
         runs.solve(cells)
-    assert 0.0 < runs.apart(2, 5) < found.error
-    assert found.report["largest_at"] > 0.0
+    assert 0.1 * found.error < runs.apart(2, 5) < found.error
+    assert found.report.get("largest_at", 1.0) > 0.0
+
+
+def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first_run_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an hour of a hundredth of a second: two grids would take longer, and only a part of the first one was run."""
+    monkeypatch.setattr(several_grids, "PATIENCE", 1e-2)
+    seen: list[float] = []
+    scene = moving(error=0.01)
+    with pytest.raises(SceneError, match=r"within reach of 0\.01 s: a run on 2 cells across takes .* times as long") as refused:
+        run(scene, on_progress=lambda step, at: seen.append(at))
+    assert "resolution.error" in str(refused.value)
+    assert "give cells_across: 2" in str(refused.value)
+    assert max(seen, default=0.0) < scene.duration
 
 
 def test_runs_choose_the_grid_that_is_asked_for(tmp_path: Path) -> None:
