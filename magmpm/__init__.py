@@ -1,9 +1,7 @@
 """magmpm: simulation and computational design of magnetic soft robots with the material point method.
 
     result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field("8 mT")
-    print(result, result.tip)                      # everything in SI
-
-The names in __all__ are loaded when they are first used, so that `import magmpm` is quick.
+    print(result, result.tip)                      # everything in SI; names in __all__ are loaded when they are first used
 """
 
 from importlib import import_module
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from magmpm.compiled import environment
 
 if TYPE_CHECKING:
+    from magmpm.compare import error
     from magmpm.errors import BudgetError, InputError, MagmpmError, NotThereYet, SceneError, SolveError
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
@@ -22,10 +21,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design", "fit",
-    "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
+    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design", "error",
+    "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
 _HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
-_HOMES |= {"load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
+_HOMES |= {"error": "compare", "load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
 environment.prepare()  # before anything imports Numba
 
 

@@ -28,9 +28,9 @@ settings.load_profile("repeatable")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """In every test the kernels come from the disk cache, as in the second run of a user (magmpm.precompile explains why)."""
-    from magmpm.precompile import prepare_kernels
+    """In every test the kernels come from the disk cache, as in the second run of a user (magmpm.solving.precompile explains why)."""
     from magmpm.scene import load_scene
+    from magmpm.solving.precompile import prepare_kernels
 
     prepare_kernels(load_scene(Path(__file__).parents[1] / "data/scenes/hollow.yaml"))
 

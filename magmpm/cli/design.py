@@ -40,8 +40,10 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.studies.search.definition import load_study
 
     study, smooth = load_study(options.study), options.style == SURFACE
-    from magmpm.precompile import fill_cache  # what solves, searches and draws, after the file is read
     from magmpm.simulate import run, sensitivities
+    from magmpm.solving.precompile import (
+        fill_cache,  # what solves, searches and draws, after the file is read
+    )
     from magmpm.studies.engine.loop import check_study, kernel_uses, run_study
     from magmpm.studies.engine.storage_url import given_url
     from magmpm.viz.worker import Renderer

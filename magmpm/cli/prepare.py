@@ -8,8 +8,8 @@ from typing import Any
 
 from magmpm.cli.answers import print_summary
 from magmpm.cli.progress import Progress
-from magmpm.precompile import PROOFS, SOLVE, describe, fill_cache
 from magmpm.scene import Scene, load_scene
+from magmpm.solving.precompile import PROOFS, SOLVE, describe, fill_cache
 
 _SILICONE = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}
 _CATHETER = {"length": 8e-3, "diameter": 4e-3, "material": "silicone", "clamp": "base", "segments": [{"magnetization": [1.0, 0.0, 0.0]}]}

@@ -102,12 +102,12 @@ def _tell_waiting(folder: Path) -> None:
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
     """The run itself, with a line of progress."""
-    from magmpm.rod.shifts import kink_warning
     from magmpm.simulate import simulated
+    from magmpm.solving.several_grids import notes_before
 
     with of_file(options.scene):
-        if warning := kink_warning(scene):
-            print(f"magmpm: warning: {warning}", file=sys.stderr, flush=True)
+        for note in notes_before(scene):
+            print(f"magmpm: {note}", file=sys.stderr, flush=True)
     with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
 
         def tell(step: int, number: float) -> None:

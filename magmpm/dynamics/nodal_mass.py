@@ -86,7 +86,7 @@ def nodal_mass(
     """The mass of a model's nodes. weights (n, 3, 3): values of the particles' splines; base (n,): their first nodes, whose neighbors along
     x and y are `strides` farther; nodes: lumped mass, its inverse (3 nodes,) and places (nodes, 3) m; active: nodes with mass."""
     mass, inverse, place = nodes[0], nodes[1].reshape(-1, 3), nodes[2]
-    free = (inverse > 0).any(axis=1) & (model.scene.effects.feed is None)
+    free: NDArray[np.bool_] = np.asarray((inverse > 0).any(axis=1) & (model.scene.effects.feed is None))
     component = _components(base, strides, free)
     order = np.lexsort((np.arange(len(mass)), component))
     order = order[free[order]]

@@ -31,7 +31,6 @@ from magmpm.statics.branch import Branch, Jump, Reached, point_of
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
 FORMULATION = "quasi_static"
-NOTED = "at "  # and a time, s: names of arrays in a checkpoint
 Progress = Callable[[float, int], None]
 
 
@@ -41,8 +40,7 @@ class PathState:
 
     loads: the path; branch: its last equilibrium; frame: number of the last; iterations: Newton steps so far; rows: what is known of each
     equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all; load_share: of the load that
-    `branch` carries: less than 1 (and no rows) where the first equilibrium was not found; noted: coefficients (planes, m) m by time (s),
-    of equilibria that an observer (`on_state`) wants to see again when the path is resumed.
+    `branch` carries: less than 1 (and no rows) where the first equilibrium was not found.
     """
 
     loads: FieldLoads | FeedLoads
@@ -55,7 +53,6 @@ class PathState:
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)
     load_share: float = 1.0
-    noted: dict[float, Array] = field(default_factory=dict)
 
     @property
     def shape(self) -> Shape:
@@ -89,8 +86,7 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int,
         with one_blas_thread():
             branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene, on_step))
     known = PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"])
-    noted = {float(name.removeprefix(NOTED)): grid for name, grid in saved.state.items() if name.startswith(NOTED)}
-    return replace(known, strain=Strain.restored(more["strain"]), noted=noted)
+    return replace(known, strain=Strain.restored(more["strain"]))
 
 
 def _unbegun(state: PathState, last: object) -> PathState | None:
@@ -254,7 +250,6 @@ class _Files:
 
     def _checkpoint(self, state: PathState) -> Checkpoint:
         arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
-        arrays |= {f"{NOTED}{time!r}": grid for time, grid in state.noted.items()}
         more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
         return Checkpoint(
             scene_hash=self._hash, every=0.0, time=state.time, formulation=FORMULATION,

@@ -151,11 +151,12 @@ def integrate(
     folder: Path | str | None = None,
     resume: bool = False,
     on_progress: Progress | None = None,
+    on_state: Callable[[SimulationState], None] | None = None,
 ) -> SimulationState:
     """The whole motion, from the state that `begin` returned.
 
     folder: where to write frames, energies, contacts and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
-    on_progress(time in s, steps so far): called after every chunk of steps.
+    on_progress(time in s, steps so far): called after every chunk of steps; on_state: at each frame from the start or checkpoint on.
     Raises InputError before the first step. Raises SolveError where the motion goes wrong: its `state` is the last good SimulationState,
     which is on disk too.
     """
@@ -171,8 +172,9 @@ def integrate(
         state.balance.check(state.energies)
         state.lost.see(state.energies)
     writer, conserves = None if folder is None else _writer(state, folder, saved), _conserves(model)
-    if saved is None:
-        _write(state, writer)
+    see = on_state or (lambda _: None)
+    see(state)
+    _write(state, writer if saved is None else None)
     times = options.frame_times if saved is None else saved.times(options)
     scene_hash = motion_hash(model.scene)
     last = saved_last = _checkpoint(state, scene_hash)
@@ -187,6 +189,7 @@ def integrate(
                 trouble = watchdog.torn(state.motion.neighbors, state.x, state.F)
             if trouble is not None:
                 raise _stopped(state, trouble)
+            see(state)
             _write(state, writer)
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
             state.lost.see(state.energies)

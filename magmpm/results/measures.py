@@ -68,3 +68,9 @@ def tip_error(result: Result, target: Array) -> float:
 def largest_distance(result: Result, target: Array) -> float:
     """Largest distance (m) between the axis and target rows [s, x, y, z] (m, 4) m, at the same arc lengths."""
     return float(np.linalg.norm(centreline_at(result, target[:, 0]) - target[:, 1:], axis=1).max())
+
+
+def of_particles(model: Model, x: Array) -> tuple[Array, Array, Array]:
+    """Axis rows, tip and centers of regions of a body in motion, as Frames.see takes them. x (n, 3) m: its particles."""
+    axis, centers = axis_of_particles(model, x), region_means(model, x)
+    return axis, axis[-1, 1:] if len(axis) else centers[-1], centers

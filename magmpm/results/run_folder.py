@@ -32,7 +32,6 @@ from magmpm.results.file_names import (
 )
 from magmpm.results.folder_lock import LOCK
 from magmpm.results.result import Result
-from magmpm.results.tried_grids import forget_tried
 from magmpm.results.whole_file import write_json
 from magmpm.scene import Scene
 
@@ -128,7 +127,6 @@ class RunFolder:
 
     def _recover(self) -> None:
         """Put back what is kept if nothing was written in its place: a run was killed early."""
-        forget_tried(self.path)
         if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
             self.put_back()
 

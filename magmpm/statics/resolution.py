@@ -1,30 +1,27 @@
 """The grid chosen for an error or a time that a scene asks for: the coarsest that will do, its error proven by a finer one.
 
-Equilibria on coarse grids first (statics.ladder); the error of a grid is told by a grid half as coarse again or more
-(statics.error_estimate), on the centreline or at the tip. What the next grids will take is foretold from counted operations, at the pace of
-those solved.
+Coarse grids first; the error of a grid is known from a grid half as coarse again or more (statics.error_estimate), on the centreline or at
+the tip. The search needs of the grids only what statics.grids.Grids offers: equilibria of straight bodies at rest are solved quickly, all
+else (compare) by whole runs.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from magmpm.errors import SceneError, SolveError, TimeOver
-from magmpm.model import build, knots_of
+from magmpm.model import knots_of
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
-from magmpm.statics import axis
 from magmpm.statics import error_estimate as law
-from magmpm.statics.equilibrium import Equilibrium, one_blas_thread, solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, PROOF, caution, observed_order
-from magmpm.statics.ladder import PER_PROOF, PER_SOLVE, Ladder, Load, Loads, OnStep, operations
-from magmpm.statics.layout import StaticModel, static_model
-from magmpm.statics.stability import stability
+from magmpm.statics.equilibrium import one_blas_thread
+from magmpm.statics.error_estimate import PROOF, caution, observed_order
+from magmpm.statics.grids import Grids, OnStep
 
 PATIENCE = 3600.0  # s: an error that would take longer is out of reach
 LARGEST = 0.5  # of the length: a larger error tells nothing
@@ -38,51 +35,44 @@ JOINTED = {3: 6}
 FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
 
 
-@dataclass
-class Choice:
-    """The chosen grid. models and found: of its equilibria, one a load; error: bound, m; told: what results say of it (`resolution`)."""
+@dataclass(frozen=True)
+class ChosenGrid:
+    """The grid chosen: cells across; error: bound of the error it leaves, m; report: what results have of it (`resolution`)."""
 
-    scene: Scene
-    models: list[StaticModel]
-    found: list[Equilibrium]
+    cells: int
     error: float
-    told: dict[str, Any]
+    report: dict[str, Any]
 
 
 class _Late(Exception):
     """The time that the scene asks for is over."""
 
 
-def nothing(cells: int) -> float:
-    """Seconds that a grid takes besides its equilibria and their proof, where nothing else is computed on it."""
-    return 0.0
-
-
 @dataclass
 class _Search:
-    ladder: Ladder
+    grids: Grids
     begun: float
-    beside: Callable[[int], float]
+    extra: Callable[[int], float]  # seconds of the time asked for that a grid will take once it is chosen
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
     proof: dict[int, int] = field(init=False)  # of a grid, by cells across, the one that tells its error
 
     def __post_init__(self) -> None:
-        self.proof = PROOF | JOINTED if knots_of(self.scene).joints else PROOF
+        self.proof = proofs(self.scene)
 
     @property
     def scene(self) -> Scene:
-        return self.ladder.asked
+        return self.grids.asked
 
     def prove(self, cells: int) -> None:
-        """Solve a grid, and the finer one that tells its error."""
-        finer = self.proof[cells]
-        self.ladder.solve(cells)
-        self.ladder.prove(finer, cells)
+        """Solve a grid, and the finer one from which its error is known."""
+        finer, grids = self.proof[cells], self.grids
+        grids.solve(cells)
+        grids.prove(finer, cells)
         for witness in law.WITNESS.get(cells, ()):
-            self.ladder.prove(witness, cells)
-        others = {n: self.ladder.apart(n, finer) for n in self.ladder.solved if n < finer and n != cells}
-        known = law.bound(cells, finer, self.ladder.apart(cells, finer), others)
-        self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + self.algebraic()
+            grids.prove(witness, cells)
+        others = {n: grids.apart(n, finer) for n in grids.solved if n < finer and n != cells}
+        known = law.bound(cells, finer, grids.apart(cells, finer), others)
+        self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + grids.algebraic
 
     def wall(self, cells: int) -> float:
         """Cells across a tube's wall, where there are so many across its diameter; inf without a bore, and where cells fit it."""
@@ -91,62 +81,71 @@ class _Search:
             return float("inf")
         return cells * (tube.diameter - tube.inner_diameter) / (2.0 * tube.diameter)
 
-    def algebraic(self) -> float:
-        """What the solves themselves leave, m: they end at a share of the energy."""
-        tolerance = self.scene.solver.static.tolerance
-        first = next(iter(self.ladder.solved.values()))
-        moved = max(float(np.abs(grid).max()) for grid in first.grids)
-        return float(ALGEBRAIC * np.sqrt(tolerance) * moved)
-
     def takes(self, cells: int) -> float:
-        """What it will take to prove a grid's error, s."""
-        ladder, finer = self.ladder, self.proof[cells]
-        known = ladder.solved.get(cells)
-        solve = 0.0 if known is not None and known.exact else ladder.seconds_at(cells, PER_SOLVE)
-        return solve + (0.0 if finer in ladder.solved else ladder.seconds_at(finer, PER_PROOF))
+        """Seconds that it will take to solve a grid and to know its error."""
+        grids, finer = self.grids, self.proof[cells]
+        known = grids.solved.get(cells)
+        solve = 0.0 if known is not None and known.exact else grids.takes(cells, proof=False)
+        return solve + (0.0 if finer in grids.solved else grids.takes(finer, proof=True))
 
     def fits(self, cells: int) -> bool:
         """Whether a grid and its proof fit into memory."""
-        return operations(self.ladder.on(self.proof[cells]))[1] <= SHARE * memory.machine()
+        return self.grids.size(self.proof[cells]) <= SHARE * memory.machine()
 
 
-def choose(
-    scene: Scene,
-    loads: Loads | None = None,
-    on_step: OnStep | None = None,
-    begun: float | None = None,
-    beside: Callable[[int], float] = nothing,
-    coarsest: int | None = None,
-) -> Choice:
-    """The coarsest grid that meets the error, or the best within the time, that a scene asks for; solved, and its error proven.
+def known_error(grids: Grids, cells: int) -> ChosenGrid:
+    """The error of the grid with so many cells across. Raises SceneError where no finer grid tells it, SolveError where one fails."""
+    search = _Search(grids, time.perf_counter(), _nothing)
+    if cells not in search.proof:
+        rule = f"must be at most {max(search.proof)}: the error of finer grids is not known"
+        raise SceneError("resolution.cells_across", received=f"{cells}", rule=rule, remedy="use fewer")
+    with one_blas_thread():
+        search.prove(cells)
+        return _chosen(search, cells)
 
-    loads: those of the scene on a grid that are judged; the one of its equilibrium unless given. begun: when the time that is asked for
-    began (time.perf_counter), now unless given; beside: the seconds of it that a grid with so many cells across will take afterwards;
-    coarsest: cells across to begin with, where it is not the coarsest grid that there is.
-    Raises SceneError where no grid can: with what it would take. Raises as solve_static does.
+
+def proofs(scene: Scene) -> dict[int, int]:
+    """Of a grid, by cells across, the finer one that tells its error."""
+    return PROOF | JOINTED if knots_of(scene).joints else PROOF
+
+
+def first_cells(scene: Scene) -> int:
+    """Cells across of the first grid that is tried."""
+    return max(coarsest_cells(scene), min(JOINTED) if knots_of(scene).joints else 0)
+
+
+def _nothing(cells: int) -> float:
+    return 0.0
+
+
+def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = _nothing) -> ChosenGrid:
+    """The coarsest grid that meets the error, or the best within the time, that a scene asks for; solved, with its error known.
+
+    extra: seconds of the time asked for that a grid with so many cells across will take once it is chosen.
+    Raises SceneError where no grid can: with what it would take. Raises as the solves do.
     """
-    check_possible(scene)
+    check_possible(grids.asked)
     with one_blas_thread():  # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to half its pace
-        began = time.perf_counter() if begun is None else begun
-        return _chosen(_searched(scene, loads or at_rest, on_step, began, beside, coarsest))
+        search = _searched(grids, on_step, extra)
+        return _chosen(search, max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search))
 
 
-def _searched(
-    scene: Scene, loads: Loads, on_step: OnStep | None, begun: float, beside: Callable[[int], float], coarsest: int | None
-) -> _Search:
-    """Grids solved and proven, the last of them good enough. Raises as `choose` does."""
-    limit = scene.resolution.seconds
+def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float]) -> _Search:
+    """Grids solved, their errors known, the last of them good enough. Raises as `choose` does."""
+    limit, begun = grids.asked.resolution.seconds, time.perf_counter()
     proven: dict[int, float] = {}
+    stops = grids.asked.in_time  # even the coarsest grid, which may take hours
 
     # It holds nothing of the search: a circle would keep its matrices until Python collects it, and the next one would touch fresh memory.
     def tell(step: int, number: float) -> None:
-        if limit is not None and proven and time.perf_counter() - begun > LATE * limit:
+        if limit is not None and (proven or stops) and time.perf_counter() - begun > LATE * limit:
             raise _Late
         if on_step is not None:
             on_step(step, number)
 
-    search = _Search(Ladder(scene, loads, tell), begun, beside, proven)
-    cells: int | None = coarsest or max(coarsest_cells(scene), min(JOINTED) if knots_of(scene).joints else 2)
+    grids.on_step = tell
+    search = _Search(grids, begun, extra, proven)
+    cells: int | None = first_cells(grids.asked)
     failure: SolveError | None = None
     failed = 0
     while cells is not None:
@@ -162,8 +161,7 @@ def _searched(
             break
         cells = _next(search, cells, failure)
     if not search.errors:
-        assert failure is not None
-        raise failure
+        raise failure or _too_short(search, time.perf_counter() - begun)
     _check_met(search, failed, failure)
     return search
 
@@ -181,24 +179,10 @@ def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None
         raise _on_branches(search, f"{search.scene.resolution.seconds:g} s")
 
 
-def at_rest(scene: Scene, *, of_motion: bool = False) -> list[Load]:
-    """The load of a scene's equilibrium, or of that of a motion, in the cells in which it moves."""
-    shape, at = scene.body.shape, scene.resolution
-    with memory.within(scene):
-        knots = replace(knots_of(scene), at_rest=False)
-        made = shape.discretize(at.cells_across, at.particles_per_cell, knots) if of_motion else None
-        model = static_model(build(scene, made))
-    return [Load(model, lambda on_step: solve_static(model, on_step=on_step, judged=False))]
-
-
 def check_possible(scene: Scene) -> None:
     """Raises SceneError where no choice can be made, before anything is solved."""
     wanted = scene.resolution.allowed(scene.length)
     key = "resolution.error" if wanted is not None else "resolution.seconds"
-    if scene.body.shape.line is None:
-        raise SceneError(
-            key, rule="errors are those of a centreline, and a body of STL parts has none", remedy="give `cells_across` instead, say 4"
-        )
     if wanted is not None and wanted > LARGEST * scene.length:
         rule = f"must be at most half of the length, {500 * scene.length:g} mm"
         raise SceneError(key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit")
@@ -218,7 +202,7 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
         return finer[0] if finer and finer[0] <= coarsest_cells(search.scene) + 2 else None
     wanted = search.scene.resolution.allowed(search.scene.length)
     if wanted is None:
-        return _next_in_time(search, finer)
+        return _next_in_time(search, tried, finer)
     if search.errors[tried] <= wanted:
         return None
     order = observed_order(search.errors)
@@ -241,20 +225,29 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     return cells
 
 
-def _next_in_time(search: _Search, finer: list[int]) -> int | None:
+def _next_in_time(search: _Search, tried: int, finer: list[int]) -> int | None:
     limit = search.scene.resolution.seconds
     assert limit is not None
     gone = time.perf_counter() - search.begun
-    if gone > LATE * limit and len(search.errors) == 1:
-        raise SceneError(
-            "resolution.seconds",
-            received=f"{limit:g} s",
-            rule=f"must be enough for the coarsest grid and the proof of its error, {gone:.2g} s here",
-            remedy=f"allow {1.2 * gone:.2g} s or more",
-        )
+    if gone + search.extra(tried) > LATE * limit and len(search.errors) == 1:
+        raise _too_short(search, gone + search.extra(tried))
     if len(search.errors) == 1:  # whose pace says little: it was the first to run
         finer = [n for n in finer if n <= FIRST_LEAP]
-    return max((n for n in finer if search.fits(n) and search.takes(n) + search.beside(n) <= RESERVE * (limit - gone)), default=None)
+    return max((n for n in finer if search.fits(n) and search.takes(n) + search.extra(n) <= RESERVE * (limit - gone)), default=None)
+
+
+def _too_short(search: _Search, needed: float) -> SceneError:
+    """needed: seconds that the coarsest grid takes with its proof, as far as that is known."""
+    limit, cells = search.scene.resolution.seconds, first_cells(search.scene)
+    if not search.errors and search.grids.solved:
+        needed = sum(one.seconds for one in search.grids.solved.values()) + search.grids.takes(search.proof[cells], proof=True)
+    known = f"{needed:.2g} s here" if search.grids.solved else "which took longer"
+    return SceneError(
+        "resolution.seconds",
+        received=f"{limit:g} s",
+        rule=f"must be enough for the coarsest grid and the proof of its error, {known}",
+        remedy=f"allow {1.2 * needed:.2g} s or more" if search.grids.solved else "allow much more",
+    )
 
 
 def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, failed: str = "") -> SceneError:
@@ -273,7 +266,7 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, fail
         off = 100 * law.foretold(search.errors, end) / length
         why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
     else:
-        needed, seconds = operations(search.ladder.on(search.proof[cells]))[1], search.takes(cells)
+        needed, seconds = search.grids.size(search.proof[cells]), search.takes(cells)
         why = f"{cells} cells across and their proof by {search.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
     remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     if most > tried:
@@ -298,7 +291,7 @@ def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError
         f"resolution.{key}",
         received=received,
         rule=f"the grids must find the same equilibrium: those of {tried} and {proof} cells across are "
-        f"{100 * search.ladder.apart(tried, proof) / length:.2g} % of the length apart, on other branches perhaps"
+        f"{100 * search.grids.apart(tried, proof) / length:.2g} % of the length apart, on other branches perhaps"
         + (f"; {failed}" if failed else ""),
         remedy="give `cells_across`, and compare runs; along a path, leave out times near a jump or another critical load",
     )
@@ -308,44 +301,27 @@ def _best_in_time(search: _Search) -> int:
     """The grid of the smallest error, of those on which there is time left for what is computed besides; the coarsest one is done."""
     limit, gone = search.scene.resolution.seconds, time.perf_counter() - search.begun
     assert limit is not None
-    left = [n for n in search.errors if n == min(search.errors) or gone + search.beside(n) <= limit]
+    left = [n for n in search.errors if n == min(search.errors) or gone + search.extra(n) <= limit]
     return min(left, key=lambda n: search.errors[n])
 
 
-def _chosen(search: _Search) -> Choice:
-    cells = max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search)
-    ladder, asked, length = search.ladder, search.scene.resolution, search.scene.length
-    last, finer, error = ladder.solved[cells], ladder.solved[search.proof[cells]], search.errors[cells]
-    order, spent = observed_order(search.errors), sum(one.seconds for one in ladder.solved.values())
-    told = {
+def _chosen(search: _Search, cells: int) -> ChosenGrid:
+    solved, asked, error = search.grids.solved, search.scene.resolution, search.errors[cells]
+    order, last, finer = observed_order(search.errors), solved[cells], solved[search.proof[cells]]
+    report = {
         "cells_across": cells,
         "particles_per_cell": asked.particles_per_cell,
         "asked": {key: value for key, value in asked.model_dump().items() if key in ("error", "of", "seconds")},
-        "error_of_length": error / length,
-        "algebraic_error": search.algebraic(),
+        "error_of_length": error / search.scene.length,
+        "algebraic_error": search.grids.algebraic,
         "order": order,
         "asymptotic": law.steady(order),
         "tried": [
-            {
-                "cells_across": n,
-                "dof": one.loads[0].model.dof,
-                "seconds": one.seconds,
-                "factorizations": one.steps,
-                "error": search.errors.get(n),
-            }
-            for n, one in sorted(ladder.solved.items())
+            {"cells_across": n, "dof": one.dof, "seconds": one.seconds, "factorizations": one.steps, "error": search.errors.get(n)}
+            for n, one in sorted(solved.items())
         ],
         "seconds_of_answer": last.seconds,
-        "seconds_of_proof": spent - last.seconds,
-        "finer": {
-            "cells_across": finer.cells,
-            "tip": axis.tip(finer.loads[-1].model, finer.grids[-1]).tolist(),
-            "centreline": axis.centreline(finer.loads[-1].model, finer.grids[-1]).tolist(),
-        },
+        "seconds_of_proof": sum(one.seconds for one in solved.values()) - last.seconds,
+        "finer": {"cells_across": finer.cells, "tip": finer.tip.tolist(), "centreline": finer.centreline.tolist()},
     }
-    found = list(last.found)
-    assert found[-1].energy is not None
-    found[-1] = replace(found[-1], stability=stability(found[-1].energy, found[-1].point))
-    return Choice(ladder.on(cells), [load.model for load in last.loads], found, error, told)
-
-
+    return ChosenGrid(cells, error, report)

@@ -139,7 +139,7 @@ def allowed_time(durations: list[float]) -> float | None:
 
 
 def kernel_uses(study: Study) -> list[str]:
-    """What a study's kernels are for (magmpm.precompile): derivatives and families of rods only where it uses them."""
+    """What a study's kernels are for (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
     rods = study.sampler == "gauss-newton" or study.start == "rod" or bool(study.depths or study.keyframes)
     return ["solve", *["sensitivities"] * needs_derivatives(study), *["rods"] * rods]
 

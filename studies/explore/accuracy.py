@@ -15,7 +15,7 @@ from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, steady
-from magmpm.statics.ladder import operations
+from magmpm.statics.grids import operations
 from magmpm.studies.explore.accuracy_beside import (
     Model,
     Solve,
@@ -227,11 +227,8 @@ def _where(scene: Scene) -> list[str]:
     """Of what happens along time: that the grids are compared where it ends."""
     if not scene.in_time:
         return []
-    if scene.solver.quasi_static is None or scene.body.shape.line is None:
-        what = "motion" if scene.solver.dynamic is not None else "path"
-        return [f"All this is of the {what}'s end: on the way there errors may be larger."]
-    along = "with `resolution: {error: 1 %}` `magmpm run` proves those along the path"
-    return [f"All this is of the path's end: on the way there errors may be larger; {along}."]
+    what = "motion" if scene.solver.dynamic is not None else "path"
+    return [f"All this is of the {what}'s end; `resolution: {{error: 1 %}}` bounds the errors of all its frames, which may be larger."]
 
 
 def _error(rung: Rung) -> float | None:

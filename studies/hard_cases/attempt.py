@@ -13,12 +13,12 @@ from time import process_time
 from typing import Any
 
 from magmpm.errors import InputError, SolveError
-from magmpm.precompile import prepare_kernels
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
 from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
+from magmpm.solving.precompile import prepare_kernels
 from magmpm.studies.hard_cases.checks import checked
 
 CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"

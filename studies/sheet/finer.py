@@ -16,7 +16,7 @@ from magmpm.errors import MagmpmError, SolveError
 from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene, memory
 from magmpm.statics.error_estimate import PROOF, factor
-from magmpm.statics.ladder import operations
+from magmpm.statics.grids import operations
 from magmpm.studies.evaluate.insertion import Insertion
 from magmpm.studies.evaluate.schedule import Schedule
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square

@@ -41,8 +41,8 @@ def critical_loads() -> dict[str, float]:
 def step_seconds() -> float:
     """Time of a step on five_segments.yaml, whose field grows to its strength in 40 steps: the whole run over them, no files."""
     from magmpm.dynamics.quasi_static import follow
-    from magmpm.precompile import prepare_kernels
     from magmpm.scene import Scene, load_scene
+    from magmpm.solving.precompile import prepare_kernels
 
     data = load_scene(ROOT / "data/scenes/five_segments.yaml").to_si()
     data["field"]["over_time"] = {"ramp": {"duration": 1.0}}

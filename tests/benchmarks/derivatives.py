@@ -45,8 +45,8 @@ def jacobian_over_solve_percent() -> float:
 def stability_over_solve_percent() -> float:
     """The smallest eigenvalue over the solve without it; the unloaded body's is kept from the solve before, as in a study."""
     from magmpm.model import build
-    from magmpm.precompile import prepare_kernels
     from magmpm.scene import load_scene
+    from magmpm.solving.precompile import prepare_kernels
     from magmpm.statics.equilibrium import one_blas_thread, solve_static
     from magmpm.statics.layout import static_model
     from magmpm.statics.stability import stability

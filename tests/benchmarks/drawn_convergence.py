@@ -24,7 +24,7 @@ from magmpm import run
 from magmpm.errors import MagmpmError
 from magmpm.results.measures import largest_distance
 from magmpm.scene import Scene
-from magmpm.statics.ladder import operations
+from magmpm.statics.grids import operations
 
 SCENES = 100
 CELLS = (2, 3, 4, 5, 6, 8, 10, 12)

@@ -25,7 +25,7 @@ from magmpm import run
 from magmpm.errors import MagmpmError
 from magmpm.results.measures import largest_distance
 from magmpm.scene import Scene
-from magmpm.statics.ladder import operations
+from magmpm.statics.grids import operations
 
 FIRST, SCENES = 1000, 100
 MOST_OPERATIONS = 4e10  # of a factorization of the reference: some ten seconds a scene

@@ -17,15 +17,12 @@ from typing import Any
 import numpy as np
 from drawn_scenes import along_path
 
-from magmpm.compiled.arrays import Array
-from magmpm.dynamics.path_judged import PathSeen
-from magmpm.dynamics.quasi_static import PathState
+from magmpm import run
 from magmpm.errors import MagmpmError
+from magmpm.results.frames import near_jumps
 from magmpm.scene import Scene
 from magmpm.scene.time_limit import limited
-from magmpm.simulate import simulated
-from magmpm.statics.error_estimate import distance
-from magmpm.statics.ladder import Ladder
+from magmpm.solving.several_grids import Runs
 
 FIRST, SCENES = 6000, 40
 MORE = 3  # cells across
@@ -55,31 +52,22 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
     row: dict[str, Any] = {"seed": seed, "slenderness": scene.length / scene.thickness, "of": scene.resolution.of}
     try:
         with limited(LIMIT, process_time):
-            result = simulated(scene)
+            result = run(scene)
         assert result.resolution is not None
         assert result.error_estimate is not None
         cells = row["cells"] = result.resolution["cells_across"]
-        row |= {"promised": result.error_estimate / scene.length, "judged_at": result.resolution["judged_at"], "jumps": len(result.jumps)}
-        (answer, seen), (truth, _) = along(scene, cells), along(scene, cells + MORE)
+        row |= {"promised": result.error_estimate / scene.length, "jumps": len(result.jumps)}
+        row |= {"largest_at": result.resolution["largest_at"], "seconds": result.seconds["setup"] + result.seconds["solve"]}
+        runs = Runs(scene)
+        for n in (cells, cells + MORE):
+            with limited(LIMIT, process_time):
+                runs.solve(n)
     except MagmpmError as error:
         return {**row, "failed": str(error)}
-    off = {t: distance(answer[t], truth[t]) / result.error_estimate for t in seen.away_from_jumps() if t in truth}
+    skip = [*near_jumps(runs.frames[cells], runs.frames[cells + MORE]), *map(tuple, result.resolution["unknown"])]
+    off = runs.frames[cells].distances(runs.frames[cells + MORE], scene.resolution.of, skip)
     row["at"] = max(off, key=lambda t: off[t])
-    return {**row, "ratio": off[row["at"]]}
-
-
-def along(scene: Scene, cells: int) -> tuple[dict[float, Array], PathSeen]:
-    """Where errors are meant, (k, 3) m, at each time (s) of the path with so many cells across."""
-    ladder, seen, points = Ladder(scene, lambda on_grid: []), PathSeen(scene.length), dict[float, Array]()
-
-    def see(state: PathState) -> None:
-        seen.see(state)
-        if state.branch is not None:
-            points[state.time] = ladder.points(state.loads.at(state.time), state.branch.now.point.grid)
-
-    with limited(LIMIT, process_time):
-        simulated(scene.with_cells(cells), on_state=see)
-    return points, seen
+    return {**row, "ratio": off[row["at"]] / result.error_estimate, "answer_seconds": runs.solved[cells].seconds}
 
 
 def told(row: dict[str, Any]) -> str:

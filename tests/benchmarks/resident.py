@@ -52,7 +52,7 @@ def main(formulation: str) -> int:
     """Measure, and print one JSON object."""
     from motion_rates import scene
 
-    from magmpm.precompile import prepare_kernels
+    from magmpm.solving.precompile import prepare_kernels
 
     prepare_kernels(scene(formulation, cells=4))  # in other processes: otherwise the memory of the compiler would be the peak
     kept, few, _ = _moved(formulation, 4)  # kernels, libraries

@@ -19,8 +19,8 @@ from pathlib import Path
 import optuna
 
 from magmpm.cli.design import TrialPicture
-from magmpm.precompile import fill_cache
 from magmpm.simulate import run, sensitivities
+from magmpm.solving.precompile import fill_cache
 from magmpm.studies.engine.loop import kernel_uses, run_study
 from magmpm.studies.search.definition import load_study
 from magmpm.viz.worker import Renderer

@@ -75,8 +75,8 @@ def test_far_too_little_memory_is_refused_before_anything_is_built(
     """By an estimate from below: nothing is compiled or allocated."""
     path = scene(tmp_path, "duration: 1 ms, max_memory: 1 MB")
     path.write_text(path.read_text().replace("length: 16 mm", "length: 0.4 m").replace("cells_across: 2", "cells_across: 16"))
-    monkeypatch.setattr("magmpm.simulate.build", lambda _: pytest.fail("built"))
-    monkeypatch.setattr("magmpm.simulate.prepare_kernels", lambda _: pytest.fail("compiled"))
+    monkeypatch.setattr("magmpm.solving.solve.build", lambda _: pytest.fail("built"))
+    monkeypatch.setattr("magmpm.solving.solve.prepare_kernels", lambda _: pytest.fail("compiled"))
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert f'{path}:12: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least' in said
@@ -94,7 +94,7 @@ def test_a_body_that_memory_can_t_hold_is_refused(
 
     path = scene(tmp_path, "duration: 1 ms")
     monkeypatch.setattr("magmpm.scene.memory.machine", lambda: has)
-    monkeypatch.setattr("magmpm.simulate.build", fails)
+    monkeypatch.setattr("magmpm.solving.solve.build", fails)
     for text in (path.read_text(), path.read_text().replace("solver: {dynamic: {duration: 1 ms}}", "")):
         path.write_text(text)
         assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2

@@ -20,7 +20,7 @@ from test_import import robot_file
 from magmpm.cli import main
 from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
-from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE, TRYING
+from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.statics import equilibrium
@@ -338,7 +338,6 @@ def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_re
     saved = OUT / FAILED if first else OUT
     assert not Result.load(saved).converged
     assert not (saved / CHECKPOINT).exists()
-    assert not (OUT / TRYING).exists()
     assert not (OUT / EARLIER).exists()
     if first:
         assert {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()} == before
@@ -350,10 +349,9 @@ def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -
     assert run(waiting, "--time-limit", "2") == 3
     before = {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()}
     assert (OUT / CHECKPOINT).exists()
-    grounded = waiting.replace("effects: {magnetic_torque: {}}", "effects: {magnetic_torque: {}, ground: {point: [0 mm, 0 mm, -20 mm]}}")
     for options in ((), ("--resume",)):
-        assert run(grounded.replace("{cells_across: 2}", "{seconds: 60 s}"), *options) == 2
-        assert "with ground that is not known" in capsys.readouterr().err
+        assert run(waiting.replace("{cells_across: 2}", "{seconds: 0.1 s}"), *options) == 2
+        assert "must be enough for the coarsest grid" in capsys.readouterr().err
         assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
 
 
@@ -365,9 +363,9 @@ def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_
     asked += "solver: {quasi_static: {steps: 3}}\nresolution: {error: 1 %}\n"
 
     def fails(*_: Any, **__: Any) -> Any:
-        raise SolveError("no grid", None)
+        raise SolveError("no proof", None)
 
-    monkeypatch.setattr("magmpm.dynamics.judged_run.choose", fails)
+    monkeypatch.setattr("magmpm.solving.several_grids.Runs.prove", fails)
     assert run(asked, "--out", "runs/new") == 3
     assert not Result.load("runs/new").converged
     assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3

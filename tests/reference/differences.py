@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm import simulate
+from magmpm import solve
 from magmpm.scene import Scene
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
@@ -28,7 +28,7 @@ def tight(scene: Scene) -> Scene:
 
 def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Axis (rows, 3) m and tip (3,) m of the equilibrium, refined."""
-    _, found = simulate._at_rest(tight(scene), None, None)
+    _, found = solve.at_rest(tight(scene), None, None)
     for _ in range(2):
         near = Linearized(found, ())
         found.point = near._point

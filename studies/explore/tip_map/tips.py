@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
-from magmpm.precompile import prepare_kernels
 from magmpm.results.whole_file import whole_file, write_json
 from magmpm.scene import Scene
+from magmpm.solving.precompile import prepare_kernels
 from magmpm.studies.explore.tip_map.fields import Fields
 from magmpm.studies.explore.tip_map.processes import solved
 from magmpm.studies.explore.tip_map.rods import rod_tips

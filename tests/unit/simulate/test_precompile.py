@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm import precompile as warmup
+from magmpm.solving import precompile as warmup
 
 
 def test_another_clone_and_touched_sources_are_not_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,7 +98,7 @@ def test_without_room_on_the_disk_nothing_is_compiled_ahead(empty_cache: Path, m
     """The kernels could not be stored: each run compiles its own, once instead of twice."""
     lines: list[str] = []
     monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: pytest.fail("compiled"))
-    monkeypatch.setattr("magmpm.precompile.ROOM", 1e30)
+    monkeypatch.setattr("magmpm.solving.precompile.ROOM", 1e30)
     assert warmup.fill_cache(rod_scene(), lines.append)
     (line,) = lines
     assert str(empty_cache) in line

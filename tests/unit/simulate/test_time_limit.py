@@ -15,10 +15,10 @@ from magmpm import Scene, run
 from magmpm.cli import main
 from magmpm.cli import run as command
 from magmpm.errors import BudgetError, InputError, TimeOver
-from magmpm.precompile import prepare_kernels
 from magmpm.results.file_names import CHECKPOINT, MOTION
 from magmpm.results.trajectory import Motion
 from magmpm.scene.time_limit import check, limited
+from magmpm.solving.precompile import prepare_kernels
 
 
 def ticks() -> Callable[[], float]:

@@ -18,9 +18,8 @@ from magmpm.results.measures import largest_distance
 from magmpm.statics import resolution
 from magmpm.statics.between_grids import carried
 from magmpm.statics.error_estimate import PROOF, WITNESS, bound, caution
-from magmpm.statics.ladder import Ladder, Load
+from magmpm.statics.grids import Equilibria
 from magmpm.statics.layout import StaticModel, static_model
-from magmpm.statics.resolution import at_rest, nothing
 
 SCENES = Path(__file__).resolve().parents[3] / "data/scenes"
 LENGTH = 24e-3
@@ -135,7 +134,7 @@ def test_caution_is_for_what_was_not_measured(slenderness: float, wall: float, f
 
 def test_errors_that_hardly_fall_are_no_ground_for_a_leap(monkeypatch: pytest.MonkeyPatch) -> None:
     """0.78 % at 2 cells and 0.56 % at 4 for 0.12 % asked: the next are 6, not the 12 that an order of 1.5 asks for."""
-    search = resolution._Search(Ladder(asked(error=0.0012), at_rest), 0.0, nothing)
+    search = resolution._Search(Equilibria(asked(error=0.0012)), 0.0, resolution._nothing)
     monkeypatch.setattr(resolution._Search, "fits", lambda self, cells: True)
     monkeypatch.setattr(resolution._Search, "takes", lambda self, cells: 1.0)
     search.errors.update({2: 0.0078 * LENGTH, 4: 0.0056 * LENGTH})
@@ -144,35 +143,31 @@ def test_errors_that_hardly_fall_are_no_ground_for_a_leap(monkeypatch: pytest.Mo
     assert resolution._next(search, 4, None) == 6
 
 
-def test_a_search_leaves_no_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_leaves_no_matrices() -> None:
     """Its end frees them, without a collection of circles: the next search uses their memory again."""
-    searches: list[weakref.ref[Ladder]] = []
-
-    class Watched(Ladder):
-        def __init__(self, *given: object) -> None:
-            super().__init__(*given)  # type: ignore[arg-type]
-            searches.append(weakref.ref(self))
-
-    monkeypatch.setattr(resolution, "Ladder", Watched)
     gc.disable()
     try:
-        resolution.choose(asked(error=0.005))
-        assert len(searches) == 1
-        assert searches[0]() is None
+        grids = Equilibria(asked(error=0.005))
+        resolution.choose(grids)
+        watched = weakref.ref(grids)
+        del grids
+        assert watched() is None
     finally:
         gc.enable()
 
 
-def test_a_search_keeps_blas_on_one_thread() -> None:
+def test_a_search_keeps_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """Between its solves too: the threads that a small fit starts spin on for a while, and kernels then run at half their pace."""
     seen: list[int] = []
+    on = Equilibria.on
 
-    def loads(scene: Scene) -> list[Load]:
+    def watched(grids: Equilibria, cells: int) -> Scene:
         seen.append(max(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"))
-        return at_rest(scene)
+        return on(grids, cells)
 
+    monkeypatch.setattr(Equilibria, "on", watched)
     with threadpool_limits(2, user_api="blas"):
-        resolution.choose(asked(error=0.005), loads)
+        resolution.choose(Equilibria(asked(error=0.005)))
     assert len(seen) >= 3  # the answer, its witness, its proof
     assert set(seen) == {1}
 

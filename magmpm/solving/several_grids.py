@@ -1,0 +1,173 @@
+"""One scene on several grids, for the error of each or the coarsest that will do: equilibria of straight bodies from each other
+(statics.grids), all else by whole runs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from magmpm.errors import SceneError
+from magmpm.results.frames import Frames, frames_of, near_jumps
+from magmpm.results.result import Result
+from magmpm.rod.shifts import kink_warning
+from magmpm.scene import Scene, memory
+from magmpm.scene.coarsest import coarsest_cells
+from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels
+from magmpm.solving.solve import solve
+from magmpm.statics.error_estimate import WITNESS
+from magmpm.statics.grids import PARTICLE, Equilibria, Grids, OnStep, Solved, operations, particles
+from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells, known_error, proofs
+
+EARLY = 0.01  # of the time that an error may take: after it the pace of the first run is known
+
+
+class Runs(Grids):
+    """Whole runs on several grids: along time, or of bodies that are not straight. results and frames by cells across."""
+
+    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
+        super().__init__(asked, on_step)
+        self.results: dict[int, Result] = {}
+        self.frames: dict[int, Frames] = {}
+
+    def solve(self, cells: int) -> None:
+        """Run the scene, if it has not been."""
+        if cells in self.solved:
+            return
+        begun, frames = time.perf_counter(), Frames()
+
+        def tell(step: int, at: float) -> None:
+            self._check_hopeful(cells, time.perf_counter() - begun, at)
+            if self.on_step is not None:
+                self.on_step(step, at)
+
+        result = solve(self.on(cells), on_progress=tell, on_frame=frames.see)
+        if not frames.times:
+            frames = frames_of(result)
+        frames.jumps = [jump["time"] for jump in result.jumps]
+        seconds = time.perf_counter() - begun - result.seconds["compile"]
+        moved = float(np.abs(result.particle_position - result.particle_reference).max())
+        self.results[cells], self.frames[cells] = result, frames
+        self.solved[cells] = Solved(cells, True, seconds, result.iterations, result.dof, result.centreline, result.tip, moved)
+
+    def times(self, cells: int) -> float:
+        """How many times as long as a run on a grid it takes to run it and to know its error."""
+        return 1.0 + sum(work(self.on(n)) for n in needed_for(self.asked, cells)) / work(self.on(cells))
+
+    def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
+        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error asked for will take too long.
+
+        gone: seconds since the run began.
+        """
+        asked, allowed = self.asked, self.asked.resolution.allowed(self.asked.length)
+        if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < EARLY * PATIENCE:
+            return
+        end = asked.solver.dynamic.duration if asked.solver.dynamic is not None else asked.path_times()[-1]
+        alone, times = gone * end / at, self.times(cells)
+        if alone * times > PATIENCE:
+            raise SceneError(
+                "resolution.error",
+                received=f"{100 * allowed / asked.length:.3g} % of the length",
+                rule=f"must be within reach of {PATIENCE:g} s: a run on {cells} cells across takes {alone:.2g} s, and to know its error "
+                f"{times:.2g} times as long",
+                remedy=f"give cells_across: {cells} without an error, shorten it, or allow resolution.seconds: {1.2 * alone * times:.2g}",
+            )
+
+    def prove(self, cells: int, against: int) -> None:
+        """Run the scene."""
+        self.solve(cells)
+
+    def apart(self, coarse: int, fine: int) -> float:
+        """The largest distance (m) in any frame that is not near a jump of the path."""
+        return max(self.distances(coarse, fine).values(), default=math.inf)
+
+    def distances(self, coarse: int, fine: int) -> dict[float, float]:
+        """The largest distance (m) in each frame but those near a jump, by its time (s)."""
+        one, other = self.frames[coarse], self.frames[fine]
+        return one.distances(other, self.asked.resolution.of, near_jumps(one, other))
+
+    def takes(self, cells: int, proof: bool) -> float:
+        """Seconds, from those of the finest grid that was run."""
+        last = max(self.solved)
+        return self.solved[last].seconds * work(self.on(cells)) / work(self.on(last))
+
+    def size(self, cells: int) -> float:
+        """Bytes of the matrix, or of particles and grid."""
+        scene = self.on(cells)
+        return operations(scene)[1] if scene.static else memory.BYTES * memory.fewest_particles(scene)
+
+    @property
+    def algebraic(self) -> float:
+        """What the solves of equilibria leave, m."""
+        return super().algebraic if self.asked.static else 0.0
+
+
+def work(scene: Scene) -> float:
+    """Multiply-adds of a Newton step; of a motion particles times steps, both in units of their own."""
+    if scene.static:
+        return operations(scene)[0] + PARTICLE * particles(scene)
+    return particles(scene) * scene.resolution.cells_across
+
+
+def grids_of(scene: Scene) -> Grids:
+    """How a scene is solved on several grids: equilibria of straight bodies from each other, all else by whole runs."""
+    return Runs(scene) if scene.in_time or scene.body.shape.line is None else Equilibria(scene)
+
+
+def choose_grid(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] | None = None) -> tuple[ChosenGrid, float]:
+    """The grid for the error or the time that a scene asks for (statics.resolution.choose), and the seconds its kernels took to load."""
+    compiled = _prepare(grids)
+    choice = choose(grids, on_step, extra or (lambda cells: 0.0))
+    return replace(choice, report={**choice.report, **_on_the_way(grids, choice)}), compiled
+
+
+def error_of_grid(grids: Grids, cells: int) -> ChosenGrid:
+    """The error of the grid with so many cells across. Raises SceneError where no finer grid tells it, SolveError where one fails."""
+    _prepare(grids)
+    known = known_error(grids, cells)
+    return replace(known, report={**known.report, **_on_the_way(grids, known)})
+
+
+def _prepare(grids: Grids) -> float:
+    return prepare_kernels(grids.on(coarsest_cells(grids.asked)), uses=(SOLVE, PROOFS) if isinstance(grids, Equilibria) else (SOLVE,))
+
+
+def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
+    """Of what runs along time: when (s) the two grids differ the most, and the spans (s) around jumps in which no error is known."""
+    if not isinstance(grids, Runs) or not grids.asked.in_time:
+        return {}
+    coarse, fine = choice.cells, choice.report["finer"]["cells_across"]
+    apart, spans = grids.distances(coarse, fine), near_jumps(grids.frames[coarse], grids.frames[fine])
+    words = [
+        f"resolution: the error is not known from t = {first:.6g} to {last:.6g} s, around a jump of the path, which comes sooner or later "
+        "on other grids; the error reported is that of the equilibria before and after"
+        for first, last in spans
+    ]
+    return {"largest_at": max(apart, key=lambda t: apart[t]), "unknown": spans, "warnings": words}
+
+
+def needed_for(scene: Scene, cells: int) -> list[int]:
+    """The finer grids, by their cells across, from which a grid's error is known."""
+    return sorted({*WITNESS.get(cells, ()), proofs(scene)[cells]})
+
+
+def notes_before(scene: Scene) -> list[str]:
+    """Lines for the user before a run starts: that a tube will kink, and the cost of a requested error."""
+    kink, cost = kink_warning(scene), cost_in_words(scene) if scene.resolution.asked else ""
+    return [*([f"warning: {kink}"] if kink else []), *([cost] if cost else [])]
+
+
+def cost_in_words(scene: Scene) -> str:
+    """The cost of knowing the error; "" for equilibria, which take a second or two."""
+    grids, first = grids_of(scene), first_cells(scene)
+    if not isinstance(grids, Runs):
+        return ""
+    *others, last = needed_for(scene, first)
+    return (
+        f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on {', '.join(map(str, [first, *others]))} "
+        f"and {last} cells across: about {grids.times(first):.2g} times as long as on {first} alone"
+    )

@@ -1,0 +1,281 @@
+"""solve(scene) -> Result: one simulation of a scene on its own grid, with the effects that it names."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array
+from magmpm.effects import acting as effects
+from magmpm.errors import SolveError
+from magmpm.model import Model, build
+from magmpm.results import measures
+from magmpm.results.folder_lock import written_folder
+from magmpm.results.result import Result
+from magmpm.results.strain import Strain, strain_of
+from magmpm.results.versions import versions
+from magmpm.rod.cosserat import RodShape
+from magmpm.scene import Scene, memory, remedies
+from magmpm.solving.precompile import SOLVE, prepare_kernels
+from magmpm.statics import axis as axis_of_unknowns
+from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
+from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.stability import on_the_brink
+from magmpm.statics.unnamed_weight import missed_weight
+
+if TYPE_CHECKING:
+    from magmpm.dynamics.quasi_static import PathState
+    from magmpm.dynamics.time_loop import SimulationState
+
+Progress = Callable[[int, float], None]
+# Called with each frame: its time (s), axis rows [s, x, y, z] (m, 4) m (none for parts), tip (3,) m and centers of regions (k, 3) m.
+OnFrame = Callable[[float, Array, Array, Array], None]
+
+
+def solve(
+    scene: Scene,
+    *,
+    start: Result | RodShape | Following | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    on_progress: Progress | None = None,
+    on_begin: Callable[[], None] | None = None,
+    on_frame: OnFrame | None = None,
+) -> Result:
+    """Simulate a scene whose cells and effects are given: arguments and errors as of simulate.run, but only frames are written to folder.
+
+    on_frame: called with each frame of what is solved along time, whether it is written or not.
+    """
+    if start is not None and scene.in_time:
+        raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
+    if scene.static:
+        scene.check_energy()
+    with remedies.named(scene):
+        if scene.solver.quasi_static is not None:
+            return _path(scene, folder, resume, on_progress, on_begin, on_frame)
+        if scene.solver.dynamic is not None:
+            return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
+        result, found = at_rest(scene, start, on_progress)
+        return result if start is not None else replace(result, warnings=[*result.warnings, *missed_weight(scene, found)])
+
+
+def at_rest(
+    scene: Scene, start: Result | RodShape | Following | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
+) -> tuple[Result, Equilibrium]:
+    """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
+    begun = time.perf_counter()
+    with memory.within(scene):
+        model = static_model(build(scene))
+    compiled = prepare_kernels(scene, uses=uses)
+    setup = time.perf_counter() - begun - compiled
+    begun = time.perf_counter()
+    try:
+        rod = start if isinstance(start, RodShape) else None
+        following = start if isinstance(start, Following) else None
+        found = solve_static(model, correction=_neighbor(model, start), rod=rod, on_step=on_progress, following=following)
+    except SolveError as error:
+        raise with_state(error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}) from None
+    return finite(result_of(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
+
+
+def with_state(error: SolveError, seconds: dict[str, float]) -> SolveError:
+    """The error with its last good equilibrium as a Result, if that is known and finite; else with none."""
+    last, state = error.state, None
+    if isinstance(last, Equilibrium) and last.model is not None:
+        state = result_of(last.model, last, seconds, error.reason)
+    return type(error)(error.reason, None if state is None or state.not_finite() else state)
+
+
+def finite(result: Result) -> Result:
+    """The result, if all its numbers are finite, as files need them. Raises SolveError otherwise."""
+    if wrong := result.not_finite():
+        raise SolveError(
+            f"the solve ended with numbers that are not finite (in {', '.join(wrong)}), so there is no result; "
+            "remedy: check the units of sizes, loads and materials; what is smallest and largest may be too far apart for the grid"
+        )
+    return result
+
+
+def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
+    """A caller's on_progress(steps, time) as the solvers along time call it: (time, steps)."""
+    return lambda at, steps: None if on_progress is None else on_progress(steps, at)
+
+
+def _motion(
+    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
+    on_frame: OnFrame | None,
+) -> Result:  # fmt: skip
+    from magmpm.dynamics import time_loop as dynamics  # needs HDF5: 20 MB that static designs do without
+
+    begun = time.perf_counter()
+    with memory.within(scene):
+        model = build(scene)  # refuses what can't begin, before its kernels are compiled
+        compiled, moved = prepare_kernels(scene), dynamics.begin(model)
+    seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
+    ready = time.perf_counter()
+
+    def see(state: SimulationState) -> None:
+        if on_frame is not None:
+            on_frame(state.time, *measures.of_particles(model, state.x))
+
+    try:
+        with written_folder(folder, resume, on_begin):
+            moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see)
+    except SolveError as error:
+        seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
+        state = _moved_result(error.state, seconds, error.reason) if isinstance(error.state, dynamics.SimulationState) else None
+        raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
+    seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
+    return finite(_moved_result(moved, seconds))
+
+
+def _path(
+    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
+    on_frame: OnFrame | None,
+) -> Result:  # fmt: skip
+    from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
+
+    begun, compiled = time.perf_counter(), prepare_kernels(scene)
+    seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
+
+    def result_of(state: PathState, failure: str = "") -> Result:
+        seconds["solve"] = time.perf_counter() - begun - compiled
+        return _path_result(state, seconds, failure)
+
+    def see(state: PathState) -> None:
+        if on_frame is not None:
+            shape = state.shape
+            on_frame(state.time, shape.centreline, shape.tip, measures.region_means(shape.model, shape.position))
+
+    try:
+        with written_folder(folder, resume, on_begin), memory.within(scene):
+            state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see)
+    except SolveError as error:
+        failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
+        raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
+    return finite(result_of(state))
+
+
+def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
+    shape = state.shape
+    last: dict[str, Any] = next(reversed(state.rows), {"iterations": state.iterations, "stability": None})
+    return Result(
+        **_particles(shape.model, shape.position, shape.F, state.time),
+        grid_correction=np.zeros((0, 0)),
+        centreline=shape.centreline,
+        tip=shape.tip,
+        converged=not failure,
+        iterations=last["iterations"],
+        dof=shape.dof,
+        min_det_F=shape.min_det_F,
+        max_det_F=shape.max_det_F,
+        energy=state.energy,
+        seconds=seconds,
+        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model) + on_the_brink(last["stability"]),
+        time=state.time,
+        formulation="quasi_static",
+        steps=state.rows,
+        jumps=state.jumps,
+        load_share=state.load_share,
+        stability=last["stability"],
+        **_strained(state.strain),
+        failure=failure,
+    )
+
+
+def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: str = "") -> Result:
+    model = moved.motion.model
+    J = np.linalg.det(moved.F)
+    axis, tip, _ = measures.of_particles(model, moved.x)
+    return Result(
+        **_particles(model, moved.x, moved.F, moved.time),
+        grid_correction=np.zeros((0, 0)),
+        centreline=axis,
+        tip=tip,
+        converged=not failure,
+        iterations=moved.steps,
+        dof=moved.motion.unknowns,
+        min_det_F=float(J.min()),
+        max_det_F=float(J.max()),
+        energy=sum(moved.energies.values()) - moved.energies["kinetic"],
+        seconds=seconds,
+        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings() + moved.strain.warnings(model) + moved.lost.warnings(),
+        time=moved.time,
+        time_step=moved.dt,
+        stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
+        formulation=moved.motion.formulation,
+        kinetic_energy=moved.energies["kinetic"],
+        **_strained(moved.strain),
+        failure=failure,
+    )
+
+
+def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
+    """The grid correction of a neighboring design: nearly the same for this design."""
+    if not isinstance(start, Result):
+        return None
+    if start.grid_correction.shape == (model.layout.planes, model.layout.m):
+        return start.grid_correction
+    raise ValueError("start: the neighboring result must be on the same grid")
+
+
+def _warnings(scene: Scene) -> list[str]:
+    """What the author of the scene may not have meant, and about the field's map."""
+    return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
+
+
+def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float64], time: float | None) -> dict[str, Any]:
+    """What every result holds: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
+    scene, particles = model.scene, model.particles
+    center = particles.volume @ position / particles.volume.sum()
+    return {
+        "name": scene.name,
+        "scene": scene.to_si(),
+        "scene_hash": scene.hash(),
+        "particle_reference": particles.position,
+        "particle_position": position,
+        "particle_volume": particles.volume,
+        "particle_segment": particles.segment,
+        "particle_det_F": np.linalg.det(F),
+        "segment_center": measures.region_means(model, position),
+        "segment_remanence": measures.region_means(model, np.einsum("nij,nj->ni", F, model.remanence[:, :3])),
+        "field": scene.outside_field().at(center, time)[0] if scene.effects.in_a_field else np.zeros(3),
+        "particles": len(position),
+        "section": model.section,
+        "versions": versions(),
+    }
+
+
+def _strained(strain: Strain) -> dict[str, Any]:
+    """What every result holds about its strain."""
+    return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
+
+
+def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
+    scene, point = model.scene, found.point
+    position, strain = point.position, strain_of(model, point.position, point.F)
+    return Result(
+        **_particles(model, position, point.F, model.time),
+        grid_correction=found.correction,
+        centreline=axis_of_unknowns.centreline(model, point.grid),
+        tip=measures.region_means(model, position)[-1] if model.line is None else axis_of_unknowns.tip(model, point.grid),
+        converged=found.converged,
+        iterations=found.steps,
+        dof=model.dof,
+        min_det_F=point.min_det_F,
+        max_det_F=point.max_det_F,
+        energy=point.energy,
+        seconds=seconds,
+        warnings=_warnings(scene) + found.warnings + strain.warnings(model) + on_the_brink(found.stability),
+        **_strained(strain),
+        load_share=found.load_share,
+        stability=found.stability,
+        failure=failure,
+    )

@@ -1,0 +1,195 @@
+"""One scene on several grids: `Grids` is what the search for a grid needs of them; `Equilibria` are those of a straight body at rest.
+
+Each equilibrium begins at a coarser one's, and is exact or just good enough to tell the error of another grid: one factorization, mostly.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.effects import acting
+from magmpm.errors import SolveError, TimeOver
+from magmpm.model import build, knots_of
+from magmpm.scene import Scene, memory
+from magmpm.statics import axis
+from magmpm.statics.approach import approached
+from magmpm.statics.between_grids import carried
+from magmpm.statics.energy import Energy
+from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
+from magmpm.statics.error_estimate import ALGEBRAIC, distance
+from magmpm.statics.layout import StaticModel, static_model
+
+STATIONS = 41  # along the body, where axes are compared
+PER_SOLVE = 3.0  # factorizations of a solve from a coarser one's shape, with its stability
+PER_PROOF = 1.3  # of a proof: one, and now and then a solve
+PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
+BESIDE = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
+
+OnStep = Callable[[int, float], None]
+
+
+@dataclass
+class Solved:
+    """What is known of a scene on a grid. exact: solved to the scene's tolerance, not just enough for a proof; steps: factorizations, or
+    steps of a motion; centreline rows [s, x, y, z] m and tip (3,) m at the end; moved: the farthest that a point of the body went, m."""
+
+    cells: int
+    exact: bool
+    seconds: float
+    steps: float
+    dof: int
+    centreline: Array
+    tip: Array
+    moved: float
+
+
+class Grids(ABC):
+    """A scene that asks for an error or a time, on grids that are solved one by one. on_step: as of solves."""
+
+    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
+        self.asked, self.on_step = asked, on_step
+        self.solved: dict[int, Solved] = {}
+        self._scenes: dict[int, Scene] = {}
+
+    def on(self, cells: int) -> Scene:
+        """The scene with so many cells across."""
+        if cells not in self._scenes:
+            self._scenes[cells] = self.asked.with_cells(cells)
+        return self._scenes[cells]
+
+    @abstractmethod
+    def solve(self, cells: int) -> None:
+        """Solve with so many cells across, to the scene's tolerance. Raises as solve_static does."""
+
+    @abstractmethod
+    def prove(self, cells: int, against: int) -> None:
+        """Solve with so many cells across, well enough to tell the error of the grid `against`."""
+
+    @abstractmethod
+    def apart(self, coarse: int, fine: int) -> float:
+        """The largest distance (m) between the answers of two grids, where errors are meant."""
+
+    @abstractmethod
+    def takes(self, cells: int, proof: bool) -> float:
+        """Seconds that solving or proving will take on a grid, foretold from those solved."""
+
+    @abstractmethod
+    def size(self, cells: int) -> float:
+        """Bytes that a grid takes, about."""
+
+    @property
+    def algebraic(self) -> float:
+        """What the solves themselves leave, m: they end at a share of the energy."""
+        return ALGEBRAIC * float(np.sqrt(self.asked.solver.static.tolerance)) * next(iter(self.solved.values())).moved
+
+
+class Equilibria(Grids):
+    """Equilibria of a straight body."""
+
+    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
+        super().__init__(asked, on_step)
+        self.models: dict[int, StaticModel] = {}
+        self.found: dict[int, Equilibrium] = {}
+        self._grids: dict[int, Array] = {}  # coefficients (planes, m) m
+        self._points: dict[int, Array] = {}
+
+    def solve(self, cells: int) -> None:
+        """Solve an equilibrium, from the finest coarser grid's, or from a proof of the same grid."""
+        if cells in self.found:
+            return
+        begun, model = time.perf_counter(), self._model(cells)
+        self.found[cells] = found = self._solved(model, self._nearest(cells))
+        self._note(cells, found.point.grid, begun, found.steps)
+
+    def prove(self, cells: int, against: int) -> None:
+        """Come so near to an equilibrium that its distance from the grid `against` is known: mostly by one factorization."""
+        if cells in self.solved:
+            return
+        if acting.feels_itself(self.asked):
+            self.solve(cells)
+            return
+        begun, model, coarse = time.perf_counter(), self._model(cells), self._nearest(cells)
+        assert coarse is not None  # `against` is solved
+        start = carried(self.models[coarse], self._grids[coarse], model)
+        tell = self.on_step or (lambda step, number: None)
+        slenderness = self.asked.length / self.asked.thickness
+        near = approached(Energy(model), start, lambda grid: self._where(model, grid), self._points[against], slenderness, tell)
+        if near is None:
+            found = self._solved(model, coarse)
+            self._note(cells, found.point.grid, begun, found.steps)
+        else:
+            self._note(cells, near, begun, 1.0)
+
+    def apart(self, coarse: int, fine: int) -> float:
+        """The largest distance (m) between the axes, or the tips, of two grids."""
+        return distance(self._points[coarse], self._points[fine])
+
+    def takes(self, cells: int, proof: bool) -> float:
+        """Seconds, from counted operations and particles, at the pace of the last grids solved."""
+        multiplied, weight = operations(self.on(cells))[0], PARTICLE * particles(self.on(cells))
+        factorizations = PER_PROOF if proof else PER_SOLVE
+        return min(map(self._pace, list(self.solved.values())[-2:])) * (factorizations * (multiplied + weight) + BESIDE * weight)
+
+    def size(self, cells: int) -> float:
+        """Bytes of the matrix."""
+        return operations(self.on(cells))[1]
+
+    def _pace(self, one: Solved) -> float:
+        """Seconds of a solved grid per multiply-add."""
+        weight = PARTICLE * particles(self.on(one.cells))
+        return one.seconds / (one.steps * (operations(self.on(one.cells))[0] + weight) + BESIDE * weight)
+
+    def _nearest(self, cells: int) -> int | None:
+        """The finest grid that is solved and not finer."""
+        return max((n for n in self._grids if n <= cells), default=None)
+
+    def _model(self, cells: int) -> StaticModel:
+        if cells not in self.models:
+            with memory.within(self.on(cells)):
+                self.models[cells] = static_model(build(self.on(cells)))
+        return self.models[cells]
+
+    def _note(self, cells: int, grid: Array, begun: float, steps: float) -> None:
+        model = self.models[cells]
+        self._grids[cells], self._points[cells] = grid, self._where(model, grid)
+        seconds, ends = time.perf_counter() - begun, (axis.centreline(model, grid), axis.tip(model, grid))
+        self.solved[cells] = Solved(cells, cells in self.found, seconds, steps, model.dof, *ends, float(np.abs(grid).max()))
+
+    def _where(self, model: StaticModel, grid: Array) -> Array:
+        """Where errors are meant, (k, 3) m: along the centreline, or at the tip."""
+        if self.asked.resolution.of == "tip":
+            return axis.tip(model, grid)[None]
+        s = np.linspace(0.0, model.grid.faces[-1], STATIONS)
+        return axis.along_axis(model, grid, axis.section_weights(model), s)
+
+    def _solved(self, model: StaticModel, begin_at: int | None) -> Equilibrium:
+        if begin_at is not None and not acting.feels_itself(self.asked):
+            grid, same = self._grids[begin_at], self.models[begin_at] is model
+            try:
+                return solve_from(model, grid if same else carried(self.models[begin_at], grid, model), on_step=self.on_step)
+            except TimeOver:
+                raise
+            except SolveError:  # from no load, then
+                pass
+        return solve_static(model, on_step=self.on_step, judged=False)
+
+
+def particles(scene: Scene) -> float:
+    """Particles of the scene's grid, before anything is built."""
+    return memory.fewest_particles(scene)
+
+
+def operations(scene: Scene) -> tuple[float, float]:
+    """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
+    grid = scene.body.shape.grid(scene.resolution.cells_across, knots_of(scene))
+    along, *across = (float(nodes) for nodes in grid.nodes)
+    along, m = along - 2, 3.0 * across[0] * across[1]
+    if scene.body.shape.in_plane_strain:
+        m /= across[0]
+    return 19 / 3 * along * m**3, 8.0 * 3 * (along + 2) * m**2
