@@ -25,7 +25,7 @@ from magmpm.solving.several_grids import Runs, choose_grid, grids_of
 from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state
 from magmpm.statics.effects_choice import choose_effects
 from magmpm.statics.effects_choice import missed_effects as missed_effects
-from magmpm.statics.equilibrium import Equilibrium, Following
+from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.stability import stability
@@ -182,7 +182,8 @@ def _resolved(
     if isinstance(grids, Equilibria):
         found = grids.found[choice.cells]
         assert found.energy is not None
-        found = replace(found, stability=stability(found.energy, found.point))
+        with one_blas_thread():  # as the solves: the same bits
+            found = replace(found, stability=stability(found.energy, found.point))
         result = finite(result_of(grids.models[choice.cells], found, seconds))
     else:
         assert isinstance(grids, Runs)
