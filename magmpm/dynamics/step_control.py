@@ -7,7 +7,8 @@ in one step, which the bound for small oscillations does not cover. So kernels c
 * the stiffness of the stiffest particle. If it exceeds the stiffness for which the step was chosen, the bound is found again for the
   present shape, and steps become shorter if they must;
 * the change of stiffness in one step. If it exceeds CHANGE, steps are halved until they resolve the motion. They grow again as the
-  motion calms down.
+  motion calms down. The same holds for the change of F, averaged over the steps between two checks: silicone of K = 5 G keeps its stiffness
+  while it swells from det F = 0.2 to 0.5.
 
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.compiled.arrays import Array
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.stable_step import StableStep, present_bound, stiffness
 from magmpm.dynamics.steps import Kinematics, Records, take
@@ -49,6 +51,7 @@ class StepControl:
         self._halvings = 0
         self.step = self.shortest = self._longest
         self.why = ""
+        self._F: Array | None = None  # at the last check
         self._set_watch()
 
     def state(self) -> dict[str, float | str]:
@@ -62,6 +65,7 @@ class StepControl:
         """Go back to a `state`."""
         self._bound, self._stiffness, self._halvings = state["bound"], state["stiffness"], int(state["halvings"])
         self.step, self.shortest, self.why = state["step"], state["shortest"], state.get("why", "as before")
+        self._F = None
         self._set_watch()
 
     def warnings(self) -> list[str]:
@@ -78,13 +82,15 @@ class StepControl:
         motion, watch = self._motion, self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()
+        before = motion.particles()[2] if self._F is None else self._F
         taken, _ = take(motion, named, steps, dt)
         now = motion.kinematics() if watch[WHY] == GOING else None
+        changed = 0.0 if now is None else float(np.abs(now.F - before).max()) / max(taken, 1)
         trouble = None
-        if watch[WHY] in (QUICK, BROKEN):
-            trouble = self._halve()
-            if trouble is None:  # the last step was too long: take it back
-                taken = max(taken - 1, 0)
+        if watch[WHY] in (QUICK, BROKEN) or changed > CHANGE:
+            trouble = self._halve(changed)
+            if trouble is None:  # the last step was too long, or all were: take it back
+                taken = 0 if changed > CHANGE else max(taken - 1, 0)
                 motion.rewind(kept)
                 take(motion, named, taken, dt)
                 now = None
@@ -93,7 +99,9 @@ class StepControl:
         elif self._halvings and watch[QUICKEST] < CALM * CHANGE:
             self._halvings -= 1
             self._choose()
-        return taken, now or motion.kinematics(), trouble
+        now = now or motion.kinematics()
+        self._F = now.F
+        return taken, now, trouble
 
     def at_frame(self) -> None:
         """Find the bound again if the body is softer than when the steps were shortened."""
@@ -102,10 +110,10 @@ class StepControl:
             self._find_bound()
         self._motion.watch[HIGHEST] = 0.0
 
-    def _halve(self) -> Trouble | None:
-        """Halve the step as often as needed, from how far the last one was too long."""
+    def _halve(self, changed: float) -> Trouble | None:
+        """Halve the step as often as needed, from how far the last one was too long; changed: F in a step."""
         broke, given = self._motion.watch[WHY] == BROKEN, self._options.time_step is not None
-        over = 16.0 if broke else self._motion.watch[QUICKEST] / CHANGE
+        over = 16.0 if broke else max(self._motion.watch[QUICKEST], changed) / CHANGE
         halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), MOST)
         if given or 0.5**halvings < LEAST:
             return None if broke else self._trouble(f"the motion changes too much within {'a' if given else 'any'} step")

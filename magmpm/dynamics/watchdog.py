@@ -17,6 +17,7 @@ from magmpm.model import Model
 
 GAIN = 0.05  # of the largest kinetic energy: how much the total energy may grow when no load does work
 REMEDY = "lower solver.dynamic.safety (or time_step)"
+SURFACE = 2.0  # times the speed of a wave: of particles on a surface from which it comes back
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
 def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None:
     """What is wrong with velocities or positions at a time (s), if anything.
 
-    A particle may be faster than waves in its material only where loads can make it so: a heavy soft body swings at several times that
+    A wave moves particles at its own speed at most, and at a free surface, where it comes back, twice as fast (SURFACE).
+    A particle may be faster than that only where loads can make it so: a heavy soft body swings at several times that
     speed, and no wave is a shock where all of it does.
     """
     reference = model.particles.position
@@ -54,7 +56,7 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
     if not finite:
         return broken(model, x, v, np.tile(np.eye(3), (len(x), 1, 1)))
     speed = float(np.linalg.norm(v[fastest]))
-    if ratio > 1.0 and speed > speed / ratio + driven_speed(model, x, time, way):
+    if ratio > SURFACE and speed > SURFACE * speed / ratio + driven_speed(model, x, time, way):
         return Trouble(
             f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its load can drive it", fastest,
             f"{REMEDY}, or apply the load more slowly",
