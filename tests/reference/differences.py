@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm import solve
 from magmpm.scene import Scene
 from magmpm.scene.variables import Variable
+from magmpm.solving import solve
 from magmpm.statics import axis
 from magmpm.statics.linearized import Linearized
 
