@@ -7,7 +7,9 @@ Friction has a memory: the anchor, the place (3,) m at which the obstacle holds 
 particle toward it, along the obstacle. Where the spring would pull more than the grip, the particle slides and draws the anchor along. So a
 body sticks without creeping, within friction times the depth of contact, micrometers; friction never adds energy; and the answer does not
 depend on the time step, as it does where friction may at most stop a particle within a step (in a violent motion by a tenth).
-Source: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider.
+Where there is friction, a dashpot along the normal takes the energy of particles that touch: without
+loss, an undamped body chatters, and slips whenever its weight is off the ground. A slippery contact keeps all energy.
+Source: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider, and the contact dashpot.
 """
 
 from __future__ import annotations
@@ -17,13 +19,18 @@ import math
 from magmpm.compiled.jit import compiled
 
 PARTS = 7  # numbers in f
+DASHPOT = 1.0  # of the critical damping, which just keeps a particle on its contact's spring from rebounding
 
 
 @compiled
-def push(depth, n0, n1, n2, mass, stiffness, friction, f):
-    """f += mass stiffness depth n and the grip that goes with it. n: unit normal out of the obstacle; stiffness 1/s^2; depth > 0 m."""
+def push(depth, n0, n1, n2, v, mass, stiffness, friction, f):
+    """f += mass stiffness depth n and the grip that goes with it. n: unit normal out of the obstacle; v (3,) m/s; stiffness 1/s^2; depth > 0
+    m."""
     rigidity = mass * stiffness
     normal = rigidity * depth
+    if friction > 0.0:
+        leaving = v[0] * n0 + v[1] * n1 + v[2] * n2
+        normal = max(normal - 2.0 * DASHPOT * mass * math.sqrt(stiffness) * leaving, 0.0)
     grip = friction * normal
     f[0] += normal * n0
     f[1] += normal * n1

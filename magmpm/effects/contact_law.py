@@ -20,7 +20,7 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Effect, Records, SceneLike
-from magmpm.effects.contact_force import PARTS, hold
+from magmpm.effects.contact_force import DASHPOT, PARTS, hold
 from magmpm.effects.hooks import add_contact, near_of
 from magmpm.errors import SceneError, dotted
 
@@ -69,9 +69,11 @@ def penalty(scene: SceneLike, factor: float) -> float:
     return factor * max(squares, default=0.0) / scene.cell ** 2
 
 
-def stable_step(stiffness: float) -> float:
-    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), together with a body at its own limit."""
-    return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
+def stable_step(stiffness: float, friction: float) -> float:
+    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), together with a body at its own limit; a dashpot of z times the
+    critical damping, which contact with friction has, shortens it to sqrt(1 + z^2) - z of that without (Belytschko, section 6.6)."""
+    z = DASHPOT if friction > 0 else 0.0
+    return SHARE * (math.sqrt(1.0 + z * z) - z) * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
 
 
 def place(model: Any, particle: int) -> str:
@@ -124,7 +126,7 @@ class Obstacle(Effect):
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        return stable_step(penalty(model.scene, self.stiffness))
+        return stable_step(penalty(model.scene, self.stiffness), self.friction)
 
     def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact:
         """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s), held at anchor (n, 3) m."""

@@ -105,7 +105,7 @@ def contact(effect, data, x, v, mass, dt, f):
     below = near(effect, data, x)
     if below > 0.0:
         n = effect.ground_normal
-        push(below, n[0], n[1], n[2], mass, effect.ground_stiffness, effect.ground_friction, f)
+        push(below, n[0], n[1], n[2], v, mass, effect.ground_stiffness, effect.ground_friction, f)
 
 
 register(DTYPE, wide=("near",), contact=contact, near=near)

@@ -34,6 +34,25 @@ def sloped(angle: float, formulation: str) -> Scene:
     )
 
 
+@pytest.mark.parametrize(
+    ("size", "friction", "duration", "cells", "share"),
+    [
+        ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 2, 0.95), ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.8),
+        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95), ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.8),
+    ],
+)  # fmt: skip
+def test_an_undamped_block_sticks_on_a_slope(size: tuple[float, float, float], friction: float, duration: float, cells: int, share: float) -> None:
+    """Weight that acts at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. Without the dashpot it slides by 1 to 8 mm.
+
+    Nearer to the cone, and on 3 cells above 0.8 of it, undamped blocks still slide (docs/effects.md).
+    """
+    angle = np.arctan(share * friction)
+    pull = {"acceleration": [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]}
+    model = build(moving_scene(block(size), {"gravity": pull, "ground": {"point": [0.0, 0.0, 0.0], "friction": friction}}, cells=cells))
+    ways = [mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration / 2, duration])]
+    assert max(np.abs(ways)) < 0.02 * model.scene.cell
+
+
 def mean(model: Model, values: np.ndarray) -> np.ndarray:
     """Mean over the mass of the body."""
     mass = model.density * model.particles.volume
@@ -63,7 +82,8 @@ def test_a_block_sticks_on_a_gentle_slope(formulation: str) -> None:
 
 
 def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
-    """A thousand times heavier, with damping, it leans by 0.33 mm. Half the step changes that by less than 2 %.
+    """A thousand times heavier, with damping, it moves by 0.28 mm: 0.11 mm by which it leans, as with friction 10, and the rest while its
+    weight acts at once. Half the step changes that by less than 2 %.
 
     Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step.
     """
@@ -77,7 +97,7 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
         motion.advance(round(0.02 / dt), dt, model.effects)
         ends.append(mean(model, motion.particles()[0] - model.particles.position)[0])
     assert abs(ends[1] - ends[0]) < 0.02 * abs(ends[0])
-    assert ends[0] == pytest.approx(0.33e-3, rel=0.03)
+    assert ends[0] == pytest.approx(0.28e-3, rel=0.03)
 
 
 def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:

@@ -105,20 +105,21 @@ def test_outside_the_table_nothing_touches() -> None:
 
 
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
-    """m w^2 depth upward, mu times that as grip, m w^2 as stiffness; nothing above the plane; no difference by the speed."""
-    named = ground.parameters(
-        point=[0, 0, 1e-3], normal=[0, 0, 2], friction=0.4, stiffness=STIFFNESS, reach=1e-4
-    )
+    """m w^2 depth - 2 m w v upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane. Without friction no
+    difference by the speed."""
 
-    def force(z: float, v: list[float]) -> np.ndarray:
+    def force(z: float, v: list[float], friction: float = 0.4) -> np.ndarray:
+        named = ground.parameters(point=[0, 0, 1e-3], normal=[0, 0, 2], friction=friction, stiffness=STIFFNESS, reach=1e-4)
         f = np.zeros(PARTS)
         ground.contact(named[0][0], named[1], np.array([5.0, -3.0, z]), np.array(v), MASS, 1e-6, f)
         return f
 
     assert not force(1.2e-3, [1, 0, 0]).any()
     normal = MASS * STIFFNESS * 3e-4
-    for v in ([3.0, 4.0, 0.1], [0.0, 0.0, 0.0]):
-        np.testing.assert_allclose(force(0.8e-3, v), [0, 0, normal, 0, 0, 0.4 * normal, MASS * STIFFNESS], rtol=1e-12)
+    slow = 0.1 * np.sqrt(STIFFNESS) * 3e-4  # m/s: the dashpot takes a fifth of the push
+    for v, push in (([3.0, 4.0, 0.0], normal), ([3.0, 4.0, slow], 0.8 * normal), ([0, 0, -slow], 1.2 * normal), ([0, 0, 6 * slow], 0.0)):
+        np.testing.assert_allclose(force(0.8e-3, v), [0, 0, push, 0, 0, 0.4 * push, MASS * STIFFNESS], rtol=1e-12)
+        np.testing.assert_allclose(force(0.8e-3, v, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS], rtol=1e-12)
 
 
 def test_friction_is_a_spring_with_a_slider() -> None:
@@ -164,12 +165,14 @@ def test_friction_gives_back_no_more_than_it_took(rng: np.random.Generator) -> N
 
 
 def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
-    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w."""
-    named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS)
-    step = contact.stable_step(STIFFNESS)
+    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with friction, and so
+    with a dashpot of critical damping, at 0.58 / w."""
+    slippery, rough = (ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=mu, stiffness=STIFFNESS) for mu in (0.0, 0.3))
+    step = contact.stable_step(STIFFNESS, 0.0)
     assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
+    assert contact.stable_step(STIFFNESS, 0.3) == pytest.approx(0.58 / np.sqrt(STIFFNESS), rel=1e-3)
 
-    def fastest(dt: float) -> float:
+    def fastest(dt: float, named: tuple[np.ndarray, np.ndarray] = slippery) -> float:
         x, v, most = np.zeros(3), np.zeros(3), 0.0
         for _ in range(2000):
             f = np.zeros(PARTS)
@@ -183,6 +186,7 @@ def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
     gentle = fastest(0.1 * step)
     assert fastest(step) < 3 * gentle
     assert fastest(1.1 * 2 / np.sqrt(STIFFNESS)) > 10 * gentle
+    assert fastest(contact.stable_step(STIFFNESS, 0.3), rough) < gentle
 
 
 def test_stiffness_is_that_of_the_stiffest_material() -> None:
