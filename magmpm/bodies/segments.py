@@ -54,7 +54,7 @@ class StraightBody(BodyShape):
 
         @property
         def material(self) -> str:
-            """Of the segments that name none."""
+            """Material of the segments that name none."""
 
         @property
         def segments(self) -> tuple[Segment, ...] | None:
@@ -115,12 +115,12 @@ class StraightBody(BodyShape):
 
     @property
     def hollow(self) -> bool:
-        """Whether its axis lies outside its material."""
+        """True if the axis lies outside the material."""
         return False
 
     @property
     def bends_as_plate(self) -> bool:
-        """Whether the section keeps its width as it bends."""
+        """True if the section keeps its width as it bends."""
         return False
 
     def segment_lengths(self) -> list[float]:

@@ -91,7 +91,7 @@ class _Handler(GuardedHandler):
         return path.read_bytes(), KINDS[path.suffix]
 
     def do_POST(self) -> None:
-        """What the page asks for."""
+        """Answer a request of the page."""
         self._answer(self._asked)
 
     def _asked(self) -> tuple[bytes, str]:

@@ -35,7 +35,7 @@ class Progress:
             print(f"magmpm: {self._last}; {_duration(time.monotonic() - self._begun)}", file=sys.stderr, flush=True)
 
     def note(self, text: str) -> None:
-        """What is being done, if its end can't be predicted."""
+        """Print the current activity, if its end can't be predicted."""
         self._line(f"{self._title}: {text}")
 
     def at(self, done: int, total: int, text: str = "") -> None:

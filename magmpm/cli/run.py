@@ -95,7 +95,7 @@ def _end(kept: RunFolder, error: SolveError, options: argparse.Namespace) -> NoR
 
 
 def _tell_waiting(folder: Path) -> None:
-    """Of earlier results that are kept while a motion waits to be resumed."""
+    """Mention earlier results that are saved while a motion waits to be resumed."""
     if (folder / EARLIER).is_dir():
         print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
 
