@@ -169,8 +169,8 @@ class DriftCorrection:
 
 
 def _across_clamps(model: Model, at: Index, key: Index, reached: NDArray[np.bool_]) -> list[tuple[Index, Index]]:
-    """Of each face that clamps, the nodes behind it and their partners in front of it: those that the motion mirrors
-    (MovingGrid._mirrors). Parts hold where their own component reaches both nodes, and nowhere else.
+    """Nodes behind each face that clamps, and their partners in front of it: those that the motion mirrors (MovingGrid._mirrors). Parts
+    hold where their own component reaches both nodes, and nowhere else.
 
     at (nodes, 3): place of each node in the grid; key (nodes,): as of `_stencils`; reached (nodes,): whether held particles see it.
     """

@@ -36,7 +36,7 @@ Progress = Callable[[float, int], None]
 
 @dataclass
 class PathState:
-    """What is known along a path of equilibria.
+    """State of a path of equilibria.
 
     loads: the path; branch: its last equilibrium; frame: number of the last; iterations: Newton steps so far; rows: what is known of each
     equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all; load_share: of the load that

@@ -1,4 +1,4 @@
-"""Whether a body of the updated formulation has torn: its particles move past a grid, which alone holds them together.
+"""Detection of a torn body in the updated formulation: its particles move past a grid, which alone holds them together.
 
 A body that is stretched to about twice its length (2 particles a cell and direction) leaves cells between its particles empty. Then
 nothing carries stress across the gap, F no longer follows the shape, and the parts fly apart while det F looks healthy: numerical
