@@ -1,4 +1,4 @@
-"""What an effect is, what it may ask of a scene, and what it tells.
+"""Interface of an effect: what it is, what it may request of a scene, and what it reports.
 
 An effect is one file: its settings (a subclass of `Effect`, which scene files name by the file's name), its compiled hooks
 (effects.hooks) and what it says of a scene. Every method of `Effect` but `records` has a default, so an effect writes only what it has.
@@ -32,7 +32,7 @@ Point = Annotated[tuple[Place, Place, Place], three("[0 mm, 0 mm, -2 mm]")]
 
 
 class SceneLike(Protocol):
-    """What an effect may ask of a scene (magmpm.scene.Scene). Lengths in m."""
+    """Interface of a scene (magmpm.scene.Scene) for effects. Lengths in m."""
 
     body: Body
     field: FieldSource
@@ -85,7 +85,7 @@ class RestEstimate(Protocol):
 
     @property
     def half(self) -> float:
-        """How far the surface is from the points of `rest`, m."""
+        """Distance of the surface from the points of `rest`, m."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Advice:
 
 
 class Contact(TypedDict):
-    """What an effect of contact reports: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
+    """Report of an effect of contact: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
 
     force: Array
     count: int
@@ -142,7 +142,7 @@ class Effect(Settings):
 
     @abstractmethod
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take: records (one, or one for each of the times) and a table, or () for nothing.
+        """Parameters for the kernels: records (one, or one for each of the times) and a table, or () for nothing.
 
         strength: factor of a load, 0 to 1; times (k,) s of the steps to come, None in statics.
         """
@@ -167,7 +167,7 @@ class Effect(Settings):
         """Raises InputError where the effect can't begin: a body that starts inside a wall, say."""
 
     def warnings(self, scene: SceneLike) -> list[str]:
-        """What the author of the scene may not have meant."""
+        """Warn of settings that the author of the scene may not have meant."""
         return []
 
     def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact | None:
@@ -199,5 +199,5 @@ class Effect(Settings):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How much the effect matters to a scene, whether the scene names it or not."""
+        """Estimate how much the effect matters to a scene, whether the scene names it or not."""
         return Advice(None, "no estimate for this effect")

@@ -61,7 +61,7 @@ class MagneticInteraction(Effect):
     )
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take; fields and forces are zero until `refresh`."""
+        """Parameters for the kernels; fields and forces are zero until `refresh`."""
         if strength == 0.0 or len(scene.magnetized_regions()) < 2:
             return ()
         return one_record(DTYPE, np.zeros(SIZE * MOST), share=strength)

@@ -39,7 +39,7 @@ class SelfContact(Effect):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body would overlap itself in equilibrium if nothing prevented it."""
+        """Estimate whether the body would overlap itself in equilibrium if nothing prevented it."""
         if (why := no_rest(scene)) is not None:
             return Advice(None, f"not estimated: {why}; {MEASURE}; needs the updated formulation")
         points = body.rest(scene)

@@ -24,7 +24,7 @@ STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, time
 
 
 def parameters(viscosity: float) -> Records:
-    """What kernels take. viscosity eta, Pa s."""
+    """Parameters for the kernels. viscosity eta, Pa s."""
     return one_record(DTYPE, viscosity=viscosity)
 
 
@@ -39,7 +39,7 @@ class Viscosity(Effect):
     )
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take, or () where the viscosity is zero."""
+        """Parameters for the kernels, or () where the viscosity is zero."""
         return parameters(self.viscosity) if self.viscosity > 0 else ()
 
     def stable_step(self, model: Any) -> float:
