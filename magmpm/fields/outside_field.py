@@ -242,7 +242,7 @@ def _arcs(named: list[Solid]) -> list[Solid]:
 
 
 def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
-    """Whether magnets move so far that a table would be many times as large as the body's reach."""
+    """True if magnets move so far that a table would be many times as large as the body's reach."""
     return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
 
 

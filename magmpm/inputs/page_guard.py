@@ -1,4 +1,4 @@
-"""Who may ask a server of pages, and for how long: names, origin, secret, time and count of connections. For `view` and `dashboard`.
+"""Access to a server of pages, and its time limit: names, origin, secret, time and count of connections. For `view` and `dashboard`.
 
 Another page whose name leads to this machine (DNS rebinding) sends its own name as Host; another page's script, its own Origin; other users
 of this machine do not know the secret. Connections that ask nothing are closed.
@@ -35,7 +35,7 @@ class Guard:
         self._names = (given - set(ALL)) | own | {"localhost", LOOPBACK, "[::1]"}
 
     def admits(self, host: str | None, origin: str | None, reached: str = "") -> bool:
-        """Whether a request is meant for this server and comes from its own page, or from none.
+        """True if a request is meant for this server and comes from its own page, or from none.
 
         host, origin: its headers. reached: the address at which it arrived; with --host 0.0.0.0 this is a name as well.
         """
@@ -46,7 +46,7 @@ class Guard:
         return origin is None or origin.lower() in (f"http://{host}", f"https://{host}")
 
     def knows(self, secret: str | None) -> bool:
-        """Whether this is the secret, compared in constant time."""
+        """True if this is the secret, compared in constant time."""
         return secrets.compare_digest((secret or "").encode(), self.secret.encode())
 
 

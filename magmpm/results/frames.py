@@ -22,7 +22,7 @@ STATIONS = 41  # along a body, where axes are compared
 
 @dataclass
 class Frames:
-    """What is compared of a run: of each frame its time (s), points (m, 3) m and tip (3,) m; and the times (s) of jumps of a path."""
+    """Frames of a run to compare: time (s), points (m, 3) m and tip (3,) m of each; and the times (s) of jumps of a path."""
 
     times: list[float] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What a run returns; saved as `result.json` and `state.npz`, and read back."""
+"""Result of a run; saved as `result.json` and `state.npz`, and read back."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
 
 
 def readable(folder: Path) -> bool:
-    """Whether both files of a saved result are whole."""
+    """True if both files of a saved result are complete."""
     try:
         with np.load(folder / ARRAYS) as stored:
             whole = all(stored[name] is not None for name in stored.files)  # each array has a checksum
@@ -135,7 +135,7 @@ class Result:
         return of_result(self)
 
     def summary(self) -> dict[str, Any]:
-        """What `magmpm run --json` prints: everything but the particle and grid arrays."""
+        """Content printed by `magmpm run --json`: everything but the particle and grid arrays."""
         return {
             key: value.tolist() if isinstance(value, np.ndarray) else value
             for key, value in asdict(self).items()
@@ -199,7 +199,7 @@ def _needed(package: str, remedy: str) -> Any:
 
 
 def _finite(value: Any) -> bool:
-    """Whether all numbers in an array, a number or plain data are finite; text and the like count as finite."""
+    """True if all numbers in an array, a number or plain data are finite; text and the like count as finite."""
     if isinstance(value, np.ndarray):
         return value.dtype.kind != "f" or bool(np.isfinite(value).all())
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""How a result answers to the numbers of its scene: what `magmpm.sensitivities` returns."""
+"""Sensitivities of a result to the numbers of its scene: what `magmpm.sensitivities` returns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from magmpm.scene.variables import Variable
 
 
 class Neighborhood(Protocol):
-    """What solved the equilibrium and knows its tangent (statics.linearized). Shapes and units as of Sensitivities."""
+    """Solver of the equilibrium, which knows its tangent (statics.linearized). Shapes and units as of Sensitivities."""
 
     @property
     def tip(self) -> Array: ...

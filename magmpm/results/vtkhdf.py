@@ -241,7 +241,7 @@ def _quantities(file: h5py.File) -> list[str]:
 
 
 def read_static(file: h5py.File) -> dict[str, Any]:
-    """What is stored once: the arrays of STATIC."""
+    """Read the arrays that are stored once: those of STATIC."""
     return {name: file["VTKHDF/PointData"][name][()] for name in STATIC}
 
 
@@ -330,7 +330,7 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
 
 
 def steady(path: Path, read: Callable[[h5py.File], T]) -> T:
-    """What is read from the file; again where that fails while a run changes the file. Raises what `read` raises, OSError."""
+    """Read from the file; again where that fails while a run changes the file. Raises what `read` raises, OSError."""
     for _ in range(_ATTEMPTS):
         before = state_of(path)
         try:
