@@ -111,7 +111,7 @@ def simulated(
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
-    """As `run`, for who saves the result: folder takes frames and checkpoints, nothing else."""
+    """Run as `run` does, for callers that save the result: folder takes frames and checkpoints, nothing else."""
     on_grid = partial(solve, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.effects.auto:
         choice = choose_effects(scene)

@@ -1,4 +1,4 @@
-"""What a scene should name: for each effect whether it moves the answer by more than the error that the scene asks for.
+"""Advice on the effects of a scene: whether each moves the answer by more than the error that the scene requests.
 
 The answer is the axis, at its equilibrium, along its equilibria in time or on its way, as the scene is solved. An effect that the scene
 does not name is tried with its usual settings, where it has them.
@@ -28,7 +28,7 @@ Word = Literal["keep", "drop", "add", "irrelevant"]
 
 @dataclass(frozen=True)
 class Judgment:
-    """Of one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, in words."""
+    """Advice on one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, as text."""
 
     effect: str
     named: bool
@@ -81,7 +81,7 @@ def _naming(scene: Scene, key: str, kind: Any) -> Scene:
 
 
 def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment:
-    """What to do about one effect, whether the scene names it or not; error: m, what the answer may be off by."""
+    """Evaluate one effect, whether the scene names it or not, and say what to do; error: m, that the answer may have."""
     named = getattr(scene.effects, key) is not None
     both = variants(scene, key)
     if isinstance(both, str):
@@ -112,7 +112,7 @@ def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
 
 
 def unknown(key: str, named: bool, why: str) -> Judgment:
-    """Where no estimate can be had: what is named stays."""
+    """Advice where no estimate can be had: a named effect stays."""
     return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
 
 
@@ -129,7 +129,7 @@ def worth_naming(scene: Scene) -> list[Judgment]:
 
 
 def _touches(answers: RodAnswers, both: tuple[Scene, Scene]) -> Shift:
-    """How deep (m) the body would go through itself without contact; 0 where it does not."""
+    """Depth (m) to which the body would go through itself without contact; 0 where it does not."""
     thickness = both[1].thickness
     shapes = answers.shapes(both[1], answers.coarser)
     looked = shapes[:: max(1, len(shapes) // TOUCHES)]

@@ -145,7 +145,7 @@ def _read_error(value: Any, info: ValidationInfo) -> float | str:
 
 
 class Resolution(Settings):
-    """How fine the grid is: given in cells, or chosen for an error or a time."""
+    """Fineness of the grid: given in cells, or chosen for an error or a time."""
 
     cells_across: int = Field(
         default=4,
@@ -220,7 +220,7 @@ class Resolution(Settings):
 
     @property
     def asked(self) -> bool:
-        """Whether an error or a time is asked for, so that the cells must be chosen before anything can be built (statics.resolution)."""
+        """True if an error or a time is requested, so that the cells must be chosen before anything can be built (statics.resolution)."""
         return self.error is not None or self.seconds is not None
 
     def allowed(self, length: float) -> float | None:

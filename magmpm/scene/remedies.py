@@ -1,4 +1,4 @@
-"""What to change in a scene whose run failed: named in the error, and tried on thousands of scenes by `magmpm stability --random`."""
+"""Changes to a scene whose run failed: named in the error, and tried on thousands of scenes by `magmpm stability --random`."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 
 def _begun(error: SolveError) -> bool:
-    """Whether what runs along time has begun: no part of a load, as is left of a path whose first equilibrium was not found."""
+    """True if a run along time has begun; a state with part of a load is left by a path whose first equilibrium was not found."""
     return bool(getattr(error.state, "load_share", 1.0) == 1.0)
 
 

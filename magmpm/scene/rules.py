@@ -19,7 +19,7 @@ NO_ENERGY = (  # rule and remedy, where a static scene names one of them
 
 
 class WholeScene(SceneLike, Protocol):
-    """What the rules ask of a scene (magmpm.scene.Scene) beyond what effects ask."""
+    """Interface of a scene (magmpm.scene.Scene) for the rules, beyond that for effects."""
 
     reference: Any  # centreline, rows [s, x, y, z] in m; or None
 
@@ -71,7 +71,7 @@ def _materials_are_there(scene: WholeScene) -> None:
 
 
 def _materials_named(scene: WholeScene) -> list[tuple[Key, str]]:
-    """Where the body names materials, and which."""
+    """Keys where the body names materials, and the names."""
     named: list[tuple[Key, str]] = []
     if (material := getattr(scene.body.shape, "material", None)) is not None:
         named.append((("body", scene.body.kind, "material"), material))

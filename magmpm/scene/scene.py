@@ -111,7 +111,7 @@ def _read_effects(value: Any) -> Any:
 
 
 class Scene(Settings):
-    """What is simulated, how, and how finely. SI floats inside; immutable."""
+    """Scene to simulate, the method, and the resolution. SI floats inside; immutable."""
 
     name: str = Field(
         min_length=1,
@@ -171,17 +171,17 @@ class Scene(Settings):
 
     @property
     def static(self) -> bool:
-        """Whether equilibrium is sought, one or several along time, rather than motion."""
+        """True if equilibrium is sought, one or several along time, rather than motion."""
         return self.solver.dynamic is None
 
     @property
     def in_time(self) -> bool:
-        """Whether it is solved for several moments, which are written as frames: a motion, or equilibria along time."""
+        """True if the scene is solved for several moments, which are written as frames: a motion, or equilibria along time."""
         return self.solver.dynamic is not None or self.solver.quasi_static is not None
 
     @property
     def duration(self) -> float:
-        """When the last moment is, s; 0 of a single equilibrium."""
+        """Time of the last moment, s; 0 of a single equilibrium."""
         dynamic = self.solver.dynamic
         return dynamic.duration if dynamic is not None else (self.path_times() or [0.0])[-1]
 
@@ -193,7 +193,7 @@ class Scene(Settings):
     # what the scene says, put together
 
     def regions(self) -> tuple[Region, ...]:
-        """What the body is made of, each with one material: segments from base to tip, or parts."""
+        """Regions of the body, each with one material: segments from base to tip, or parts."""
         return self.body.shape.regions()
 
     @property
@@ -203,7 +203,7 @@ class Scene(Settings):
 
     @property
     def thickness(self) -> float:
-        """What `cells_across` counts cells through, m: a catheter's diameter, a strip's thickness."""
+        """Length through which `cells_across` counts cells, m: a catheter's diameter, a strip's thickness."""
         return self.body.shape.thickness
 
     @property
@@ -213,7 +213,7 @@ class Scene(Settings):
 
     @property
     def anchored(self) -> bool:
-        """Whether it is held at its base alone, and so stays within its length of it."""
+        """True if the body is held at its base alone, and so stays within its length of it."""
         return self.body.shape.clamp == "base"
 
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -243,7 +243,7 @@ class Scene(Settings):
         return None if self.reference is None else np.array(self.reference.centreline)
 
     def warnings(self) -> list[str]:
-        """What the author may not have meant: one sentence each."""
+        """Warn of settings that the author may not have meant: one sentence each."""
         return warnings(self)
 
     def __repr__(self) -> str:

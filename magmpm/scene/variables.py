@@ -1,4 +1,4 @@
-"""What a design may change of a scene, one number each: directions of magnetization, field, materials, lengths, diameter.
+"""Variables of a scene that a design may change, one number each: directions of magnetization, field, materials, lengths, diameter.
 
 `variables(scene, of)` lists them by kind. Each knows its name and unit, and makes the scene in which it is changed by an amount: what a
 central difference uses, and what `sensitivities` gives the derivative with respect to.

@@ -106,7 +106,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
 
 
 def _has_room() -> bool:
-    """Whether the cache's disk has room for the kernels of a scene."""
+    """True if the cache's disk has room for the kernels of a scene."""
     try:
         return shutil.disk_usage(_cache()).free > ROOM
     except OSError:
@@ -130,7 +130,7 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
 
 
 def _solver(scene: Scene) -> str | bool:
-    """What distinguishes the kernels of one way to solve a scene from another's."""
+    """Key that distinguishes the kernels of one way to solve a scene from another's."""
     if scene.solver.quasi_static is not None:
         return "quasi_static"
     return scene.solver.dynamic is not None and formulation_of(scene)
@@ -201,7 +201,7 @@ def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
 
 
 def formulation_of(scene: Scene) -> str:
-    """Of a scene that moves."""
+    """Formulation of a scene that moves."""
     from magmpm.dynamics.time_loop import formulation  # only for motion: statics needs none of it in memory
 
     return formulation(scene)
@@ -230,7 +230,7 @@ def differentiate_small(small: Scene) -> None:
 
 
 def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
-    """What a process does: compile parts by their names, and say whether the disk kept them."""
+    """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
     every = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}
     scene = Scene.from_si(small)
 

@@ -144,11 +144,11 @@ class Branch:
         return jumps
 
     def _ends_before(self, time: float) -> bool:
-        """Whether the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
+        """True if the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
         return self.before is not None and _zero_of("limit point", self.before, self.now, time) < time
 
     def stability(self) -> float:
-        """Of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""
+        """Stability of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""
         energy = self.energy_at(self.now.time)
         self._near.made_definite(energy, self.now.point)
         if acting.feels_itself(energy.model.scene):
@@ -225,7 +225,7 @@ class Branch:
         return Jump(critical, kind, past - last.time, moved, released, landing)
 
     def _kind(self, energy: Energy, last: Reached, past: float, mode: Array) -> Kind:
-        """Whether the branch turns back there (its direction is the mode) or goes on unstable (its direction has nothing of the mode).
+        """Decide whether the branch turns back there (its direction is the mode) or goes on unstable (its direction is free of the mode).
 
         energy: at the last state, with its factored tangent.
         """
@@ -265,7 +265,7 @@ def point_of(model: StaticModel, grid: Array) -> Point:
 
 
 def outside_domain(model: StaticModel, point: Point) -> str | None:
-    """Why a body is where its field is not known, or None."""
+    """Reason why the field is not known at a body, or None."""
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
@@ -273,7 +273,7 @@ def outside_domain(model: StaticModel, point: Point) -> str | None:
 
 
 def _zero_of(kind: Kind, before: Reached, last: Reached, past: float) -> float:
-    """When the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
+    """Time when the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
     if before.lowest is None or last.lowest is None or not before.lowest > last.lowest:
         return past
     power = 2 if kind == "limit point" else 1

@@ -54,7 +54,7 @@ def choose_effects(scene: Scene) -> Choice:
 
 
 def _together(full: Scene, left: list[str], found: dict[str, Judgment], error: float) -> list[str]:
-    """Of effects that are left out one by one, those to choose after all, where all of them together move the answer by more than it may.
+    """Effects to choose after all, of those left out one by one, where all of them together move the answer by more than it may.
 
     From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
     """

@@ -89,7 +89,7 @@ class _Search:
         return solve + (0.0 if finer in grids.solved else grids.takes(finer, proof=True))
 
     def fits(self, cells: int) -> bool:
-        """Whether a grid and its proof fit into memory."""
+        """True if a grid and the finer one that gives its error fit into memory."""
         return self.grids.size(self.proof[cells]) <= SHARE * memory.machine()
 
 
@@ -105,7 +105,7 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
 
 
 def proofs(scene: Scene) -> dict[int, int]:
-    """Of a grid, by cells across, the finer one that tells its error."""
+    """Finer grid that gives the error of a grid, by cells across."""
     return PROOF | JOINTED if knots_of(scene).joints else PROOF
 
 
@@ -281,7 +281,7 @@ def _up(number: float) -> float:
 
 
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
-    """Where two grids are so far apart that their difference tells no error.
+    """Error for two grids so far from each other that their difference gives no error.
 
     received: what was asked for; failed: what a finer grid failed of.
     """

@@ -1,4 +1,4 @@
-"""Whether the weight of a body would matter that a scene does not name, where the body is no rod: by the factors that its solve leaves.
+"""Effect of a weight that a scene does not name, where the body is no rod: by the factors that its solve leaves.
 
 One load vector and one substitution, so it costs next to nothing. To first order: a large shift may be less, so no number is told.
 """
@@ -51,7 +51,7 @@ def _stretched(shift: float, thickness: float) -> float:
 
 
 def weight_shift(energy: Energy, acceleration: tuple[float, float, float]) -> Array:
-    """How far (particles, 3) m the body's weight moves an equilibrium, to first order. energy: of its solve, with its last factors."""
+    """Shift (particles, 3) m of an equilibrium by the body's weight, to first order. energy: of its solve, with its last factors."""
     model, n = energy.model, len(energy.model.shear)
     load = model.density[:, None] * np.array(acceleration)
     column = np.zeros((1, len(model.layout.cell_plane)), np.int64)
