@@ -64,7 +64,7 @@ LOOK = 1.0  # s between two looks at what other sessions do
 
 
 def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
-    """What the search of a study should know, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
+    """Warnings about the search of a study, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
     check_available(study.sampler)
     check_suits(study)
     check_workers(workers, time_limit)
@@ -134,12 +134,12 @@ def run_study(
 
 
 def allowed_time(durations: list[float]) -> float | None:
-    """How long a worker may take for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
+    """Time limit of a worker for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
     return max(600.0, 100.0 * statistics.median(durations)) if durations else None
 
 
 def kernel_uses(study: Study) -> list[str]:
-    """What a study's kernels are for (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
+    """Uses of a study's kernels (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
     rods = study.sampler == "gauss-newton" or study.start == "rod" or bool(study.depths or study.keyframes)
     return ["solve", *["sensitivities"] * needs_derivatives(study), *["rods"] * rods]
 
@@ -173,7 +173,7 @@ class _Run(OpenStudy):
 
     @property
     def notes(self) -> list[str]:
-        """What happened to trials and workers on the way, a sentence each."""
+        """Notes on trials and workers that were lost on the way, a sentence each."""
         died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
         hung = f"of these, processes that took too long for a design and were ended (--time-limit): {self.hangs}"
         return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0), *[hung] * (self.hangs > 0)]
@@ -190,7 +190,7 @@ class _Run(OpenStudy):
             self.mended = self.store(lambda: self.gallery.mend(self.finished()))
 
     def sampler(self) -> BaseSampler:
-        """What chooses the trials."""
+        """Sampler that chooses the trials."""
         study, insertion = self.study, self.judge.trajectory
 
         def of(number: int) -> BaseSampler:
@@ -206,7 +206,7 @@ class _Run(OpenStudy):
         return PerTrial(of, starts=first, session=self.session.name if self.shared else None, wait=self.shared)
 
     def ended(self, stop: float | None) -> report.Ended | None:
-        """Why no more trials are wanted, if so; stop: m."""
+        """Reason why no more trials are wanted, if so; stop: m."""
         if stop is not None and self.best is not None and self.best <= stop:
             return "stop"
         if self.count >= self.study.trials:
@@ -214,7 +214,7 @@ class _Run(OpenStudy):
         return "exhausted" if self.exhausted() else None
 
     def exhausted(self) -> bool:
-        """Whether only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
+        """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
         from optuna.trial import TrialState
 
         sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
@@ -264,7 +264,7 @@ class _Run(OpenStudy):
             raise
 
     def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
-        """As `to_the_end`, with processes that solve. Trials that are being solved when one comes within `stop` are finished and kept."""
+        """Run as `to_the_end` does, with processes that solve. Trials being solved when one comes within `stop` are finished and saved."""
         at_work: dict[int, tuple[optuna.Trial, float]] = {}
         with remembered() as check_for_ctrl_c, Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
             try:
@@ -295,7 +295,7 @@ class _Run(OpenStudy):
                 raise
 
     def look_around(self, mine: set[int]) -> None:
-        """What other sessions have done meanwhile, and have left behind."""
+        """Read what other sessions have done meanwhile, and take over what they have left behind."""
         if self.shared and time.monotonic() - self.looked > LOOK:
             self.session.beat()
             self.session.sweep(mine)
@@ -303,7 +303,7 @@ class _Run(OpenStudy):
             self.looked = time.monotonic()
 
     def wanted(self, at_work: int) -> bool:
-        """Whether another trial is wanted beside those that are being solved, at_work of them here."""
+        """True if another trial is wanted in addition to those being solved, at_work of them here."""
         from optuna.trial import TrialState
 
         if not self.shared:
@@ -323,7 +323,7 @@ class _Run(OpenStudy):
         return asked
 
     def in_time(self, asked: optuna.Trial) -> bool:
-        """Whether a trial is one of those that are wanted; one that another session was faster with is withdrawn."""
+        """True if a trial is one of those that are wanted; one with which another session was faster is withdrawn."""
         from optuna.trial import TrialState
 
         known = self.store(lambda: self.kept.get_trials(deepcopy=False))

@@ -1,4 +1,4 @@
-"""Where trials are kept, as a URL: which ones can be used, and how they are shown. Passwords never are."""
+"""Storage of trials, as a URL: which ones can be used, and how they are shown. Passwords never are."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def without_passwords(text: str, url: str) -> str:
 
 
 def is_server(url: str) -> bool:
-    """Whether a storage is a server, which may be away for a while, and which other machines may use as well."""
+    """True if a storage is a server, which may be away for a while, and which other machines may use as well."""
     return not url.startswith("sqlite")
 
 
@@ -112,7 +112,7 @@ def grpc_address(url: str) -> tuple[str, int]:
 
 
 def in_memory(parts: URL) -> bool:
-    """Whether SQLite keeps this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
+    """True if SQLite holds this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
     name = parts.database or ""
     options = (parts.query.get("mode") == "memory", parts.query.get("vfs") == "memdb")
     return name in ("", ":memory:", "file:") or name.startswith("file::memory:") or any(options)

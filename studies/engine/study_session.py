@@ -167,7 +167,7 @@ class OpenStudy:
 
 
 def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
-    """What is stored of a trial, and what its parameters give now: number, params, rms_m stored and again, and whether the bits agree.
+    """Solve a trial again and compare: number, params, rms_m stored and again, and whether the bits agree.
 
     Raises InputError where the storage has no such trial, or none that is finished.
     """

@@ -73,7 +73,7 @@ def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Sce
 
 
 def said(found: Sequence[dict[str, Any]]) -> list[str]:
-    """What was judged, a line each."""
+    """Messages on the designs that were verified, a line each."""
     lines = []
     for one in found:
         if "reason" in one:

@@ -97,7 +97,7 @@ class Insertion(Trajectory):
         return len(self.space.scene.regions()) - int(np.max(found.result.particle_segment)) - 1
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
-        """What is reported of a trajectory; see the head of this file."""
+        """Measures reported of a trajectory; see the head of this file."""
         gaps = [self.gaps(result) for result in results]
         squares = self.mean_squares(results)
         return {
@@ -122,7 +122,7 @@ class Insertion(Trajectory):
         }
 
     def _shape(self, result: Result) -> dict[str, Any]:
-        """What pictures need of one depth, m and T."""
+        """Data that pictures need of one depth, m and T."""
         rows = {
             "axis_m": centreline_at(result, _stations(result)),
             "centers_m": result.segment_center,
@@ -182,7 +182,7 @@ class Insertion(Trajectory):
 
     @property
     def projects(self) -> bool:
-        """Whether samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
+        """True if samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
         space, depths = self.space, len(self.study.depths)
         return bool(space.segments) and space.field_max is not None and space.fields == depths > 1 and len(space.blocks) == space.count
 
@@ -217,7 +217,7 @@ class Insertion(Trajectory):
 
 
 def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
-    """What pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
+    """Data that pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
     whole = {key: kept[key] for key in (CATHETER,) if key in kept}
     return tuple({**depth, **shape, **whole} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
 
