@@ -1,4 +1,4 @@
-"""What measurements can't tell apart, by the singular values of their slopes, and which measurement would."""
+"""Identifiability: what measurements can't tell from each other, by the singular values of their slopes, and which measurement would."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _plain(constant: Constant) -> str:
 
 
 def _far(constants: Sequence[Constant]) -> str:
-    """By how much constants change that noise hides (WIDEST)."""
+    """Describe the change of constants that noise hides (WIDEST)."""
     ways = {
         "by a factor of 2.7": any(c.relative for c in constants),
         "by 57 degrees": any(c.kind == "magnetization" for c in constants),

@@ -55,7 +55,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a fit found. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
+    """Result of a fit. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
 
     ratios: by what each table's sigma of lengths is larger than that, which is the first table's.
 
@@ -305,7 +305,7 @@ class _Search:
         return max(float(np.sqrt(squares / max(left, 0.5))), FLOOR * self.length)
 
     def on_finer_grid(self, best: Minimum, sigmas: _Noise, covariance: Array) -> Array:
-        """By how much (k,) the constants would move on a grid with two more cells across: one Gauss-Newton step."""
+        """Change (k,) of the constants on a grid with two more cells across: one Gauss-Newton step."""
         cells = self.prediction.scene.resolution.cells_across + 2
         finer = Prediction(self.prediction.scene.with_cells(cells), self.prediction.measured, self.constants)
         there, _ = finer.at(best.x, slopes=False)
@@ -341,7 +341,7 @@ def _scatter(
 
 
 def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
-    """What can be told before anything is solved: the table's fields are so far from the scene's own that a unit may be wrong."""
+    """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong."""
     own = max(map(abs, scene.field.uniform))
     largest = max((abs(part) for state in measured.states for part in state.field or ()), default=0.0)
     if not (own > 0.0 and largest > 0.0) or 1 / FAR_FIELD < largest / own < FAR_FIELD:

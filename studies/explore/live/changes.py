@@ -132,7 +132,7 @@ def _put_directions(body: Data, scene: Scene, new: Values, write: Any) -> None:
 
 
 def _put_inserted(content: Data, shown: Scene) -> None:
-    """What is outside the guide, in place of the whole catheter; it is clamped at the exit."""
+    """Put the part outside the guide in place of the whole catheter; it is clamped at the exit."""
     catheter = shown.body.catheter
     assert catheter is not None  # only catheters are inserted
     lengths = catheter.segment_lengths()

@@ -29,7 +29,7 @@ class Fields:
 
     @property
     def rays(self) -> int:
-        """How many rays there are, each with as many fields in a row; fields of a plane have one each."""
+        """Number of rays, each with as many fields in a row; fields of a plane have one each."""
         return self.shape[0] if self.kind == "rays" else len(self.values)
 
 
