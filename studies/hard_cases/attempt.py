@@ -133,7 +133,7 @@ def remedied(scene: Scene, remedies: tuple[Remedy, ...], limit: float) -> str:
 
 
 def _kept(state: Any, folder: Path) -> bool:
-    """Whether there is a last good state, which a folder gives back as it was."""
+    """True if there is a last good state, which a folder gives back as it was."""
     if not isinstance(state, Result):
         return False
     back = Result.load(state.save(folder))

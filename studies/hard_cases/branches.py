@@ -143,7 +143,7 @@ def _passing() -> Scene:
 
 
 def _passed(scene: Scene) -> float:
-    """How far the last shape is from the mirror image of the first, or the shape where the magnet has just passed from that of statics,
+    """Distance of the last shape from the mirror image of the first, or of the shape where the magnet has just passed from that of statics,
     whichever is more, over L; infinite if the tip has hardly moved in between."""
     result = run(scene)
     tips = np.array([step["tip"] for step in result.steps])

@@ -68,7 +68,7 @@ def _source(rng: np.random.Generator, source: str, sizes: Any, flux: float, way:
 
 
 def _schedule(rng: np.random.Generator, source: str, found: Content, flux: float, end: float, sizes: Any) -> Content:
-    """How the field changes until `end` (s)."""
+    """Schedule of the field until `end` (s)."""
     ways = ["ramp", "ramp", "keyframes"] + (["rotation", "oscillation", "uniform frames"] if source == "uniform" else ["move"])
     if source == "coils":
         ways = ["ramp", "keyframes"]

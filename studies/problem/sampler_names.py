@@ -32,7 +32,7 @@ TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSam
 
 
 def is_optuna(name: str) -> bool:
-    """Whether a name asks for one of Optuna's own samplers."""
+    """True if a name requests one of Optuna's own samplers."""
     return name.startswith(PREFIX)
 
 

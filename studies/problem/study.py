@@ -61,7 +61,7 @@ class Study:
 
     @property
     def vary_magnetization(self) -> bool:
-        """Whether directions are varied."""
+        """True if directions are varied."""
         return self.vary.magnetization is not None
 
     @property
@@ -71,7 +71,7 @@ class Study:
 
     @property
     def fields(self) -> int:
-        """How many fields are varied, if any is: one, or one at each depth or time."""
+        """Number of fields that are varied, if any is: one, or one at each depth or time."""
         at = "once" if self.vary.field is None else self.vary.field.at
         return {"once": 1, "each depth": len(self.depths), "each time": len(self.keyframes)}[at]
 

@@ -42,7 +42,7 @@ class Stop:
     squares: float
 
     def shape(self, directions: Array) -> RodShape:
-        """What the body's solve begins from. directions (k, 3): of all segments."""
+        """Rod shape from which the body's solve begins. directions (k, 3): of all segments."""
         return self.depth.rod.shape(self.q, directions[self.depth.segments], self.field)
 
 

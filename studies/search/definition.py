@@ -1,4 +1,4 @@
-"""What a study file says: the scene, what is varied, what it must match, and how it is searched.
+"""Definition of a study in its file: the scene, what is varied, what it must match, and how it is searched.
 
 `load_study(path)` reads a file and all it names. A study's *definition* is everything that decides which trials are
 made and how they are judged; the length of the study (`trials`, `stop`) is not part of it, so a study can be
@@ -132,7 +132,7 @@ def definition_hash(definition: Mapping[str, Any]) -> str:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """What changed between two definitions, one line a key: `sampler: tpe -> random`."""
+    """Differences between two definitions, one line a key: `sampler: tpe -> random`."""
     was, now = dict(_flat(old)), dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]
     lines = [

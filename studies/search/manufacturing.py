@@ -1,4 +1,4 @@
-"""What can be made: directions from a set, at most k different ones. Every design is brought to one that can, before it is solved.
+"""Limits of manufacture: directions from a set, at most k different ones. Every design is brought within them before it is solved.
 
 A design's asked directions stay its parameters. Those that are made are the nearest that the limits allow, by the sum of cosines
 sum_i d_i . m_i:

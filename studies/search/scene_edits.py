@@ -88,7 +88,7 @@ def _ending(segment: int) -> str:
 
 
 def own_material(name: str, segment: int) -> str:
-    """What a segment's own material is called."""
+    """Name of a segment's own material."""
     return name + _ending(segment)
 
 

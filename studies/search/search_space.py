@@ -1,4 +1,4 @@
-"""What a study searches, and the scene that each design stands for.
+"""Search space of a study, and the scene that each design stands for.
 
 A design is made of blocks (blocks.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each depth
 or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
@@ -52,7 +52,7 @@ __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
 
 class VariableLike(Protocol):
-    """What the chain rule asks of a variable of magmpm.sensitivities."""
+    """Interface of a variable of magmpm.sensitivities, as far as the chain rule needs it."""
 
     @property
     def kind(self) -> str: ...
@@ -63,7 +63,7 @@ class VariableLike(Protocol):
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """What is varied in a scene.
+    """Space of what is varied in a scene.
 
     segments: the magnetized segments whose directions are (numbers from 0, base first); field_max: T, None for a fixed field; fields: how
     many fields there are, one at each depth or time; numbers: quantities within bounds; keeps_length: whether segments that vary their
@@ -109,18 +109,18 @@ class SearchSpace:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where each block's embedded coordinates stand."""
+        """Slices of each block's embedded coordinates."""
         ends = np.cumsum([block.size for block in self.blocks]).tolist()
         return tuple(slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True))
 
     @property
     def size(self) -> int:
-        """How many embedded coordinates a design has."""
+        """Number of embedded coordinates of a design."""
         return sum(block.size for block in self.blocks)
 
     @property
     def freedom(self) -> int:
-        """How many numbers can change independently: two a direction, three a field, one a number (one less for a kept length).
+        """Count of numbers that can change independently: two a direction, three a field, one a number (one less for a kept length).
 
         Limits aside.
         """
@@ -309,7 +309,7 @@ class SearchSpace:
 
     @property
     def sensitivities(self) -> list[str]:
-        """What to ask `magmpm.sensitivities` for: its `of`."""
+        """Kinds of variables to request of `magmpm.sensitivities`: its `of`."""
         named = [("magnetization", bool(self.segments)), ("field", self.field_max is not None)]
         named += [(what, any(n.what == what for n in self.numbers_within)) for what in ("length", "diameter", "remanence", "shear_modulus")]
         return [what for what, wanted in named if wanted]

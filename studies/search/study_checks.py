@@ -1,4 +1,4 @@
-"""What must hold before the first trial between a study file, its scene and its target."""
+"""Checks of a study file against its scene and its target, before the first trial."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def named_in(error: InputError, where: str) -> InputError:
 
 
 def place(document: Document, *key: str | int) -> str:
-    """Where a key stands: file, line and key."""
+    """Place of a key: file, line and key."""
     line = next((document.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.lines), 1)
     return f"{document.path}:{line}: {dotted(key)}"
 
@@ -89,7 +89,7 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
 
 
 def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
-    """What is outside the guide is at least as long as it is thick: Scene.inserted."""
+    """Check that the part outside the guide is at least as long as it is thick: Scene.inserted."""
     depths = file.insertion.depths if file.insertion is not None else ()
     if isinstance(depths, tuple) and depths and depths[0] < scene.thickness * (1 - 1e-9):
         rule = f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm: a shorter piece is no rod"
@@ -184,7 +184,7 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
 
 
 def _greatest_length(scene: Scene, file: StudyFile) -> float:
-    """How long the body can be, m."""
+    """Greatest length of the body, m."""
     bounds = file.vary.length
     return scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())
 

@@ -1,4 +1,4 @@
-"""How exactly a design has to be made: the error of each of its numbers that alone moves the tip by a given distance, to first order.
+"""Tolerances of a design's numbers: the error of each that alone moves the tip by a given distance, to first order.
 
 From the derivatives of the equilibrium (magmpm.sensitivities). A direction may be wrong by a turn about any axis across it: what counts is
 the turn that moves the tip most, the largest singular value of the tip's derivatives (3, 2) by two perpendicular turns. Materials, field,
@@ -46,7 +46,7 @@ def tolerances(scene: Scene, found: Derived, hidden: int = 0) -> list[dict[str, 
 
 
 def _whose(variable: Any) -> Any:
-    """What a variable belongs to: a segment's number, a material, or nothing."""
+    """Owner of a variable: a segment's number, a material, or nothing."""
     return variable.region if variable.region is not None else variable.material
 
 

@@ -1,4 +1,4 @@
-"""How the next trial is chosen, so that a study can be interrupted anywhere and still be the same study.
+"""Choice of the next trial, made so that a study can be interrupted anywhere and still be the same study.
 
 A sampler is created anew for every trial, seeded by the study's seed and the number of finished trials. It reads earlier trials from the
 storage, so nothing depends on which process ran which trial.

@@ -197,5 +197,5 @@ def _unit(vectors: Array) -> Array:
 
 
 def _violation(trial: FrozenTrial) -> float:
-    """By how much a trial violates its constraints: those that do are worse than all others, by how far (as in Optuna's TPE)."""
+    """Violation of a trial's constraints: trials with one are worse than all others, by how far (as in Optuna's TPE)."""
     return sum(max(value, 0.0) for value in trial.constraints.values())
