@@ -26,7 +26,7 @@ FINE = 80  # points of an axis as it is drawn
 
 @dataclass(frozen=True)
 class Insertion:
-    """What all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
+    """Data that all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
 
     name: str
     scene: Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""What stands around a body: clamps, walls, guides, magnets and coils as colored solids, and the surfaces that it may touch.
+"""Surroundings of a body: clamps, walls, guides, magnets and coils as colored solids, and the surfaces that it may touch.
 
 Magnets and coils stand where magmpm.fields places them, at any time of their schedule.
 """
@@ -35,7 +35,7 @@ def ground(scene: Scene | None) -> Plane | None:
 
 
 def standing(scene: Scene | None) -> list[Obstacle]:
-    """What does not move: clamps, walls and guides."""
+    """Obstacles that do not move: clamps, walls and guides."""
     if scene is None:
         return []
     found, wall, feed = list(_clamps(scene)), wall_of(scene), scene.effects.feed
@@ -161,6 +161,6 @@ def wall_of(scene: Scene) -> Wall | None:
 
 
 def surfaces(scene: Scene | None) -> dict[str, Plane | Wall]:
-    """What the body may touch, by effect."""
+    """Surfaces that the body may touch, by effect."""
     plane, wall = ground(scene), None if scene is None else wall_of(scene)
     return {name: s for name, s in (("ground", plane), ("walls", wall)) if s is not None}

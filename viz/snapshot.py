@@ -1,4 +1,4 @@
-"""What one picture shows, as plain arrays: it travels to the drawing process, and nothing else has to.
+"""Content of one picture, as plain arrays: it travels to the drawing process, and nothing else has to.
 
 A Snapshot knows neither scene nor solver; viz.from_motion and viz.from_result make them. It is small (single precision, at most
 about 1 MB), because one is pickled for every trial of a study.
@@ -185,7 +185,7 @@ def seconds(time: float, duration: float = 1.0) -> str:
 
 
 def slower(pace: float) -> str:
-    """How a movie's time runs: "10x slower", "real time"."""
+    """Pace of a movie's time: "10x slower", "real time"."""
     if 0.95 < pace < 1.05:
         return "real time"
     return f"{pace:.2g}× slower" if pace > 1 else f"{1 / pace:.2g}× faster"

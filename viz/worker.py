@@ -88,7 +88,7 @@ class Worker(Process):
         self.ask(timeout=timeout)
 
     def request(self, function: Callable[..., Any], *args: Any, timeout: float) -> Any:
-        """What function(*args) returns there; function must be of a module's top level, to be sent.
+        """Call function(*args) there and return its result; function must be of a module's top level, to be sent.
 
         Raises Died, also when it takes longer than timeout (s), and RenderError for its exceptions.
         """
