@@ -50,7 +50,7 @@ class Model:
 
     @property
     def times(self) -> Array | None:
-        """`time` as effects are asked for it."""
+        """`time` as effects get it."""
         return None if self.time is None else np.array([self.time])
 
     @property

@@ -181,7 +181,7 @@ class Parts(BodyShape):
         )
 
     def cell_size(self, cells_across: int) -> float:
-        """Width of the grid's cells as asked for, m: `spacing` where it is given."""
+        """Width of the grid's cells as requested, m: `spacing` where it is given."""
         return self.spacing or super().cell_size(cells_across)
 
     def cell_setting(self, cells_across: int) -> tuple[str, str, str]:

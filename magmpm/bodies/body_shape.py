@@ -94,7 +94,7 @@ class BodyShape(Settings):
         """Lower bound of the number of particles, found without making them; around: as `Knots.at_rest`."""
 
     def cell_size(self, cells_across: int) -> float:
-        """Width of the grid's cells as asked for, m; the grid's own fit the body and may be a little smaller."""
+        """Width of the grid's cells as requested, m; the grid's own fit the body and may be a little smaller."""
         return self.thickness / cells_across
 
     def magnetization(self, particles: Particles) -> Array:
@@ -118,7 +118,7 @@ class BodyShape(Settings):
         return np.zeros(len(particles.volume), np.int64)
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
-        """Which connected component each particle (n,) is in, from 0: components can move apart from each other."""
+        """Which connected component each particle (n,) is in, from 0: components can move away from each other."""
         return np.zeros(len(particles.volume), np.int64)
 
     def check_resolution(self, cells_across: int) -> None:

@@ -47,7 +47,7 @@ class StraightBody(BodyShape):
 
     kind: ClassVar[str]  # its key in `body`
     across: ClassVar[str]  # its key for the size that cells are counted through
-    # Of the length: equilibria of body and rod differ by 0.2 to 1 % where slender; farther apart than this they may be on two branches.
+    # Of the length: equilibria of body and rod differ by 0.2 to 1 % where slender; at a larger distance they may be on two branches.
     branch_distance: ClassVar[float] = 0.1
 
     if TYPE_CHECKING:  # settings or properties of each kind

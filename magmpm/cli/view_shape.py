@@ -1,4 +1,4 @@
-"""A scene at rest in view: what the page asks of it, and the answers."""
+"""A scene at rest in view: what the page requests of it, and the answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The effects that a scene may name, and what the program asks of those it does name. What is not named costs nothing.
+"""The effects that a scene may name, and what the program requests of those it does name. What is not named costs nothing.
 
 To add an effect: one file (docs/adding_an_effect.md has a worked example), and one line, its key in `Effects`.
 """
@@ -51,7 +51,7 @@ class Effects(Settings):
     walls: Walls | None = _key("In motion: contact with the wall of a lumen.", _LUMEN)
     self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
     feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
-    # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named beside it.
+    # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named with it.
     auto: SkipJsonSchema[Literal[True] | None] = Field(default=None, description="The program chooses.", examples=[True])
 
     @model_validator(mode="after")

@@ -38,7 +38,7 @@ class SceneLike(Protocol):
     field: FieldSource
     effects: Any  # effects.acting.Effects: settings by key, None where not named
     materials: Any  # by name: shear_modulus (Pa), bulk_to_shear, density (kg/m^3 or None), remanence (T)
-    solver: Any  # dynamic, quasi_static: None where not asked for
+    solver: Any  # dynamic, quasi_static: None where not requested
     resolution: Any  # cells_across, particles_per_cell
 
     @property
@@ -130,7 +130,7 @@ class BodyChange(NamedTuple):
 
 
 class Effect(Settings):
-    """Settings of an effect, and what the program asks of it. `model` is a magmpm.model.Model."""
+    """Settings of an effect, and what the program requests of it. `model` is a magmpm.model.Model."""
 
     PHASE: ClassVar[Phase]
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
@@ -176,12 +176,12 @@ class Effect(Settings):
         return None
 
     def marks(self, particles: Any, remanence: Array) -> Array | None:
-        """A number (n,) by which hooks tell particles (bodies.Particles) apart; remanence (n, 3) T."""
+        """A number (n,) by which hooks distinguish particles (bodies.Particles); remanence (n, 3) T."""
         return None
 
     @staticmethod
     def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
-        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only asked of an effect that names REFRESHED."""
+        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only requested of an effect that names REFRESHED."""
         raise NotImplementedError("an effect that names REFRESHED needs `refresh`")
 
     @staticmethod
@@ -194,7 +194,7 @@ class Effect(Settings):
 
     @staticmethod
     def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:
-        """Energy (J) of all particles in each other's presence; arguments as of `refresh`, and asked of the same effects."""
+        """Energy (J) of all particles in each other's presence; arguments as of `refresh`, and requested of the same effects."""
         raise NotImplementedError("an effect that names REFRESHED needs `shared_energy`")
 
     @classmethod

@@ -1,7 +1,7 @@
 """feed: the base is pushed along +x at a speed through a straight guide; what has left the guide is free.
 
 Every node inside the guide moves with this speed along +x. The guide is the cylinder around the x axis up to its exit, with a radius of
-one diameter of the body. A tip that bends back beside the guide stays free. The catheter is then not clamped: the guide holds it. The push
+one diameter of the body. A tip that bends back next to the guide stays free. The catheter is then not clamped: the guide holds it. The push
 starts at full speed; far below the speed of waves (m/s) this is no shock.
 
 Nodes are held or free, so the guide effectively ends at the last node that it holds. Nodes up to half a cell beyond the exit are held: the

@@ -59,7 +59,7 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
     wide: those of its hooks stress, force, rate_stress and near that are plain arithmetic (+ - * /, no branch on a particle's values, no
     array of their own): motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction.
     The results are the same.
-    Raises ValueError on an unknown hook, or if another effect has the same field names: they are what tells effects apart.
+    Raises ValueError on an unknown hook, or if another effect has the same field names: they distinguish effects.
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):
         raise ValueError(f"an effect's dtype needs field names of its own, got {dtype}")
@@ -330,7 +330,7 @@ _walk(add_narrow_force, "force", "magnet, rho, x, F, f", wide=False)
 _walk(add_narrow_rate_stress, "rate_stress", "rho, F, dF, P", wide=False)
 
 
-# Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect asks for them.
+# Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect requests them.
 
 
 def has_stress(effects):

@@ -68,7 +68,7 @@ class MagneticInteraction(Effect):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """The field of a segment in the one beside it."""
+        """The field of a segment in the one next to it."""
         on = scene.magnetized_regions()
         if len(on) < 2:
             return Advice(0.0, "no two magnetized segments to act on each other")

@@ -155,7 +155,7 @@ def nearest_key(model: type[BaseModel], at: Key) -> str | None:
 
 
 def _inner(annotation: Any) -> list[Any]:
-    """The plain types in an annotation: Annotated and unions taken apart."""
+    """The plain types in an annotation: Annotated and unions resolved."""
     origin = get_origin(annotation)
     if origin is Annotated:
         return _inner(get_args(annotation)[0])

@@ -59,14 +59,14 @@ def _same_address(name: str, reached: str) -> bool:
 class GuardedServer(ThreadingHTTPServer):
     """A server that closes connections which ask nothing within PATIENCE, and keeps at most MOST_CONNECTIONS.
 
-    Where one more comes, the one that has asked nothing for longest is closed, or the new one if all are being answered.
+    Where one more comes, the one that has requested nothing for longest is closed, or the new one if all are being answered.
     """
 
     daemon_threads = True
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._lock = threading.Lock()
-        self._since: dict[Any, float | None] = {}  # since when a connection asks nothing; None: it is being answered
+        self._since: dict[Any, float | None] = {}  # since when a connection requests nothing; None: it is being answered
         super().__init__(*arguments, **options)
 
     def waits_for(self, connection: Any, waits: bool = True) -> None:
@@ -87,7 +87,7 @@ class GuardedServer(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def _close_oldest(self, least: float = 0.0) -> bool:
-        """Close the connection that has asked nothing for longest, if for `least` s; whether there was one."""
+        """Close the connection that has requested nothing for longest, if for `least` s; whether there was one."""
         since, found = min(((t, c) for c, t in self._since.items() if t is not None), key=lambda pair: pair[0], default=(0.0, None))
         if found is None or time.monotonic() - since < least:
             return False
@@ -97,7 +97,7 @@ class GuardedServer(ThreadingHTTPServer):
         return True
 
     def service_actions(self) -> None:
-        """Close who asks nothing; called by serve_forever again and again."""
+        """Close connections that request nothing; called by serve_forever again and again."""
         with self._lock:
             while self._close_oldest(PATIENCE):
                 pass

@@ -53,7 +53,7 @@ __all__ = [
 
 M = TypeVar("M", bound=BaseModel)
 MOST_TOLD = 20  # problems of a file: more would hide the first
-MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are told
+MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are reported
 
 
 class Settings(BaseModel):

@@ -50,7 +50,7 @@ class Grid(NamedTuple):
     origin, spacing (3,) m; along_x, along_y: steps in node number along x and y. momentum (4 k nodes + 8,): mass in kg and momentum in N s
     of each node, zero between steps; velocity (4 k nodes + 8,): 0 and velocity in m/s of each node.
     planes: planes of nodes, of all k grids, that may get mass; fixed (k nodes,): 1 for nodes held at rest; mirrors (pairs, 2): nodes
-    outside and inside a face at rest, the first `next_to_faces` pairs right beside it; flat: nothing moves along y; place (3 nodes,) m:
+    outside and inside a face at rest, the first `next_to_faces` pairs right next to it; flat: nothing moves along y; place (3 nodes,) m:
     positions, needed only where an effect changes nodes.
     """
 

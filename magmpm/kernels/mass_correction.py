@@ -12,7 +12,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined
 
 FIELDS = 3  # 1, y and z in a plane of nodes
-REACH = 2  # knots: splines reach over two planes, so hats that are two knots apart still overlap
+REACH = 2  # knots: splines reach over two planes, so hats that are two knots from each other still overlap
 
 
 class Correction(NamedTuple):

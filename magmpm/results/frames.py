@@ -1,4 +1,4 @@
-"""Frames of runs, and how far those of two runs are apart."""
+"""Frames of runs, and the distance between those of two runs."""
 
 from __future__ import annotations
 

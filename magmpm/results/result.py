@@ -112,7 +112,7 @@ class Result:
     tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
     # No unit: smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load; None: not known (motion).
     stability: float | None = None
-    error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene asks for an error or a time
+    error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene requests an error or a time
     resolution: dict[str, Any] | None = None  # what was chosen for it, and how: see docs/accuracy.md
     effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
 

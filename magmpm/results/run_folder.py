@@ -131,7 +131,7 @@ class RunFolder:
             self.put_back()
 
     def sign_accuracy(self) -> None:
-        """Note that what `magmpm accuracy` writes beside a run's results is this scene's; results of another scene are removed."""
+        """Note that what `magmpm accuracy` writes next to a run's results is this scene's; results of another scene are removed."""
         if self._holder():
             _remove(self.path)
         self._sign(accuracy_hash=self.scene.hash())

@@ -32,7 +32,7 @@ class Neighborhood(Protocol):
 class Sensitivities:
     """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
 
-    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when they are first asked
+    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when first requested
     for: `adjoint` needs none of the others.
     """
 

@@ -16,11 +16,11 @@ from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
 
-USUAL = 0.01  # of the length: the error meant where a scene asks for none
+USUAL = 0.01  # of the length: the error meant where a scene requests none
 APART = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 TOUCHES = 20  # moments at which a body is looked at for touching itself
 FINE = 4  # points between two stations, where a body may touch itself
-REACH = 2.5  # lengths: two shapes of a held body that does not stretch are at most 2 apart
+REACH = 2.5  # lengths: two shapes of a held body that does not stretch are at most 2 from each other
 WITHIN = ("magnetic_interaction", "viscosity", "self_contact")  # what a body does to itself does not move its center, held or not
 MUTUAL = 0.6  # of a shift by the segments' field on each other, in large blocks: its uncertainty
 Word = Literal["keep", "drop", "add", "irrelevant"]
@@ -39,7 +39,7 @@ class Judgment:
 
 
 def allowed_error(scene: Scene) -> float:
-    """The error that a scene asks for, m; USUAL of its length where it asks for none."""
+    """The error that a scene requests, m; USUAL of its length where it requests none."""
     return scene.resolution.allowed(scene.length) or USUAL * scene.length
 
 
@@ -117,7 +117,7 @@ def unknown(key: str, named: bool, why: str) -> Judgment:
 
 
 def worth_naming(scene: Scene) -> list[Judgment]:
-    """The effects that a scene does not name and that would move its answer by more than the error it asks for, found quickly.
+    """The effects that a scene does not name and that would move its answer by more than the error it requests, found quickly.
 
     Only those of which that is certain: by more than the estimate may be off.
     """

@@ -54,7 +54,7 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _shorter_or_weaker(scene, error)
-    if isinstance(error, Collapsed):  # of segments that attract each other, which no outside field keeps apart
+    if isinstance(error, Collapsed):  # of segments that attract each other, which no outside field holds at a distance
         return _until(scene, error) if scene.in_time else ()
     if isinstance(error, TimeOver):  # smaller steps would take longer
         borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0

@@ -186,7 +186,7 @@ class Scene(Settings):
         return dynamic.duration if dynamic is not None else (self.path_times() or [0.0])[-1]
 
     def path_times(self) -> list[float]:
-        """Times (s) of the equilibria along time; none where the scene asks for none."""
+        """Times (s) of the equilibria along time; none where the scene requests none."""
         quasi_static = self.solver.quasi_static
         return [] if quasi_static is None else quasi_static.times(end_time(self.field))
 
@@ -208,7 +208,7 @@ class Scene(Settings):
 
     @property
     def cell(self) -> float:
-        """Width of the grid's cells, m, as asked for; the grid's own fit the body and may be a little smaller."""
+        """Width of the grid's cells, m, as requested; the grid's own fit the body and may be a little smaller."""
         return self.body.shape.cell_size(self.resolution.cells_across)
 
     @property
@@ -270,7 +270,7 @@ class Scene(Settings):
         return self.model_dump(mode="json")
 
     def save(self, path: Path | str) -> Path:
-        """Write the scene as a file with units, from which load_scene makes an equal one; its reference as a table beside it.
+        """Write the scene as a file with units, from which load_scene makes an equal one; its reference as a table next to it.
 
         Raises InputError for scenes with a measured map or another table that a file names by its path, and then writes nothing.
         """

@@ -25,7 +25,7 @@ Vector = tuple[float, float, float]
 class Variable:
     """One number that a design may change.
 
-    kind: the word that asks for it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
+    kind: the word that requests it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
     direction (3,): unit tangent toward which the magnetization turns; component: of the field, 0 to 2; material: its name.
     """
 

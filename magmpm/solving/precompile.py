@@ -141,7 +141,7 @@ def _cache() -> Path:
 
 
 def _stamp(kinds: str) -> str:
-    """Names a set of kernels as Numba's disk cache tells them apart: two of these are the same only if none needs compiling again.
+    """Names a set of kernels as Numba's disk cache distinguishes them: two of these are the same only if none needs compiling again.
 
     Place and times of the sources are among them: another clone of the same sources has to compile them again.
     """
@@ -185,7 +185,7 @@ def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
             process.end()
         try:
             return all(processes[0].ask(use) for use in uses)  # what the parts have left out, and proof that they are all there
-        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is told there
+        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is reported there
             return False
 
 

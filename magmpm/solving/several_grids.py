@@ -59,7 +59,7 @@ class Runs(Grids):
         return 1.0 + sum(work(self.on(n)) for n in needed_for(self.asked, cells)) / work(self.on(cells))
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
-        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error asked for will take too long.
+        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error requested will take too long.
 
         gone: seconds since the run began.
         """
@@ -119,7 +119,7 @@ def grids_of(scene: Scene) -> Grids:
 
 
 def choose_grid(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] | None = None) -> tuple[ChosenGrid, float]:
-    """The grid for the error or the time that a scene asks for (statics.resolution.choose), and the seconds its kernels took to load."""
+    """The grid for the error or the time that a scene requests (statics.resolution.choose), and the seconds its kernels took to load."""
     compiled = _prepare(grids)
     choice = choose(grids, on_step, extra or (lambda cells: 0.0))
     return replace(choice, report={**choice.report, **_on_the_way(grids, choice)}), compiled

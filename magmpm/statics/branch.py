@@ -2,7 +2,7 @@
 
 A step is accepted where undamped Newton iterations from the state before contract (step k is at most CONTRACTION^k times the first) to a
 state whose tangent is positive definite: then it is the neighbor of the one before, and stable. Otherwise the step is halved, down to
-FINEST of what the caller asked for; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the smallest
+FINEST of what the caller requested; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the smallest
 eigenvalue, to FINEST of that once more. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the
 tangent reaches zero:
 
@@ -33,7 +33,7 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.nearby_minima import NearbyMinima, Tell, lowest_mode
 from magmpm.statics.stability import stability
 
-FINEST = 2.0**-10  # of the step asked for: attempts are halved down to this, and critical loads known within it
+FINEST = 2.0**-10  # of the step requested: attempts are halved down to this, and critical loads known within it
 LANDING = 15  # of the finest steps: how far past the end of a branch the body is sought again; nearer, a new branch is too steep
 GROWTH = 2.0  # of the step after one that was accepted
 TOGETHER = 2e-3  # of the unloaded body's lowest eigenvalue: below minus this a body whose segments act on each other is unstable

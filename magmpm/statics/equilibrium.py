@@ -368,7 +368,7 @@ def solve_from(
 ) -> Equilibrium:
     """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
 
-    tolerance: in place of the scene's. Its stability is not judged. Raises SolveError.
+    tolerance: in place of the scene's. Its stability is not evaluated. Raises SolveError.
     """
     options = model.scene.solver.static
     energy = Energy(model)

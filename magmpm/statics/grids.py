@@ -50,7 +50,7 @@ class Solved:
 
 
 class Grids(ABC):
-    """A scene that asks for an error or a time, on grids that are solved one by one. on_step: as of solves."""
+    """A scene that requests an error or a time, on grids that are solved one by one. on_step: as of solves."""
 
     def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
         self.asked, self.on_step = asked, on_step

@@ -1,6 +1,6 @@
 """Effect of a weight that a scene does not name, where the body is no rod: by the factors that its solve leaves.
 
-One load vector and one substitution, so it costs next to nothing. To first order: a large shift may be less, so no number is told.
+One load vector and one substitution, so it costs next to nothing. To first order: a large shift may be less, so no number is reported.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium
 from magmpm.statics.interacting import InteractingEnergy
 
-SURE = 1.25  # times the error: what a shift to first order must be, to be told
+SURE = 1.25  # times the error: what a shift to first order must be, to be reported
 
 
 def missed_weight(scene: Scene, found: Equilibrium) -> list[str]:
-    """A warning where a scene's equilibrium lacks a weight that would move it by more than the error it asks for."""
+    """A warning where a scene's equilibrium lacks a weight that would move it by more than the error it requests."""
     if scene.advice == "off" or scene.effects.gravity is not None or is_cantilever(scene) or found.energy is None:
         return []
     if any(scene.materials[region.material_name].density is None for region in scene.regions()):
