@@ -43,7 +43,7 @@ def fit(measured: Path | str | Sequence[Path | str], scene: SceneLike, **options
 
     measured: the path of a table, or several of the same body (docs/fitting.md). scene: a Scene, the path of its file, or a dict as
     load_scene takes. options: vary, noise (m), angle_noise (rad), known, level, thorough of studies.fitting.fit.
-    Raises InputError as the command does, also where the measurements can't tell constants apart; SolveError without an equilibrium.
+    Raises InputError as the command does, also where the measurements can't distinguish constants; SolveError without an equilibrium.
     """
     from magmpm.studies.fitting import fit as found_by
     from magmpm.studies.fitting import read_tables

@@ -26,7 +26,7 @@ _OVERSAMPLING = 4
 
 # In units of half their panel's height.
 AXIS_LENGTH, LABEL_GAP, FIELD_LENGTH = 0.62, 0.17, 1.7
-LONGEST_TITLE, LONGEST_MARKED = 46, 28  # letters that fit beside the caption, and beside a mark, on a page of 4:3
+LONGEST_TITLE, LONGEST_MARKED = 46, 28  # letters that fit next to the caption, and next to a mark, on a page of 4:3
 ROWS, MOST_ROWS = 3, 4  # of a legend
 
 

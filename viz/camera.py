@@ -179,7 +179,7 @@ def in_view(obstacle: Obstacle, view: View, aspect: float) -> bool:
 def best_direction(points: np.ndarray) -> np.ndarray:
     """Direction (3,) to the camera from which a curve spreads widest, slightly tilted.
 
-    points: (m, 3) m along the curve. Each candidate is judged by the area of the curve's projection (the root of the determinant of
+    points: (m, 3) m along the curve. Each candidate is evaluated by the area of the curve's projection (the root of the determinant of
     its covariance), times a mild preference for looking from a little above.
     """
     centered = points - points.mean(axis=0)

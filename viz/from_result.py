@@ -137,7 +137,7 @@ def segment_arrows(axis: np.ndarray, centers: np.ndarray, remanence: np.ndarray,
     """Start and vector (a, 2, 3), m, of an arrow through the axis (m, 3) m in each magnetized segment.
 
     centers (k, 3) m; remanence (k, 3) T, deformed; length, thickness: m, of the body. The strongest is nearly as long as the segments
-    are apart; the others in proportion to their remanence. The center of a segment bent far lies beside its axis: the arrow goes
+    are apart; the others in proportion to their remanence. The center of a segment bent far lies off its axis: the arrow goes
     through the axis's nearest point.
     """
     strength = np.linalg.norm(remanence, axis=1)

@@ -64,7 +64,7 @@ class Insertion:
         return lambda s: np.minimum(np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1)
 
     def snapshot(self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any) -> Snapshot:
-        """The bodies of these depths side by side along y, each over its path and, if there are several, beside its field."""
+        """The bodies of these depths side by side along y, each over its path and, if there are several, next to its field."""
         diameter, several = float(self.catheter["diameter"]), len(frames) > 1
         length = float(self.path[-1, 0])
         shifts = [np.array([0.0, APART * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]

@@ -105,7 +105,7 @@ def _magnet(solid: Solid, remanence: np.ndarray) -> Surface:
     shape = _upright(Surface(shape.points - [c, 0.0, 0.0], shape.triangles, shape.part))
     along = remanence @ solid.frame
     if abs(along[2]) < 0.7 * np.linalg.norm(along):
-        # Magnetized across its axis: the halves are told apart by the side they lie on.
+        # Magnetized across its axis: the halves are distinguished by the side they lie on.
         side = shape.points[shape.triangles].mean(axis=1) @ along > 0
         return Surface(shape.points, shape.triangles, side.astype(int))
     return shape if along[2] > 0 else Surface(shape.points, shape.triangles, 1 - shape.part)

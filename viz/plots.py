@@ -39,7 +39,7 @@ LOOK: Any = {
 _FILES: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "magmpm"}
 _FINEST, _REFERENCE = "#0077BB", "#CC3311"
 
-# Tol's "bright" scheme; line styles tell the curves apart without color.
+# Tol's "bright" scheme; line styles distinguish the curves without color.
 _COLORS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377")
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 _ENERGY_UNITS = ((1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ"))

@@ -88,7 +88,7 @@ class Snapshot:
     touches           whether it touches anything at some time of the motion
     trace             (t, 3) m, the path of its tip or middle so far
     field             (3,) T now, or None if unknown; history over the motion, or None
-    fields            (f, 2, 3) m, start and vector of arrows of several fields, each beside what it acts on; notes: texts and their
+    fields            (f, 2, 3) m, start and vector of arrows of several fields, each next to what it acts on; notes: texts and their
                       places (3,) m
     gravity           (3,) m/s^2, or None
     time              s, or None for a body at rest; duration: s, of the motion; pace: how many times slower than life, or None

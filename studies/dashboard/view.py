@@ -74,7 +74,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         return [trial for trial in shown if states is None or trial.state in states]
 
     def get_best_trial(self, study_id: int) -> FrozenTrial:
-        """The least of the feasible trials; where none is feasible, of all: the dashboard asks for one."""
+        """The least of the feasible trials; where none is feasible, of all: the dashboard requests one."""
         done = self.get_all_trials(study_id, states=(TrialState.COMPLETE,))
         if not done:
             raise ValueError("no trial of this study was solved")
@@ -128,7 +128,7 @@ def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Notes:
-    """Writes what the dashboard shows beside the numbers: notes on the study and its trials, and the study's pictures.
+    """Writes what the dashboard shows next to the numbers: notes on the study and its trials, and the study's pictures.
 
     Notes that somebody wrote are left alone.
     """

@@ -158,7 +158,7 @@ def reachable_curvature(scene: Scene, field_max: float | None) -> tuple[Array, A
 def target_bends(target: Array, window: float) -> tuple[Array, Array]:
     """Ends (k, 2) m of stretches of a target (m, 4) m and its mean curvature (k,) 1/m there; it leaves the origin along +x.
 
-    Rows are taken at least `window` apart, m. A chord has the direction of the curve at its middle.
+    Rows are taken at a distance of at least `window`, m. A chord has the direction of the curve at its middle.
     """
     rows = [np.zeros(4)]
     for row in target:

@@ -1,7 +1,7 @@
 """The study itself: ask for a design, solve, compare, keep, until it is good enough or the trials are used up.
 
 By Optuna's ask and tell. With one worker, a trial depends only on the study's definition, its seed and the earlier trials; with several,
-also on which trials were running when it was asked for. A process may end at any moment; the next one continues as if nothing had happened.
+also on which trials were running when it was requested. A process may end at any moment; the next one continues as if nothing had happened.
 """
 
 from __future__ import annotations
@@ -254,7 +254,7 @@ class _Run(OpenStudy):
         return ended
 
     def one_trial(self) -> Trial | None:
-        """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
+        """Requests a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
         asked = self.ask()
         try:
@@ -288,7 +288,7 @@ class _Run(OpenStudy):
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
                     self.deaths, self.hangs = pool.deaths, pool.hangs
-            except BaseException as error:  # also while a trial is asked for or kept
+            except BaseException as error:  # also while a trial is requested or kept
                 self.session.put_all_back()
                 if isinstance(error, KeyboardInterrupt):
                     return "interrupted"

@@ -23,7 +23,7 @@ OF_SEVERAL = (  # of a trial of an insertion or a schedule
 )  # fmt: skip
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
-BRINK = 0.1  # stability below which a design is on the brink: it is told, and another of nearly the same rms takes its place
+BRINK = 0.1  # stability below which a design is on the brink: it is reported, and another of nearly the same rms takes its place
 NEARLY = 1.1  # times the least rms: what the more stable design may cost
 
 

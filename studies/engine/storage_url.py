@@ -48,7 +48,7 @@ def storage_url(out: Path | None, url: str | None) -> str:
 
 
 def _refuse_plain_signs(url: str) -> None:
-    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and tell it."""
+    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and report it."""
     password = _IN_FRONT.match(url.partition("?")[0])
     if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):
         rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"

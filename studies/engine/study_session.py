@@ -101,7 +101,7 @@ class OpenStudy:
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def judge_finer(self) -> None:
-        """Runs the best designs with the error that the study's scene asks for, if it does. What is found is kept with the study."""
+        """Runs the best designs with the error that the study's scene requests, if it does. What is found is kept with the study."""
         if self.study.asked is None:
             return
         known = self.store(lambda: self.kept.user_attrs.get(JUDGED, []))

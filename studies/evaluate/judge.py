@@ -40,7 +40,7 @@ class Judged:
 
 
 class Judge:
-    """Solves and judges the designs of a study, and draws them."""
+    """Solves and evaluates the designs of a study, and draws them."""
 
     def __init__(self, study: Study, solve: Solve, differentiate: Differentiate | None, picture: Picture | None, out: Path) -> None:
         self.study, self.solve, self.differentiate, self.picture, self.out = study, solve, differentiate, picture, out

@@ -1,4 +1,4 @@
-"""Designs that are judged by several equilibria: an insertion has one at each depth, a schedule one at each time.
+"""Designs that are evaluated by several equilibria: an insertion has one at each depth, a schedule one at each time.
 
 Magnetization and numbers are shared by all of them, and each has its own field, or all have one. Their gaps stand one after the other in
 the residuals that Gauss-Newton reads; the fields of two of them do not touch each other's shapes.
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Trajectory(ABC):
-    """The equilibria that a study asks of each design."""
+    """The equilibria that a study requires of each design."""
 
     study: Study
     space: SearchSpace

@@ -49,7 +49,7 @@ class Rung:
     error_reference: float | None
     split: dict[str, float]  # s: setup, compile, solve, of the last run
     matrix_bytes: float  # of the factorized matrix, the largest part of the memory
-    bar: float | None  # bound of the discretization error over the length, told by a finer rung, or of the finest by a coarser one
+    bar: float | None  # bound of the discretization error over the length, given by a finer rung, or of the finest by a coarser one
     pareto: bool  # no other setting is both quicker and more accurate
 
 

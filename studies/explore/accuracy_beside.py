@@ -34,7 +34,7 @@ Solve = Callable[[Scene], Result]
 
 @dataclass(frozen=True)
 class Model:
-    """A model that stands beside the ladder. Errors over the length: from the finest rung, from the scene's reference, and from the same
+    """A model that stands next to the ladder. Errors over the length: from the finest rung, from the scene's reference, and from the same
     scene on the same cells as the ladder has it; None where there is none."""
 
     name: str

@@ -26,7 +26,7 @@ from magmpm.simulate import choose_effects, run
 from magmpm.studies.explore.beyond_effects import Need, needs
 from magmpm.studies.explore.effects_costs import counted
 
-SETTLING = ("damping", "viscosity")  # of which it is told how fast they settle the body
+SETTLING = ("damping", "viscosity")  # of which it is reported how fast they settle the body
 CONTACTS = ("ground", "walls", "self_contact")
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
 
@@ -126,7 +126,7 @@ class Estimates:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        free = scene.body.shape.clamp == "none"  # of which nothing is told at rest
+        free = scene.body.shape.clamp == "none"  # of which nothing is reported at rest
         self.line = scene.body.shape.line if free or is_cantilever(scene) else None  # of its rod
         self._found: dict[str, Array] = {}
 
@@ -184,7 +184,7 @@ def at_rest(scene: Scene) -> Scene:
 
 def survey(scene: Scene, *, measure: bool = True, error: float | None = None) -> Table:
     """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
-    by; what the scene's resolution asks for, or 1 % of the length, unless given.
+    by; what the scene's resolution requests, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """

@@ -18,7 +18,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodShape
 
 STATIONS = 20  # along a rod, at which its curvature is compared
-REACH = 2.0  # of curvature times length, rad: rods farther apart have little to do with each other
+REACH = 2.0  # of curvature times length, rad: rods at a larger distance have little to do with each other
 LINEAR = 0.1  # share of the covariance that is linear in the curvature
 NUGGET = 1e-8  # of the variance: solves have errors
 MOST = 64  # neighbors, the nearest

@@ -26,7 +26,7 @@ from magmpm.studies.fitting.solve import Minimum
 from magmpm.studies.fitting.table import Measured
 
 ODD = 3.5  # standard errors: residuals beyond are named
-UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
+UNEQUAL, ENOUGH = 2.0, 10  # a reported factor between two tables' residuals, of so many numbers each: by chance in 4 % of such pairs
 DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
 
 

@@ -27,7 +27,7 @@ AGAINST = 1.3  # of the critical load: the part of the field along the strip
 EULER = np.pi**2 / 4
 THICK = 1e-3  # m, of the strip that snaps
 STRIP = 20e-3  # m, its length
-FAR, PAST = 80e-3, 10e-3  # m: beside the tip, where the magnet comes from and goes to; where it has just passed
+FAR, PAST = 80e-3, 10e-3  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
 SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))
 

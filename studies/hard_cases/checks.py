@@ -46,7 +46,7 @@ SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the 
 NOISE, GROWN = 1e-13, 5.0
 HALF_STEP = 0.02  # of the largest displacement: second order, and what contact and friction choose by single steps
 OTHER_FORMULATION = 0.35  # of the largest displacement: the updated one loses up to a fifth of its energy in a quarter swing
-PROMISED = 1.5  # times the told error: what the true one never is above
+PROMISED = 1.5  # times the reported error: what the true one never is above
 GAINED = 0.05  # of the largest kinetic energy, as the watchdog allows
 
 
@@ -84,7 +84,7 @@ def checked(scene: Scene, result: Result, folder: Path, number: int) -> Checked:
 
 
 def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
-    """The scene with the effects and the cells that were chosen; an error that was told is compared with finer cells."""
+    """The scene with the effects and the cells that were chosen; an error that was reported is compared with finer cells."""
     if scene.effects.auto:
         scene = choose_effects(scene).scene
     if not scene.resolution.asked:
@@ -96,7 +96,7 @@ def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
 
 
 def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
-    """The told error, against finer cells; where these are as far away, only if the next finer ones are as well: one may be elsewhere."""
+    """The reported error, against finer cells; where these are as far, only if the next finer ones are as well: one may be elsewhere."""
     told, tip = result.error_estimate, scene.resolution.of == "tip"
     assert told is not None
     apart = []
@@ -161,7 +161,7 @@ def _try(scene: Scene) -> Result | None:
 
 
 def _compare(scene: Scene, name: str, one: Result, again: Scene, other: Result, found: Checked, R: np.ndarray = SAME) -> None:
-    """Two solves of one discrete problem, `other` that of the scene `again`. They may end at two equilibria, near each other or far apart:
+    """Two solves of one discrete problem, `other` that of the scene `again`. They may end at two equilibria, near each other or far away:
     then each stays where it is as it is sought more closely."""
     found.done.append(name)
     apart, bound = _apart(scene, one, other, R), _tolerance(scene, one)

@@ -1,6 +1,6 @@
 """The names by which a study file and `--sampler` ask for a sampler, and what is said about names that are none.
 
-Samplers of Optuna are asked for as `optuna:NAME`. The names are written out here, with what each of them needs; nothing that a file says is
+Samplers of Optuna are requested as `optuna:NAME`. The names are written out here, with what each of them needs; nothing that a file says is
 ever imported.
 """
 

@@ -81,7 +81,7 @@ class SearchSpace:
 
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
-        """The space a study asks for."""
+        """The space a study requests."""
         vary, scene = study.vary, study.scene
         return cls(
             scene=scene,
@@ -158,7 +158,7 @@ class SearchSpace:
         return [(stem + a, stem + b, stem + c) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        """The parameters as Optuna asks for them."""
+        """The parameters as Optuna requests them."""
         return distributions(self.blocks)
 
     # parameters <-> embedded coordinates
@@ -268,7 +268,7 @@ class SearchSpace:
             edits.order(arrangement(self.scene, order))
 
     def _lengths(self, asked: Array) -> Array:
-        """Lengths (k,) m of the segments, of those asked for; shifted alike to sum to the body's length if that is kept."""
+        """Lengths (k,) m of the segments, of those requested; shifted alike to sum to the body's length if that is kept."""
         if not self.keeps_length:
             return asked
         numbers = [number for number in self.numbers_within if number.what == "length"]

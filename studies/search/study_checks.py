@@ -100,7 +100,7 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
 def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named: str) -> None:
     """The target must belong to a catheter of this length that starts at the origin.
 
-    A silicone catheter bends but hardly stretches. Points farther apart than the length of catheter between them show a mistake in
+    A silicone catheter bends but hardly stretches. Points at a larger distance than the length of catheter between them show a mistake in
     the table (units, columns, another catheter), which a search would never reveal.
     """
     length, where = _greatest_length(scene, file), f"{csv} (named in {named})"
@@ -139,7 +139,7 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
     """A path begins where the guide ends and as it points, bends no sharper than the catheter can, and is as long as the depths.
 
     The catheter's inner side is shortened by thickness / (2 radius): half of it, at a radius of its thickness, is what a solid body may
-    be asked for. The radius at a point of the table is that of the circle that touches both of its chords there, no farther away than the
+    be requested. The radius at a point of the table is that of the circle that touches both of its chords there, no farther away than the
     middle of the shorter one: that one's length over 2 tan(turn / 2).
     """
     thickness = scene.thickness

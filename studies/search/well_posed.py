@@ -1,6 +1,6 @@
 """Check that a search can have an answer: what moves the shape at all, and how many variables the target can distinguish.
 
-Judged before the first trial, by the rod at a few random designs: a millisecond each. The derivatives are differences in steps along the
+Evaluated before the first trial, by the rod at a few random designs: a millisecond each. The derivatives are differences in steps along the
 embedded coordinates, in which each block's step of 1 is a whole one: a radian, the greatest field, a range from bound to bound.
 """
 

@@ -49,7 +49,7 @@ def gather(
 ) -> dict[str, Any]:
     """Gather what is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
 
-    run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is judged again, unless quick. storage: the URL of
+    run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of
     the trials where the report's lacks a password. motion: run the best design of an insertion or a schedule in time, too.
     """
     notes: list[str] = []

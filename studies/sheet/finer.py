@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.rod.cosserat import RodShape
 
-SAME = 0.05  # of the length: farther apart, two answers are two equilibria
+SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
 MOST_MEMORY = 0.25  # of the machine's: that a finer grid may take
 STATIONS = 41
 

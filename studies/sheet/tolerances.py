@@ -17,7 +17,7 @@ from magmpm.scene import Scene
 
 SHARE = 0.01  # of the length: how far the tip may move
 LARGEST = {"deg": 30.0, "%": 30.0, "mm": float("inf")}  # beyond which the first order says no more than that
-USUAL = {"deg": 5.0, "%": 5.0}  # errors of manufacture by which a design is judged where its study names none
+USUAL = {"deg": 5.0, "%": 5.0}  # errors of manufacture by which a design is evaluated where its study names none
 
 
 class Derived(Protocol):

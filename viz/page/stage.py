@@ -96,7 +96,7 @@ def _remanence(scene: Scene, shape: DeformedBody) -> np.ndarray:
 
 
 class _Places:
-    """Particles as a body's magnetization asks for them."""
+    """Particles as a body's magnetization requires them."""
 
     def __init__(self, position: np.ndarray, segment: np.ndarray) -> None:
         self.position, self.segment = position, segment

@@ -17,7 +17,7 @@ from magmpm.viz import style
 
 WIDTH, LEFT, RIGHT = 860.0, 96.0, 150.0  # of the drawing and its margins, px
 LEAST, MOST = 44.0, 120.0  # height of the body, px
-OUT = 0.35  # share of a direction along the line of sight from which a dot or a cross stands beside its arrow
+OUT = 0.35  # share of a direction along the line of sight from which a dot or a cross stands next to its arrow
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (("side", "x", "z", (0, 2), 1), ("top", "x", "y", (0, 1), 2))  # name, axes, their indices, the one along the line of sight

@@ -84,7 +84,7 @@ class Session:
             by = trial.user_attrs.get(SESSION)
             if trial.number in mine:
                 continue
-            if by == self.name:  # asked for, but the answer was lost
+            if by == self.name:  # requested, but the answer was lost
                 self.put_back(trial_id(trial))
             elif self._is_dead(by, trial, records):
                 self._take_up(trial)
@@ -100,7 +100,7 @@ class Session:
         self.store(back)
 
     def put_all_back(self) -> None:
-        """Puts back every trial that this session has asked for and not finished."""
+        """Puts back every trial that this session has requested and not finished."""
         from optuna.trial import TrialState
 
         for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):

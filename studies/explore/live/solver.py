@@ -46,7 +46,7 @@ class Solver:
         self.process = Process(_begin, target, quiet=False)
 
     def solved(self, scene: Scene) -> Solved:
-        """Solve a scene. Raises Overtaken when a newer one was asked for meanwhile."""
+        """Solve a scene. Raises Overtaken when a newer one was requested meanwhile."""
         with self._counting:
             self._newest += 1
             ticket = self._newest

@@ -16,7 +16,7 @@ from magmpm.rod.cosserat import RodModel, rod_model
 from magmpm.rod.derivative_kernels import relax_all
 from magmpm.scene import Scene
 
-ELEMENTS = 60  # deflections to 1e-3: enough to tell shapes apart
+ELEMENTS = 60  # deflections to 1e-3: enough to distinguish shapes
 STEPS, FINER = 16, 8  # of a field's growth; and how much finer where it is not smooth
 JUMP = 0.02  # of the length: a shorter move of the tip in a step is no snap
 LASTING = 0.6  # of a step's move that is left in the longest of FINER parts of it: 1/8 where smooth, 0.35 at a buckling load, 1 at a snap
@@ -105,7 +105,7 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, apart: floa
     while fresh.any():
         now = np.zeros(m, dtype=bool)
         for of in near.T:
-            # Near shapes that go over into each other smoothly lead to the same rest: only those farther apart are tried.
+            # Near shapes that go over into each other smoothly lead to the same rest: only those at a larger distance are tried.
             tried = np.flatnonzero(fresh[of] & np.isnan(other[:, 0]) & (np.linalg.norm(place[of] - tip, axis=1) > apart))
             if not len(tried):
                 continue
