@@ -1,4 +1,4 @@
-"""What can go wrong, how it is worded (place, value received, rule, remedy), and the exit status it ends a command with."""
+"""Errors, their wording (place, value received, rule, remedy), and the exit status with which they end a command."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from magmpm.scene import Scene
 
 @dataclass(frozen=True)
 class Model:
-    """What both solvers need of a scene: its particles (n), their materials, and the effects. SI units."""
+    """Model of a scene that both solvers use: its particles (n), their materials, and the effects. SI units."""
 
     scene: Scene
     grid: Grid
@@ -50,12 +50,12 @@ class Model:
 
     @property
     def times(self) -> Array | None:
-        """`time` as effects are asked for it."""
+        """`time` as effects get it."""
         return None if self.time is None else np.array([self.time])
 
     @property
     def free(self) -> bool:
-        """Whether nothing holds the body."""
+        """True if nothing holds the body."""
         return not (self.clamped_face or self.held.any())
 
     def splines(self) -> tuple[Array, Array]:
@@ -118,8 +118,8 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
 
 
 def knots_of(scene: Scene) -> Knots:
-    """How cells lie in a straight body; equally where the grid stands in space, as in the updated formulation. Around a tube's axis in
-    statics alone."""
+    """Layout of the cells in a straight body; equal cells where the grid stands in space, as in the updated formulation. Around a tube's
+    axis in statics alone."""
     dynamic = scene.solver.dynamic
     updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
     if scene.body.shape.line is None or updated:

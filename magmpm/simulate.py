@@ -55,7 +55,7 @@ def run(
     file, line, key and value if scene is a path (otherwise SceneError names the key and value).
     Raises SolveError if no equilibrium is found or a motion fails; its state is the last good Result (converged False), or None; that of a
     motion is saved in folder. Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another
-    grid, or given for what moves, or resume is asked without a folder; TypeError if start is no Result.
+    grid, or given for what moves, or resume is requested without a folder; TypeError if start is no Result.
     """
     if not isinstance(scene, Scene):
         with of_file(scene):
@@ -111,7 +111,7 @@ def simulated(
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
 ) -> Result:
-    """As `run`, for who saves the result: folder takes frames and checkpoints, nothing else."""
+    """Run as `run` does, for callers that save the result: folder takes frames and checkpoints, nothing else."""
     on_grid = partial(solve, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
     if scene.effects.auto:
         choice = choose_effects(scene)
@@ -159,7 +159,7 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
 def _resolved(
     scene: Scene, start: object, on_progress: Progress | None, into_folder: Callable[[Scene], Result] | None = None
 ) -> tuple[Result, Equilibrium | None]:
-    """The answer on the grid that is chosen for the error or the time that a scene asks for; of a straight body at rest as the solver found
+    """The answer on the grid that is chosen for the error or the time that a scene requests; of a straight body at rest as the solver found
     it, too. into_folder: runs the scene on that grid once more, and writes its frames; nothing is written before the grid is chosen.
     """
     if start is not None:

@@ -43,7 +43,7 @@ def fit(measured: Path | str | Sequence[Path | str], scene: SceneLike, **options
 
     measured: the path of a table, or several of the same body (docs/fitting.md). scene: a Scene, the path of its file, or a dict as
     load_scene takes. options: vary, noise (m), angle_noise (rad), known, level, thorough of studies.fitting.fit.
-    Raises InputError as the command does, also where the measurements can't tell constants apart; SolveError without an equilibrium.
+    Raises InputError as the command does, also where the measurements can't distinguish constants; SolveError without an equilibrium.
     """
     from magmpm.studies.fitting import fit as found_by
     from magmpm.studies.fitting import read_tables
@@ -55,7 +55,7 @@ def fit(measured: Path | str | Sequence[Path | str], scene: SceneLike, **options
 
 
 def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
-    """What each effect, named in the scene or not, would move, as `magmpm effects` prints it; of one effect, its row alone.
+    """Shift of the answer by each effect, named in the scene or not, as `magmpm effects` prints it; of one effect, its row alone.
 
     scene: a Scene, the path of its file, or a dict as load_scene takes. effect: a key of the scene's effects, such as "gravity". Shifts and
     their uncertainties are in m; costs, which take longest, are counted for all effects together.

@@ -1,4 +1,4 @@
-"""What is written on a page: title, caption, compass, field, its curve, scale bar and legend.
+"""Annotations of a page: title, caption, compass, field, its curve, scale bar and legend.
 
 Pillow draws it onto the finished image, with matplotlib's copy of DejaVu Sans, so that both renderers' pictures look alike;
 matplotlib itself is not imported.
@@ -26,7 +26,7 @@ _OVERSAMPLING = 4
 
 # In units of half their panel's height.
 AXIS_LENGTH, LABEL_GAP, FIELD_LENGTH = 0.62, 0.17, 1.7
-LONGEST_TITLE, LONGEST_MARKED = 46, 28  # letters that fit beside the caption, and beside a mark, on a page of 4:3
+LONGEST_TITLE, LONGEST_MARKED = 46, 28  # letters that fit next to the caption, and next to a mark, on a page of 4:3
 ROWS, MOST_ROWS = 3, 4  # of a legend
 
 
@@ -74,7 +74,7 @@ def field_text(snapshot: Snapshot) -> str:
 
 
 def varies(snapshot: Snapshot) -> bool:
-    """Whether the field changes over the motion, so that a curve of it tells something."""
+    """True if the field changes over the motion, so that a curve of it shows something."""
     if snapshot.history is None or len(snapshot.history.times) < 2:
         return False
     values = snapshot.history.values
@@ -82,7 +82,7 @@ def varies(snapshot: Snapshot) -> bool:
 
 
 def signs(snapshots: Sequence[Snapshot], seen: Sequence[tuple[View, float]] = (), *, touching: bool = False) -> list[Sign]:
-    """What must be explained: only what is drawn in one of these snapshots.
+    """Signs to explain in the legend: only what is drawn in one of these snapshots.
 
     seen: the views they are drawn in, with each panel's aspect: only obstacles that are in one of them count. touching: contact counts
     though none of the snapshots has any.
@@ -253,7 +253,7 @@ class Page:
         return float(self.draw.textlength(words, font=_font(round(size * self.height), False))) / self.width
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """Where a place of the page is, pixels from the upper left."""
+        """Position of a place of the page, pixels from the upper left."""
         return x * self.width, (1.0 - y) * self.height
 
 

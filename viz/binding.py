@@ -1,4 +1,4 @@
-"""How points of a surface follow the particles around them: moving least squares."""
+"""Binding of surface points to the particles around them: moving least squares."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Binding:
         self._matrix = sparse.csr_matrix((values, (rows, columns)), shape=(len(points), len(reference)))
 
     def at(self, position: np.ndarray) -> np.ndarray:
-        """Where the points are, (m, 3) m, when the particles are at position (n, 3) m."""
+        """Positions of the points, (m, 3) m, when the particles are at position (n, 3) m."""
         return np.asarray(self._matrix @ np.asarray(position, dtype=float))
 
 

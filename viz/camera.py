@@ -1,4 +1,4 @@
-"""Where a picture is seen from: parallel projections fitted to what must be in view.
+"""Cameras of a picture: parallel projections fitted to what must be in view.
 
 The projection is parallel, not perspective, so that one scale bar holds for the whole view and both renderers place text exactly.
 Depth is read from the shading, from the floor's grid and the shadows on it, and from orthographic insets where there are any.
@@ -60,7 +60,7 @@ class View:
 
 @dataclass(frozen=True)
 class Framing:
-    """What must be in view, and from where: share one between pictures, and they show things at the same place.
+    """Region that must be in view, and the direction to the camera: share one between pictures, and they show things at the same place.
 
     points (m, 3) m; toward (3,) direction to the camera; margin m; ground: the plane, or None for a floor below all points; up (3,)
     unit vector: what is upward in the picture.
@@ -91,7 +91,7 @@ class Framing:
 
     @classmethod
     def of_all(cls, framings: Sequence[Framing]) -> Framing:
-        """What is in view in any of them, seen from where the first is seen from."""
+        """Framing of all that is in view in any of the framings, seen from where the first is seen from."""
         points, margin = np.vstack([f.points for f in framings]), max(f.margin for f in framings)
         return replace(framings[0], points=points, margin=margin)
 
@@ -170,7 +170,7 @@ def extremes(points: np.ndarray, some: int) -> np.ndarray:
 
 
 def in_view(obstacle: Obstacle, view: View, aspect: float) -> bool:
-    """Whether any triangle of an obstacle reaches into a view, judged by the rectangle around it."""
+    """True if any triangle of an obstacle reaches into a view, tested with the rectangle around it."""
     flat = view.project(obstacle.points)[:, :2] / np.array([aspect, 1.0])
     corners = flat[obstacle.triangles]
     return bool(((corners.min(axis=1) < 1.0) & (corners.max(axis=1) > -1.0)).all(axis=1).any())
@@ -179,7 +179,7 @@ def in_view(obstacle: Obstacle, view: View, aspect: float) -> bool:
 def best_direction(points: np.ndarray) -> np.ndarray:
     """Direction (3,) to the camera from which a curve spreads widest, slightly tilted.
 
-    points: (m, 3) m along the curve. Each candidate is judged by the area of the curve's projection (the root of the determinant of
+    points: (m, 3) m along the curve. Each candidate is evaluated by the area of the curve's projection (the root of the determinant of
     its covariance), times a mild preference for looking from a little above.
     """
     centered = points - points.mean(axis=0)

@@ -1,4 +1,4 @@
-"""How a snapshot is drawn: the same for every renderer, which brings the canvas.
+"""Drawing of a snapshot: the same for every renderer, which brings the canvas.
 
 A canvas is an image with panels, each seen in its own view. Layers say what is in front: of what lies flat, by thin steps; of signs
 that the body must not hide, by a share of the camera's distance. In a parallel projection that changes what hides what, and nothing else.
@@ -68,7 +68,7 @@ class Canvas(Protocol):
         """A panel seen in that view, as near and as far as `reach` (m) from its center. It does not cover what is there already."""
 
     def image(self, *, fine: bool) -> np.ndarray:
-        """What was drawn, (height, width, 3) uint8; fine: with edges as smooth as can be."""
+        """Image of what was drawn, (height, width, 3) uint8; fine: with edges as smooth as can be."""
 
 
 def draw(canvas: Canvas, snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout) -> np.ndarray:

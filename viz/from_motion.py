@@ -93,7 +93,7 @@ class MotionRenderer:
         )
 
     def _event(self, number: int) -> str:
-        """What the body has just done in a frame of equilibria along time: it left a branch that ended, a moment ago."""
+        """Describe what the body has just done in a frame of equilibria along time: it left a branch that ended, a moment ago."""
         times = self.motion.times
         now = float(times[number])
         shown = max(STANDS * float(np.ptp(times)), float(now - times[number - 1]) if number else 0.0)
@@ -101,7 +101,7 @@ class MotionRenderer:
         return "" if not past else f"{DONE[past[-1]['kind']]} at {1e3 * past[-1]['field']:.3g} mT"
 
     def framing_of(self, numbers: Sequence[int]) -> Framing:
-        """What must be in view in some frames: with the sources that come near where they are then, unless that is very far."""
+        """Framing of some frames: with the sources that come near where they are then, unless that is very far."""
         ends = [self._sources(float(time)) for time in np.unique(self.motion.times[[0, -1]])]
         near = [any(source.framed for source in same) for same in zip(*ends)]
         seen = [self.framing.points]
@@ -114,7 +114,7 @@ class MotionRenderer:
         return in_reach(sources(self._scene, time), self._around, reach * self.body.length)
 
     def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
+        """Points where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
         marks, arrows = [np.zeros((0, 3))], []
         for effect, contact in self.motion.contacts.items():
             now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
@@ -165,7 +165,7 @@ class MotionRenderer:
 
 
 def _near(obstacle: Obstacle, points: np.ndarray, reach: float) -> np.ndarray:
-    """What of an obstacle must be in view: all of it; of a wall much larger than what is near only what is within reach (m) of the
+    """Points of an obstacle that must be in view: all of it; of a wall much larger than what is near only what is within reach (m) of the
     body's points."""
     low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
     if obstacle.name != "wall" or np.ptp(obstacle.points, axis=0).max() < 2.5 * (high - low).max():

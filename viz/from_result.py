@@ -137,7 +137,7 @@ def segment_arrows(axis: np.ndarray, centers: np.ndarray, remanence: np.ndarray,
     """Start and vector (a, 2, 3), m, of an arrow through the axis (m, 3) m in each magnetized segment.
 
     centers (k, 3) m; remanence (k, 3) T, deformed; length, thickness: m, of the body. The strongest is nearly as long as the segments
-    are apart; the others in proportion to their remanence. The center of a segment bent far lies beside its axis: the arrow goes
+    are apart; the others in proportion to their remanence. The center of a segment bent far lies off its axis: the arrow goes
     through the axis's nearest point.
     """
     strength = np.linalg.norm(remanence, axis=1)
@@ -151,7 +151,7 @@ def segment_arrows(axis: np.ndarray, centers: np.ndarray, remanence: np.ndarray,
 
 
 def failure(result: Any) -> tuple[str, float]:
-    """What to write on the picture of a result that is no answer, "" for one that is; and the share of the load that it carries."""
+    """Text for the picture of a result that is no answer, "" for one that is; and the fraction of the load that it carries."""
     share = float(getattr(result, "load_share", 1.0))
     if getattr(result, "converged", True):
         return "", share
@@ -161,7 +161,7 @@ def failure(result: Any) -> tuple[str, float]:
 
 
 def beyond(result: Any) -> str:
-    """What to write on the picture of an answer whose strain its material law does not carry (magmpm.results.strain); else ""."""
+    """Text for the picture of an answer whose strain its material law does not carry (magmpm.results.strain); else ""."""
     strained = any(str(warning).startswith("strain: ") for warning in getattr(result, "warnings", ()))
     return f"BEYOND THE MATERIAL LAW: stretch {result.largest_stretch:.2g}" if strained else ""
 

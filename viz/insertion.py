@@ -26,7 +26,7 @@ FINE = 80  # points of an axis as it is drawn
 
 @dataclass(frozen=True)
 class Insertion:
-    """What all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
+    """Data that all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
 
     name: str
     scene: Mapping[str, Any]
@@ -64,7 +64,7 @@ class Insertion:
         return lambda s: np.minimum(np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1)
 
     def snapshot(self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any) -> Snapshot:
-        """The bodies of these depths side by side along y, each over its path and, if there are several, beside its field."""
+        """The bodies of these depths side by side along y, each over its path and, if there are several, next to its field."""
         diameter, several = float(self.catheter["diameter"]), len(frames) > 1
         length = float(self.path[-1, 0])
         shifts = [np.array([0.0, APART * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]

@@ -1,4 +1,4 @@
-"""Where things are on a page, in fractions of its width and height from the lower left.
+"""Layout of a page, in fractions of its width and height from the lower left.
 
 A moment of a motion:                              A trial, from above and from the side too:
 
@@ -56,7 +56,7 @@ class Inset:
 
 @dataclass(frozen=True)
 class LegendPlace:
-    """Where the legend is: the first mark, the steps to the next row and column, the gap before the text, rows; short: of its words."""
+    """Place of the legend: the first mark, the steps to the next row and column, the gap before the text, rows; short: of its text."""
 
     left: float
     top: float

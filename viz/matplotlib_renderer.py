@@ -35,7 +35,7 @@ class MatplotlibCanvas:
         return MatplotlibPanel(self._figure, place, view)
 
     def image(self, *, fine: bool) -> np.ndarray:
-        """What was drawn, (height, width, 3) uint8; edges are always smooth."""
+        """Image of what was drawn, (height, width, 3) uint8; edges are always smooth."""
         canvas = FigureCanvasAgg(self._figure)
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()

@@ -56,7 +56,7 @@ def rate(frames: int) -> float:
 
 
 def pace(times: np.ndarray, fps: float) -> float | None:
-    """How many times slower than life frames at those times (s) are when shown at fps; None for a single one."""
+    """Factor by which frames at those times (s) are slower than life when shown at fps; None for a single one."""
     span = float(times[-1] - times[0])
     return (len(times) - 1) / fps / span if span > 0 else None
 

@@ -1,4 +1,4 @@
-"""What stands around a body: clamps, walls, guides, magnets and coils as colored solids, and the surfaces that it may touch.
+"""Surroundings of a body: clamps, walls, guides, magnets and coils as colored solids, and the surfaces that it may touch.
 
 Magnets and coils stand where magmpm.fields places them, at any time of their schedule.
 """
@@ -35,7 +35,7 @@ def ground(scene: Scene | None) -> Plane | None:
 
 
 def standing(scene: Scene | None) -> list[Obstacle]:
-    """What does not move: clamps, walls and guides."""
+    """Obstacles that do not move: clamps, walls and guides."""
     if scene is None:
         return []
     found, wall, feed = list(_clamps(scene)), wall_of(scene), scene.effects.feed
@@ -105,7 +105,7 @@ def _magnet(solid: Solid, remanence: np.ndarray) -> Surface:
     shape = _upright(Surface(shape.points - [c, 0.0, 0.0], shape.triangles, shape.part))
     along = remanence @ solid.frame
     if abs(along[2]) < 0.7 * np.linalg.norm(along):
-        # Magnetized across its axis: the halves are told apart by the side they lie on.
+        # Magnetized across its axis: the halves are distinguished by the side they lie on.
         side = shape.points[shape.triangles].mean(axis=1) @ along > 0
         return Surface(shape.points, shape.triangles, side.astype(int))
     return shape if along[2] > 0 else Surface(shape.points, shape.triangles, 1 - shape.part)
@@ -161,6 +161,6 @@ def wall_of(scene: Scene) -> Wall | None:
 
 
 def surfaces(scene: Scene | None) -> dict[str, Plane | Wall]:
-    """What the body may touch, by effect."""
+    """Surfaces that the body may touch, by effect."""
     plane, wall = ground(scene), None if scene is None else wall_of(scene)
     return {name: s for name, s in (("ground", plane), ("walls", wall)) if s is not None}

@@ -43,7 +43,7 @@ def connected_components(reference: np.ndarray, size: float) -> np.ndarray:
 
 
 def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where values (nx, ny, nz) on a lattice of unit spacing cross a level, larger inside: points (n, 3), triangles (m, 3).
+    """Surface where values (nx, ny, nz) on a lattice of unit spacing cross a level, larger inside: points (n, 3), triangles (m, 3).
 
     One point in every cell that the surface passes, at the mean of its crossings with the cell's edges.
     Source: S. F. F. Gibson, Constrained elastic surface nets, MICCAI 1998.

@@ -39,7 +39,7 @@ LOOK: Any = {
 _FILES: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "magmpm"}
 _FINEST, _REFERENCE = "#0077BB", "#CC3311"
 
-# Tol's "bright" scheme; line styles tell the curves apart without color.
+# Tol's "bright" scheme; line styles distinguish the curves without color.
 _COLORS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377")
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 _ENERGY_UNITS = ((1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ"))
@@ -165,7 +165,7 @@ def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
 
 
 def accuracy(table: Sequence[Mapping[str, Any]], path: str | Path, title: str = "", reference_name: str = "reference") -> Path:
-    """What accuracy costs: error against seconds, and error against cell size with its order.
+    """Plot the cost of accuracy: error against seconds, and error against cell size with its order.
 
     table: one mapping for each cell size, with cells_across; cell_size (m); seconds; error_finest, the largest distance to the finest
     solution as a fraction of the length, None for the finest itself; and error_reference, the same to an independent answer, None or
@@ -213,7 +213,7 @@ def _known(rows: Sequence[Mapping[str, Any]], key: str) -> list[Mapping[str, Any
 
 
 def _label_cells(axes: Axes, rows: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> None:
-    """How many cells lie across the body, above the upper point of each row."""
+    """Label each row, above its upper point, with the number of cells across the body."""
     near: Any = {"xytext": (5, 5), "textcoords": "offset points", "fontsize": 8, "color": style.INK}
     for row in rows:
         errors = [100.0 * float(row[key]) for key in keys if _known([row], key)]
@@ -292,7 +292,7 @@ def _forces(axes: Axes, contacts: Mapping[str, Table]) -> None:
 
 
 def _dress(axes: Axes, label: str) -> None:
-    """What energies and forces share: label, zero line and legend."""
+    """Add what energies and forces share: label, zero line and legend."""
     axes.set_ylabel(label)
     axes.axhline(0.0, color=style.GRID, linewidth=0.8, zorder=0)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

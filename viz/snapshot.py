@@ -1,4 +1,4 @@
-"""What one picture shows, as plain arrays: it travels to the drawing process, and nothing else has to.
+"""Content of one picture, as plain arrays: it travels to the drawing process, and nothing else has to.
 
 A Snapshot knows neither scene nor solver; viz.from_motion and viz.from_result make them. It is small (single precision, at most
 about 1 MB), because one is pickled for every trial of a study.
@@ -88,7 +88,7 @@ class Snapshot:
     touches           whether it touches anything at some time of the motion
     trace             (t, 3) m, the path of its tip or middle so far
     field             (3,) T now, or None if unknown; history over the motion, or None
-    fields            (f, 2, 3) m, start and vector of arrows of several fields, each beside what it acts on; notes: texts and their
+    fields            (f, 2, 3) m, start and vector of arrows of several fields, each next to what it acts on; notes: texts and their
                       places (3,) m
     gravity           (3,) m/s^2, or None
     time              s, or None for a body at rest; duration: s, of the motion; pace: how many times slower than life, or None
@@ -185,7 +185,7 @@ def seconds(time: float, duration: float = 1.0) -> str:
 
 
 def slower(pace: float) -> str:
-    """How a movie's time runs: "10x slower", "real time"."""
+    """Pace of a movie's time: "10x slower", "real time"."""
     if 0.95 < pace < 1.05:
         return "real time"
     return f"{pace:.2g}× slower" if pace > 1 else f"{1 / pace:.2g}× faster"

@@ -69,7 +69,7 @@ def _plane(
     figure: Any, chart: Any, fields: np.ndarray, tips: np.ndarray, marks: np.ndarray, axes: Sequence[int], shape: Sequence[int],
     length: float,
 ) -> None:  # fmt: skip
-    """How far the tip goes over two components of the field."""
+    """Plot how far the tip goes over two components of the field."""
     n, m = shape
     away = np.linalg.norm(tips - [length, 0.0, 0.0], axis=1)
     x, y = fields[:, axes[0]], fields[:, axes[1]]
@@ -84,7 +84,7 @@ def _sphere(
     figure: Any, chart: Any, fields: np.ndarray, tips: np.ndarray, marks: np.ndarray, axes: Sequence[int], shape: Sequence[int],
     length: float,
 ) -> None:  # fmt: skip
-    """How far the tip goes at the greatest strength, over the field's direction. A direction has the worst mark of all its strengths."""
+    """Plot how far the tip goes at the greatest strength, over the field's direction. A direction has the worst mark of its strengths."""
     directions, strengths = shape
     last = np.arange(directions) * strengths + strengths - 1
     away = np.linalg.norm(tips[last] - [length, 0.0, 0.0], axis=1)

@@ -70,7 +70,7 @@ class VtkCanvas:
         return panel
 
     def image(self, *, fine: bool) -> np.ndarray:
-        """What was drawn, (height, width, 3) uint8; fine: edges smoothed with four passes instead of two."""
+        """Image of what was drawn, (height, width, 3) uint8; fine: edges smoothed with four passes instead of two."""
         shifts = _FOUR if fine else _TWO
         width, height = self._window.GetSize()
         total = np.zeros((height, width, 3), dtype=np.uint16)

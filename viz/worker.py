@@ -52,16 +52,16 @@ GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draw
 
 CLOSING = 1.0  # s that the drawing process gets to end by itself
 
-# After so many pictures in a row that PyVista could not draw even after a restart, it is not asked again.
+# After so many pictures in a row that PyVista could not draw even after a restart, it is not tried again.
 MOST_FAILURES = 3
 
 
 class UnknownBackend(InputError, RenderError):
-    """A backend that was asked for and is none."""
+    """A backend that was requested and is none."""
 
 
 def forced_backend() -> str | None:
-    """The backend that the environment asks for, or None. Raises UnknownBackend."""
+    """The backend that the environment requests, or None. Raises UnknownBackend."""
     forced = os.environ.get(BACKEND_VARIABLE) or None
     if forced is not None and forced not in BACKENDS:
         remedy = f"write, say, {BACKEND_VARIABLE}=matplotlib, or unset it"
@@ -88,7 +88,7 @@ class Worker(Process):
         self.ask(timeout=timeout)
 
     def request(self, function: Callable[..., Any], *args: Any, timeout: float) -> Any:
-        """What function(*args) returns there; function must be of a module's top level, to be sent.
+        """Call function(*args) there and return its result; function must be of a module's top level, to be sent.
 
         Raises Died, also when it takes longer than timeout (s), and RenderError for its exceptions.
         """

@@ -1,4 +1,4 @@
-"""What runs inside the drawing process: open a renderer, draw a first picture, then answer requests.
+"""Drawing process: open a renderer, draw a first picture, then answer requests.
 
 The first picture is the probe: where OpenGL is missing the process dies of it, and the parent knows.
 """
@@ -47,7 +47,7 @@ def _drawn(request: tuple[Callable[..., Any], tuple[Any, ...]]) -> Any:
 
 
 def _told(error: Exception) -> str:
-    """What to say of an exception: of a file that can't be written, its name and the remedy."""
+    """Describe an exception: of a file that can't be written, its name and the remedy."""
     if isinstance(error, OSError) and error.filename is not None and error.errno in (*FULL, *REFUSED):
         return explained(error)
     return f"{type(error).__name__}: {error}"

@@ -181,7 +181,7 @@ class Parts(BodyShape):
         )
 
     def cell_size(self, cells_across: int) -> float:
-        """Width of the grid's cells as asked for, m: `spacing` where it is given."""
+        """Width of the grid's cells as requested, m: `spacing` where it is given."""
         return self.spacing or super().cell_size(cells_across)
 
     def cell_setting(self, cells_across: int) -> tuple[str, str, str]:
@@ -209,14 +209,14 @@ class Parts(BodyShape):
         return float(volume / np.prod(self.grid(cells_across).spacing) * particles_per_cell**3)
 
     def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """How far the outermost particles are from the surface, m: see BodyShape.
+        """Distance of the outermost particles from the surface, m: see BodyShape.
 
         All ways nothing, for parts are of any shape: obstacles let them in elsewhere, by up to a quarter of a cell.
         """
         return 0.0 if toward is None else _depth_toward(self, cells_across, particles_per_cell, tuple(map(float, toward)))
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
-        """How far some of the particles (k,) are from their part's surface, as it was made, (k,) m."""
+        """Distances of some of the particles (k,) from the undeformed surface of their part, (k,) m."""
         depth, part, triangles = np.zeros(len(some)), particles.segment[some], self.triangles()
         for which in np.unique(part):
             on = part == which
@@ -243,7 +243,7 @@ class Parts(BodyShape):
 
 @lru_cache(maxsize=8)
 def _depth_toward(parts: Parts, cells_across: int, particles_per_cell: int, toward: tuple[float, ...]) -> float:
-    """How deep (m) below the outermost vertex, that way, the outermost particle of a free part lies: of the part of which it is least."""
+    """Depth (m) of the outermost particle of a free part below its outermost vertex, along `toward`; the least over the parts."""
     triangles, particles = parts.triangles(), parts.discretize(cells_across, particles_per_cell).particles
     extent = particles.position @ np.array(toward)
     free = [k for k, part in enumerate(parts.meshes) if not part.clamp]

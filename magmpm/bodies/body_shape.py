@@ -65,12 +65,12 @@ class BodyShape(Settings):
 
     @property
     def in_plane_strain(self) -> bool:
-        """Whether nothing moves along y and nothing varies along it."""
+        """True if nothing moves along y and nothing varies along it."""
         return False
 
     @property
     def magnetized_by_region(self) -> bool:
-        """Whether each region has a direction of magnetization of its own, which may be changed."""
+        """True if each region has a direction of magnetization of its own, which may be changed."""
         return True
 
     @abstractmethod
@@ -91,10 +91,10 @@ class BodyShape(Settings):
 
     @abstractmethod
     def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
-        """How many particles it has at least, without making them; around: as `Knots.at_rest`."""
+        """Lower bound of the number of particles, found without making them; around: as `Knots.at_rest`."""
 
     def cell_size(self, cells_across: int) -> float:
-        """Width of the grid's cells as asked for, m; the grid's own fit the body and may be a little smaller."""
+        """Width of the grid's cells as requested, m; the grid's own fit the body and may be a little smaller."""
         return self.thickness / cells_across
 
     def magnetization(self, particles: Particles) -> Array:
@@ -103,14 +103,14 @@ class BodyShape(Settings):
 
     @abstractmethod
     def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """How far the outermost particles are taken to be from the body's surface, m.
+        """Assumed distance of the outermost particles from the body's surface, m.
 
         toward: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
         obstacle that the body just touches holds a particle already.
         """
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
-        """How far some of the particles (k,) are taken to be from the body's surface, all ways, (k,) m."""
+        """Assumed distances of some of the particles (k,) from the body's surface, in all directions, (k,) m."""
         return np.full(len(some), self.depth(cells_across, particles_per_cell))
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
@@ -118,7 +118,7 @@ class BodyShape(Settings):
         return np.zeros(len(particles.volume), np.int64)
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
-        """Which connected component each particle (n,) is in, from 0: components can move apart from each other."""
+        """Which connected component each particle (n,) is in, from 0: components can move away from each other."""
         return np.zeros(len(particles.volume), np.int64)
 
     def check_resolution(self, cells_across: int) -> None:

@@ -95,12 +95,12 @@ class Catheter(StraightBody):
 
     @property
     def hollow(self) -> bool:
-        """Whether it has a bore."""
+        """True if the catheter has a bore."""
         return self.inner_diameter > 0.0
 
     @property
     def round_cells(self) -> bool:
-        """Whether its cells at rest lie around its axis, in layers that fit its wall."""
+        """True if the cells at rest lie around the axis, in layers that fit the wall."""
         return self.hollow and self.diameter - self.inner_diameter >= THINNEST_AROUND * self.diameter
 
     def kink_radius(self, poisson: float) -> float:
@@ -155,7 +155,7 @@ class Catheter(StraightBody):
         return float(len(section) * grid.cells[0] * particles_per_cell)
 
     def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """How far the outermost particles are from its surface, m: see BodyShape. All ways: the least around its section."""
+        """Distance of the outermost particles from the surface, m: see BodyShape. In all directions: the least around the section."""
         depths = _depths_around(self, cells_across, particles_per_cell)
         if toward is None:
             return float(depths.min())
@@ -168,7 +168,7 @@ class Catheter(StraightBody):
         return ring(**self.radii, G=shear, E=young, nu=poisson)
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
-        """Of a wall that is thinner than a cell."""
+        """Warn of a wall that is thinner than a cell."""
         wall = (self.diameter - self.inner_diameter) / 2 * cells_across / self.diameter
         if wall >= 1:
             return []
@@ -180,7 +180,7 @@ class Catheter(StraightBody):
 
 @lru_cache(maxsize=8)
 def _depths_around(catheter: Catheter, cells_across: int, particles_per_cell: int) -> Array:
-    """How deep (m) below its tangent plane a catheter's particles lie, every degree around it: from y toward z, (360,)."""
+    """Depth (m) of a catheter's particles below its tangent plane, every degree around it: from y toward z, (360,)."""
     _, (points, _, _) = rod_section(catheter.grid(cells_across), **catheter.radii, particles_per_cell=particles_per_cell)
     angle = np.deg2rad(np.arange(360))
     return np.asarray(catheter.diameter / 2 - (points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0))

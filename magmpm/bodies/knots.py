@@ -1,4 +1,4 @@
-"""Where the grid's cells lie in a straight body: along it equal ones, in runs between the places where its stiffness jumps.
+"""Grid cells of a straight body: equal ones along it, in runs between the places where its stiffness jumps.
 
 Where two materials meet, the strain jumps. Splines follow it if a cell face lies there and the knot is repeated: then the displacement
 stays continuous and its slope may jump. Errors of jointed bodies fall with the square of the cell size in this way, and only with the cell
@@ -22,10 +22,10 @@ FEWEST = 3  # cells along a body
 
 @dataclass(frozen=True)
 class Knots:
-    """How cells lie in a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
-    size are counted from the tip, or from the next joint, and the one nearest to the base takes what is left; like: the grid of nearly
-    the same body, for as many cells everywhere; at_rest: in an
-    equilibrium joints may be near each other, and the cells of a tube lie around its axis (bodies.polar_grid)."""
+    """Layout of the cells in a straight body. joints: the segments at whose far end the stiffness jumps; from_tip: cells of the requested
+    size are counted from the tip, or from the next joint, and the one nearest to the base takes the remainder; like: the grid of nearly the
+    same body, for as many cells everywhere; at_rest: in an equilibrium joints may be near each other, and the cells of a tube lie around
+    its axis (bodies.polar_grid)."""
 
     joints: tuple[int, ...] = ()
     from_tip: bool = False

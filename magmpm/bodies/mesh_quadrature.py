@@ -49,8 +49,8 @@ def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple
 
 
 def _stands(free: Array, held: Array, step: Array) -> bool:
-    """Whether the shadow of free triangles (f, 3, 2) m lies on held ones (h, 3, 2) m, but for gaps and rims of a step (2,) m: what spans a
-    gap between two feet, or the hole of a ring, is not held there.
+    """True if the shadow of free triangles (f, 3, 2) m lies on held ones (h, 3, 2) m, except for gaps and rims of a step (2,) m: a part
+    that spans a gap between two feet, or the hole of a ring, is not held there.
     """
     from scipy.ndimage import binary_dilation  # only where parts hold others
 

@@ -1,4 +1,4 @@
-"""What bodies of every kind are made of: regions with one material each; and the axis of those that are straight."""
+"""Regions of bodies of every kind, with one material each; and the axis of straight bodies."""
 
 from __future__ import annotations
 

@@ -47,14 +47,14 @@ class StraightBody(BodyShape):
 
     kind: ClassVar[str]  # its key in `body`
     across: ClassVar[str]  # its key for the size that cells are counted through
-    # Of the length: equilibria of body and rod differ by 0.2 to 1 % where slender; farther apart than this they may be on two branches.
+    # Of the length: equilibria of body and rod differ by 0.2 to 1 % where slender; at a larger distance they may be on two branches.
     branch_distance: ClassVar[float] = 0.1
 
     if TYPE_CHECKING:  # settings or properties of each kind
 
         @property
         def material(self) -> str:
-            """Of the segments that name none."""
+            """Material of the segments that name none."""
 
         @property
         def segments(self) -> tuple[Segment, ...] | None:
@@ -115,12 +115,12 @@ class StraightBody(BodyShape):
 
     @property
     def hollow(self) -> bool:
-        """Whether its axis lies outside its material."""
+        """True if the axis lies outside the material."""
         return False
 
     @property
     def bends_as_plate(self) -> bool:
-        """Whether the section keeps its width as it bends."""
+        """True if the section keeps its width as it bends."""
         return False
 
     def segment_lengths(self) -> list[float]:

@@ -72,7 +72,7 @@ def to_path(points: Array, path: Array) -> Array:
 
 
 def past_ends(radius: float, spacing: float) -> float:
-    """How far (m) the table of a tube goes on past its ends, at most, and its wall with it."""
+    """Length (m) by which the table of a tube, and the tube's wall with it, extends past its ends, at most."""
     return radius + BAND * spacing
 
 

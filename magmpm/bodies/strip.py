@@ -108,7 +108,7 @@ class Strip(StraightBody):
 
     @property
     def bends_as_plate(self) -> bool:
-        """Whether it keeps its width as it bends: in plane strain, and nearly so where it is much wider than thick."""
+        """True if the strip keeps its width as it bends: in plane strain, and nearly so where it is much wider than thick."""
         return self.plane_strain or self.width > FLAT * self.thickness
 
     @property
@@ -172,7 +172,7 @@ class Strip(StraightBody):
         return np.array([profile.direction(s, self.length) for s in share.tolist()])[of]
 
     def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """How far the outermost particles are from its surface, m: see BodyShape. All ways: the Gauss points' below the flat faces."""
+        """Distance of the outermost particles from the surface, m: see BodyShape. In all directions: that of the Gauss points."""
         share = gauss_depth(particles_per_cell)
         if toward is None:
             return share * self.cell_size(cells_across)

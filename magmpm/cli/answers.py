@@ -1,4 +1,4 @@
-"""What several commands share: where results go, and how answers are printed."""
+"""Functions shared by several commands: where results go, and how answers are printed."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
 
 def is_study(folder: Path) -> bool:
-    """Whether a folder holds a study, or what one left that was ended before its first report."""
+    """True if a folder holds a study, or the files of one that ended before its first report."""
     from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
 
     return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
@@ -241,7 +241,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "
 
 
 def saved_report(folder: Path) -> dict[str, Any]:
-    """What a study's folder says of it. Raises InputError."""
+    """Read the report that a study saved in its folder. Raises InputError."""
     from magmpm.studies.problem.file_names import REPORT
 
     try:

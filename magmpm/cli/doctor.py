@@ -100,7 +100,7 @@ class _Needed:
 
 
 def _needed() -> list[_Needed]:
-    """What magmpm needs, as its installed metadata or its setup.cfg says."""
+    """Packages that magmpm needs, as its installed metadata or its setup.cfg lists them."""
     try:
         lines = metadata.requires("magmpm") or []
     except metadata.PackageNotFoundError:
@@ -189,7 +189,7 @@ def _extras() -> Iterator[Check]:
 
 
 def _tried(arguments: list[str], patience: float) -> tuple[str, str]:
-    """What a process printed, and why it failed, "" if it did not."""
+    """Run a process; return its output and the reason why it failed, "" if it did not."""
     try:
         done = subprocess.run(arguments, capture_output=True, text=True, errors="replace", timeout=patience, check=False)
     except subprocess.TimeoutExpired:
@@ -271,7 +271,7 @@ with Renderer() as renderer:
 
 
 def _opengl() -> Check:
-    """Who draws: tried in a process, since a missing OpenGL library is a segmentation fault."""
+    """Find out which renderer draws: tried in a process, since a missing OpenGL library is a segmentation fault."""
     printed, trouble = _tried([sys.executable, "-c", _OPENGL], PATIENCE["opengl"])
     if trouble:
         remedy = "apt-get install libegl1 libgl1-mesa-dri; or set MAGMPM_RENDER=matplotlib"

@@ -36,7 +36,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def examples_folder() -> Path:
-    """Where the examples are: in the checkout, or where pip put them. Raises MagmpmError where they are gone."""
+    """Folder of the examples: in the checkout, or where pip put them. Raises MagmpmError where they are gone."""
     checkout = Path(__file__).resolve().parents[2] / DATA
     if (checkout / "scenes").is_dir():
         return checkout

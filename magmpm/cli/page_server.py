@@ -1,6 +1,6 @@
 """A small web server for one page and the person before it.
 
-It listens on this machine alone unless asked otherwise. The page is open to all; what it asks for is answered only to who has the secret
+It listens on this machine alone unless requested otherwise. The page is open to all; it answers only to who has the secret
 that the printed address ends with, and only under the name of this machine, so that no other page and no other user can ask.
 """
 
@@ -21,7 +21,7 @@ SITE = Path(page.__file__).parent / "site"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
 SECRET = "X-Magmpm-Secret"
 MOST = 1_000_000  # bytes of a request
-FIRST_PORT, PORTS = 8090, 20  # tried in turn unless a port is asked for
+FIRST_PORT, PORTS = 8090, 20  # tried in turn unless a port is requested
 Answer = bytes | Mapping[str, Any]
 Routes = Mapping[str, Callable[[Any], Answer]]
 # The page loads nothing from elsewhere, and is shown in no other page.
@@ -91,7 +91,7 @@ class _Handler(GuardedHandler):
         return path.read_bytes(), KINDS[path.suffix]
 
     def do_POST(self) -> None:
-        """What the page asks for."""
+        """Answer a request of the page."""
         self._answer(self._asked)
 
     def _asked(self) -> tuple[bytes, str]:

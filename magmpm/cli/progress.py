@@ -30,12 +30,12 @@ class Progress:
         self._write("")
 
     def _lines(self) -> None:
-        """Lines for a file or a pipe: what was last told, again and again, whether the work reports or not."""
+        """Lines for a file or a pipe: what was last reported, again and again, whether the work reports or not."""
         while not self._over.wait(EVERY):
             print(f"magmpm: {self._last}; {_duration(time.monotonic() - self._begun)}", file=sys.stderr, flush=True)
 
     def note(self, text: str) -> None:
-        """What is being done, if its end can't be predicted."""
+        """Print the current activity, if its end can't be predicted."""
         self._line(f"{self._title}: {text}")
 
     def at(self, done: int, total: int, text: str = "") -> None:

@@ -26,7 +26,7 @@ from magmpm.scene.time_limit import limited
 
 
 def command(options: argparse.Namespace) -> int:
-    """Simulate a scene file, save the result, and draw it if asked. Returns the exit status."""
+    """Simulate a scene file, save the result, and draw it if requested. Returns the exit status."""
     scene = load_scene(options.scene)
     if options.render:
         from magmpm.viz.worker import forced_backend
@@ -95,7 +95,7 @@ def _end(kept: RunFolder, error: SolveError, options: argparse.Namespace) -> NoR
 
 
 def _tell_waiting(folder: Path) -> None:
-    """Of earlier results that are kept while a motion waits to be resumed."""
+    """Mention earlier results that are saved while a motion waits to be resumed."""
     if (folder / EARLIER).is_dir():
         print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
 
@@ -126,7 +126,7 @@ def _warn(result: Result) -> None:
 
 
 def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -> None:
-    """The last good state: its picture, if asked for, and its numbers."""
+    """The last good state: its picture, if requested, and its numbers."""
     summary = {**error.state.summary(), "folder": str(saved), "reason": error.reason}
     if options.render:
         try:
@@ -171,7 +171,7 @@ def _along_time(result: Result) -> str:
 
 
 def _resolution(result: Result) -> list[str]:
-    """The line of the error, where one was asked for."""
+    """The line of the error, where one was requested."""
     if result.error_estimate is None or result.resolution is None:
         return []
     share = 100 * result.error_estimate / float(result.centreline[-1, 0])

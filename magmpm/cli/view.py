@@ -100,7 +100,7 @@ def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:
 
 
 def _tell(server: PageServer, path: Path, options: argparse.Namespace) -> None:
-    """Where the page is."""
+    """Print the address of the page, and open it if requested."""
     if options.json:
         print(json.dumps({"url": server.url, "port": server.server_port}), flush=True)
     else:

@@ -35,7 +35,7 @@ class MotionView:
             self._run = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said)
 
     def routes(self) -> Routes:
-        """What the page may ask for."""
+        """Requests that the page may send, and the functions that answer them."""
         return {"about": self.about, "progress": self.progress, "frame": self.frame}
 
     def about(self, _: Any) -> Mapping[str, Any]:
@@ -74,7 +74,7 @@ class MotionView:
         self._said.close()
 
     def _saved(self) -> bool:
-        """Whether the folder holds this scene's motion, whole."""
+        """True if the folder holds this scene's motion, complete."""
         if not (self.folder / MOTION).exists():
             return False
         motion = Motion.load(self.folder)
@@ -83,7 +83,7 @@ class MotionView:
         return bool(np.isclose(motion.times[-1], self.scene.duration, rtol=1e-6))
 
     def _state(self) -> tuple[bool, str]:
-        """Whether the run goes on; why it failed."""
+        """Return whether the run goes on, and why it failed."""
         if self._run is None or self._run.poll() is None:
             return self._run is not None, ""
         if self._run.returncode == 0:

@@ -1,4 +1,4 @@
-"""A scene at rest in view: what the page asks of it, and the answers."""
+"""A scene at rest in view: what the page requests of it, and the answers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ShapeView:
         self._solver = Solver(target)
 
     def routes(self) -> Routes:
-        """What the page may ask for."""
+        """Requests that the page may send, and the functions that answer them."""
         return {"about": self.about, "preview": self.preview, "solve": self.solve, "save": self.save}
 
     def about(self, _: Any) -> Mapping[str, Any]:
@@ -103,7 +103,7 @@ class ShapeView:
 
 
 def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
-    """What is read beside the shape: label, text, and whether it is cause for alarm."""
+    """Numbers shown next to the shape: label, text, and whether it is cause for alarm."""
     tip = result.tip
     rows: list[tuple[str, str, bool]] = [("tip", lengths(tip), False)]
     if rms is not None:

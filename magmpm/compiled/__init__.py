@@ -1,1 +1,1 @@
-"""How kernels are compiled, vectorized, cached and threaded."""
+"""Compile, vectorize, cache and thread the kernels."""

@@ -38,7 +38,7 @@ def jit(**options: Any) -> Callable[..., Any]:
 
 
 def kept_all() -> bool:
-    """Whether the disk has kept everything that this process compiled."""
+    """True if the disk has saved everything that this process compiled."""
     return not any("not kept" in line for line in _told)
 
 

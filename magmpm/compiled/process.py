@@ -177,7 +177,7 @@ def answers(jobs: Iterator[Job] | deque[Job], processes: Sequence[Process], limi
 
 
 def serve(descriptor: int) -> None:
-    """What runs in a process: jobs come through the pipe, and what became of them goes back, until it closes."""
+    """Serve jobs in a process: they come through the pipe, and their outcomes go back, until it closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_caller, daemon=True).start()

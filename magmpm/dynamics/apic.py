@@ -202,7 +202,7 @@ class UpdatedMotion:
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def kept(self) -> dict[str, Any]:
-        """What `rewind` needs within the same process. Cheaper than `state`."""
+        """State that `rewind` needs within the same process. Cheaper than `state`."""
         field = None if self.drift_correction is None else self.drift_correction.field.copy()
         changed = {name: getattr(self, name).copy() for name in CHANGED}
         return {**vars(self), **changed, "field": field}
@@ -273,7 +273,7 @@ class UpdatedMotion:
         return x
 
     def anchors(self) -> Array:
-        """Where friction holds the particles (n, 3) m, in the model's order (effects.contact_force); without contact, where they are."""
+        """Friction anchors of the particles (n, 3) m, in the model's order (effects.contact_force); without contact, their positions."""
         x = self._in_order(self.anchor if self.touches else self.x, 3)
         x[self.model.held] = self.model.particles.position[self.model.held]
         return x
@@ -324,7 +324,7 @@ class UpdatedMotion:
         return 3 * len(self.model.density)
 
     def state(self) -> dict[str, Array]:
-        """What `restore` needs. If taken right after a sort, a restored motion gives the same bits as one that never stopped."""
+        """State that `restore` needs. If taken right after a sort, a restored motion gives the same bits as one that never stopped."""
         x, v, F = self.particles()
         kept: dict[str, Array] = {"lag": np.array(self.lag)}
         if self.keeps_gradient:

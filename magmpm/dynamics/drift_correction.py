@@ -36,8 +36,8 @@ INTERVAL = 512  # steps from one fit to the next
 SPAN = 1024.0  # steps in which particles move 1 - 1/e of the way to the fit; a third of it is stable as well
 OFF = 0.25  # cells: particles farther from the fit are left alone
 EXACT = 1e-6  # cells: residual of the normal equations at which the fit stops, per node
-# Of the longest cell: particles within three cells of each other touch if they were farther apart along an axis (turned: 5.2). No whole
-# number: particles in the same place of their cells are whole cells apart, and rounding would decide, in one way in a mirror.
+# Of the longest cell: particles within three cells of each other touch if their distance along an axis was larger (turned: 5.2). No whole
+# number: particles in the same place of their cells are at distances of whole cells, and rounding would decide, in one way in a mirror.
 FAR = 7.1
 MOST = 24  # iterations of a fit: for a swing from rest, 20 reach the best fit to 1e-4 cells
 GOOD = 1e-3  # cells: largest error of a fit that is used; if it is larger, F waits for the next fit
@@ -169,8 +169,8 @@ class DriftCorrection:
 
 
 def _across_clamps(model: Model, at: Index, key: Index, reached: NDArray[np.bool_]) -> list[tuple[Index, Index]]:
-    """Of each face that clamps, the nodes behind it and their partners in front of it: those that the motion mirrors
-    (MovingGrid._mirrors). Parts hold where their own component reaches both nodes, and nowhere else.
+    """Nodes behind each face that clamps, and their partners in front of it: those that the motion mirrors (MovingGrid._mirrors). Parts
+    hold where their own component reaches both nodes, and nowhere else.
 
     at (nodes, 3): place of each node in the grid; key (nodes,): as of `_stencils`; reached (nodes,): whether held particles see it.
     """

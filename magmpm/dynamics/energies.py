@@ -59,7 +59,7 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
 
 
 def loads_conserve(model: Model) -> bool:
-    """Whether no load can add energy: loads are constant, and there is no contact or constraint."""
+    """True if no load can add energy: loads are constant, and there is no contact or constraint."""
     named = model.scene.effects
     if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy

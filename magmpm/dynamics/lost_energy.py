@@ -1,4 +1,4 @@
-"""How much of a motion's energy the updated formulation loses: its particles hand their velocities to the grid and back in every step.
+"""Energy that a motion loses in the updated formulation: its particles hand their velocities to the grid and back in every step.
 
 Each transfer smooths the velocities a little, so a motion fades without damping, the faster the shorter the step is: a stiff short body on
 two cells fades within a swing. A transfer without forces shows what one step loses; it is tried once in every chunk of steps. What the
@@ -18,7 +18,7 @@ SWINGS = 0.25  # of the largest energy of motion and strain swings, where a load
 
 @dataclass
 class LostEnergy:
-    """What transfers have lost so far, what the last one tried lost; the largest kinetic energy, and sum of kinetic and elastic, of all
+    """Energy lost to transfers so far, and in the last one tried; the largest kinetic energy, and sum of kinetic and elastic, of all
     frames; J."""
 
     lost: float = 0.0
@@ -38,7 +38,7 @@ class LostEnergy:
         self.largest = max(self.largest, energies["kinetic"] + energies["elastic"])
 
     def warnings(self) -> list[str]:
-        """What a user must know."""
+        """Warn of energy lost to the grid."""
         swinging = max(self.kinetic, SWINGS * self.largest)
         if self.lost <= TOLD * swinging:
             return []
@@ -49,10 +49,10 @@ class LostEnergy:
         ]
 
     def state(self) -> dict[str, float]:
-        """What `restored` needs."""
+        """Values that `restored` needs."""
         return {"energy_lost": self.lost, "energy_lost_last": self.last, "energy_kinetic": self.kinetic, "energy_largest": self.largest}
 
     @classmethod
     def restored(cls, state: dict[str, Any]) -> LostEnergy:
-        """As it was; of a checkpoint from before, as if it began there."""
+        """Energies restored from a checkpoint; an older checkpoint has none of them, and they begin at zero there."""
         return cls(state.get("energy_lost", 0.0), *(state.get(f"energy_{name}", 0.0) for name in ("lost_last", "kinetic", "largest")))

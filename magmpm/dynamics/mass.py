@@ -1,4 +1,4 @@
-"""How much too slowly a free body turns in the updated formulation: mass on nodes lies farther out than the mass of the particles.
+"""Error of a free body's rotation in the updated formulation, too slow: mass on nodes lies farther out than the mass of the particles.
 
 Particles give their mass to the nodes by splines with second moment h^2 / 4 along each axis, through the affine part of APIC. So a body of
 mass M turns with the inertia I + M (h_y^2 + h_z^2) / 4 about x, and likewise about y and z. This is 75 % too much for a cube of two cells,

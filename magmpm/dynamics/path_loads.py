@@ -60,7 +60,7 @@ class FieldLoads:
         return self.model
 
     def bends(self, time: float) -> bool:
-        """Whether anything can bend at a time, s."""
+        """True if any part of the body can bend at a time, s."""
         return True
 
     def inserted(self, time: float) -> float | None:
@@ -109,7 +109,7 @@ class FeedLoads:
         return min(max(self.scene.length - self._exit + self._speed * time, 0.0), self.scene.length)
 
     def bends(self, time: float) -> bool:
-        """Whether enough of it is outside of the guide at a time, s."""
+        """True if enough of the body is outside the guide at a time, s."""
         return self.inserted(time) >= LEAST * self.scene.thickness
 
     def at(self, time: float) -> StaticModel:

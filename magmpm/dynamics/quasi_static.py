@@ -36,7 +36,7 @@ Progress = Callable[[float, int], None]
 
 @dataclass
 class PathState:
-    """What is known along a path of equilibria.
+    """State of a path of equilibria.
 
     loads: the path; branch: its last equilibrium; frame: number of the last; iterations: Newton steps so far; rows: what is known of each
     equilibrium (keys of `steps` in a Result); jumps: of each jump; warnings; strain: the worst of all; load_share: of the load that
@@ -172,7 +172,7 @@ def follow(
 
 
 def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
-    """Add the last equilibrium, and the jumps on the way to it, to what is known. Returns the jumps as results tell them."""
+    """Add the last equilibrium, and the jumps on the way to it, to what is known. Returns the jumps as results report them."""
     shape, branch = state.shape, state.branch
     told = [_told(state, shape, jump) for jump in jumps]
     state.jumps += told
@@ -211,7 +211,7 @@ def field_at(model: Model, position: Array) -> Array:
 
 
 def _told(state: PathState, shape: Shape, jump: Jump) -> dict[str, Any]:
-    """A jump as results tell it: with the field's strength, and the length outside of the guide, when the branch ended."""
+    """A jump as results report it: with the field's strength, and the length outside of the guide, when the branch ended."""
     strength = float(np.linalg.norm(field_at(replace(shape.model, time=jump.time), shape.position)))
     inserted = state.loads.inserted(jump.time)
     return {**vars(jump), "field": strength, **({} if inserted is None else {"inserted": inserted})}

@@ -1,7 +1,7 @@
-"""Whether a body of the updated formulation has torn: its particles move past a grid, which alone holds them together.
+"""Detection of a torn body in the updated formulation: its particles move past a grid, which alone holds them together.
 
 A body that is stretched to about twice its length (2 particles a cell and direction) leaves cells between its particles empty. Then
-nothing carries stress across the gap, F no longer follows the shape, and the parts fly apart while det F looks healthy: numerical
+nothing carries stress across the gap, F no longer follows the shape, and the parts fly off while det F looks healthy: numerical
 fracture, a known fault of the method. Source: Sadeghirad, Brannon and Burghardt, IJNME 86 (2011) 1435-1456, section 1. The total
 formulation, whose grid is in the undeformed body, has no such limit.
 
@@ -46,7 +46,7 @@ class Tearing:
 
     def largest(self, x: Array, F: Array) -> tuple[float, int]:
         """The largest difference (cells) between a distance of neighbors and what F says, at positions x (n, 3) m and F (n, 3, 3); and a
-        particle beside it."""
+        particle next to it."""
         if not len(self.a):
             return 0.0, -1
         places, mean_F = self._mean(x), self._mean(F.reshape(-1, 9)).reshape(-1, 3, 3)

@@ -252,7 +252,7 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
 
 
 def _conserves(model: Model) -> bool:
-    """Whether the sum of all energies must not grow. Loads of the body on itself are held for some steps, which may add a little."""
+    """True if the sum of all energies must not grow. Loads of the body on itself are held for some steps, which may add a little."""
     return energies.loads_conserve(model) and not acting.feels_itself(model.scene)
 
 
@@ -295,7 +295,7 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
 
 
 def _wrong(state: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
-    """What is wrong with a motion, or None. Raises BudgetError where it needs more than max_memory."""
+    """Failure of a motion, or None. Raises BudgetError where it needs more than max_memory."""
     model = state.motion.model
     _outgrown(state.motion, _options(model.scene))
     if state.motion.watch[WHY] == BROKEN:

@@ -83,7 +83,7 @@ class TotalMotion:
         return Kinematics(position, velocity, deformation, kinetic)
 
     def kept(self) -> dict[str, Any]:
-        """What `rewind` needs within the same process. Cheaper than `state`."""
+        """State that `rewind` needs within the same process. Cheaper than `state`."""
         return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor")} | {"lag": self.lag, "_last": self._last}
 
     def rewind(self, kept: dict[str, Any]) -> None:
@@ -126,7 +126,7 @@ class TotalMotion:
         return int(np.count_nonzero(self.packed.nodes.inverse_mass))
 
     def state(self) -> dict[str, Array]:
-        """What `restore` needs."""
+        """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
         return kept | ({"anchor": self.anchors()} if self.anchor.size else {})
 
@@ -139,7 +139,7 @@ class TotalMotion:
             self._hold_at(state["anchor"] if "anchor" in state else self._kinematics(self.v).x)
 
     def anchors(self) -> Array:
-        """Where friction holds the particles (n, 3) m, in the model's order (effects.contact_force); without contact, where they are."""
+        """Friction anchors of the particles (n, 3) m, in the model's order (effects.contact_force); without contact, their positions."""
         if not self.anchor.size:
             return self._kinematics(self.v).x
         real, out = self.packed.particle >= 0, np.empty((len(self.model.density), 3))

@@ -22,7 +22,7 @@ SURFACE = 2.0  # times the speed of a wave: of particles on a surface from which
 
 @dataclass(frozen=True)
 class Trouble:
-    """What went wrong: the cause in a few words, the particle (-1: none in particular), what to change; kind: of the error."""
+    """Failure of a motion: the cause in a few words, the particle (-1: none in particular), what to change; kind: of the error."""
 
     cause: str
     particle: int
@@ -31,7 +31,7 @@ class Trouble:
 
 
 def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
-    """What broke a step. Called after the kernel has stopped."""
+    """Find the failure of a step. Called after the kernel has stopped."""
     bad = ~(np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(F).all(axis=(1, 2)))
     if bad.any():
         return Trouble("a position, velocity or deformation is not finite", int(np.flatnonzero(bad)[0]), REMEDY)
@@ -45,7 +45,7 @@ def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
 
 
 def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None:
-    """What is wrong with velocities or positions at a time (s), if anything.
+    """Failure of velocities or positions at a time (s), if any.
 
     A wave moves particles at its own speed at most, and at a free surface, where it comes back, twice as fast (SURFACE).
     A particle may be faster than that only where loads can make it so: a heavy soft body swings at several times that
@@ -71,8 +71,8 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
 
 @compiled
 def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped-def]
-    """Whether all values are finite; the fastest particle, and its speed over that of pressure waves (stable_step.speed_of_sound); the
-    particle farthest from its reference position, and its distance (m); size of the undeformed body (m), corner to corner."""
+    """Return whether all values are finite; the fastest particle, and its speed over that of pressure waves (stable_step.speed_of_sound);
+    the particle farthest from its reference position, and its distance (m); size of the undeformed body (m), corner to corner."""
     finite, fastest, furthest, most, way = True, 0, 0, 0.0, 0.0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for p in range(len(x)):
@@ -91,7 +91,7 @@ def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped
 
 
 def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
-    """Whether the body has moved into a magnet, or to where the field is not known. Positions that are not finite do not count."""
+    """Failure of a body that has moved into a magnet, or to where the field is not known. Positions that are not finite do not count."""
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
@@ -99,7 +99,7 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
 
 
 def torn(neighbors: Tearing, x: Array, F: Array) -> Trouble | None:
-    """Whether a body of the updated formulation has come apart, at positions x (n, 3) m with F (n, 3, 3)."""
+    """Failure of a body of the updated formulation that has torn, at positions x (n, 3) m with F (n, 3, 3)."""
     off, particle = neighbors.largest(x, F)
     if off <= TORN:
         return None
@@ -120,11 +120,11 @@ class EnergyBalance:
 
     @classmethod
     def restored(cls, state: dict[str, Any]) -> EnergyBalance:
-        """As it was; of a checkpoint from before, as if it began there."""
+        """Balance restored from the values of a checkpoint; an older checkpoint has none, and the balance begins there."""
         return cls(state.get("balance_least", np.inf), state.get("balance_kinetic", 0.0))
 
     def check(self, energies: dict[str, float]) -> Trouble | None:
-        """What is wrong with the energies of a frame, J, if anything."""
+        """Failure of the energies of a frame, J, if any."""
         total = sum(energies.values())
         self.kinetic = max(self.kinetic, energies["kinetic"])
         self.least = min(self.least, total)

@@ -1,4 +1,4 @@
-"""The effects that a scene may name, and what the program asks of those it does name. What is not named costs nothing.
+"""The effects that a scene may name, and what the program requests of those it does name. What is not named costs nothing.
 
 To add an effect: one file (docs/adding_an_effect.md has a worked example), and one line, its key in `Effects`.
 """
@@ -39,7 +39,7 @@ def _key(description: str, example: dict[str, Any]) -> Any:
 
 
 class Effects(Settings):
-    """What is simulated: an effect that is not named costs nothing."""
+    """Simulated effects: one that is not named costs nothing."""
 
     magnetic_torque: MagneticTorque | None = _key("The outside field turns the magnetized segments: {}.", {})
     magnetic_force: MagneticForce | None = _key(_PULL, {})
@@ -51,7 +51,7 @@ class Effects(Settings):
     walls: Walls | None = _key("In motion: contact with the wall of a lumen.", _LUMEN)
     self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
     feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
-    # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named beside it.
+    # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named with it.
     auto: SkipJsonSchema[Literal[True] | None] = Field(default=None, description="The program chooses.", examples=[True])
 
     @model_validator(mode="after")
@@ -77,7 +77,7 @@ class Effects(Settings):
 
     @property
     def in_a_field(self) -> bool:
-        """Whether an effect of the outside field is named."""
+        """True if an effect of the outside field is named."""
         return any(effect.IN_FIELD for effect in self.named().values())
 
 
@@ -124,7 +124,7 @@ def stable_steps(model: Any) -> dict[str, float]:
 
 
 def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
-    """What hooks get as `magnet`: remanence (n, 3) T of bodies.Particles, with a fourth column where an effect marks particles.
+    """Array passed to hooks as `magnet`: remanence (n, 3) T of bodies.Particles, with a fourth column where an effect marks particles.
 
     Kernels pass the row of a particle on unchanged; magnetic_interaction, the one effect that marks, finds its block in it.
     """
@@ -174,5 +174,5 @@ def _particles(body: Any) -> MarkedParticles:
 
 
 def feels_itself(scene: SceneLike) -> bool:
-    """Whether an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
+    """True if an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
     return any(effect.REFRESHED is not None and effect.records(scene) for effect in scene.effects.named().values())

@@ -1,4 +1,4 @@
-"""What an effect is, what it may ask of a scene, and what it tells.
+"""Interface of an effect: what it is, what it may request of a scene, and what it reports.
 
 An effect is one file: its settings (a subclass of `Effect`, which scene files name by the file's name), its compiled hooks
 (effects.hooks) and what it says of a scene. Every method of `Effect` but `records` has a default, so an effect writes only what it has.
@@ -32,13 +32,13 @@ Point = Annotated[tuple[Place, Place, Place], three("[0 mm, 0 mm, -2 mm]")]
 
 
 class SceneLike(Protocol):
-    """What an effect may ask of a scene (magmpm.scene.Scene). Lengths in m."""
+    """Interface of a scene (magmpm.scene.Scene) for effects. Lengths in m."""
 
     body: Body
     field: FieldSource
     effects: Any  # effects.acting.Effects: settings by key, None where not named
     materials: Any  # by name: shear_modulus (Pa), bulk_to_shear, density (kg/m^3 or None), remanence (T)
-    solver: Any  # dynamic, quasi_static: None where not asked for
+    solver: Any  # dynamic, quasi_static: None where not requested
     resolution: Any  # cells_across, particles_per_cell
 
     @property
@@ -85,7 +85,7 @@ class RestEstimate(Protocol):
 
     @property
     def half(self) -> float:
-        """How far the surface is from the points of `rest`, m."""
+        """Distance of the surface from the points of `rest`, m."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Advice:
 
 
 class Contact(TypedDict):
-    """What an effect of contact reports: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
+    """Report of an effect of contact: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
 
     force: Array
     count: int
@@ -130,7 +130,7 @@ class BodyChange(NamedTuple):
 
 
 class Effect(Settings):
-    """Settings of an effect, and what the program asks of it. `model` is a magmpm.model.Model."""
+    """Settings of an effect, and what the program requests of it. `model` is a magmpm.model.Model."""
 
     PHASE: ClassVar[Phase]
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
@@ -142,7 +142,7 @@ class Effect(Settings):
 
     @abstractmethod
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take: records (one, or one for each of the times) and a table, or () for nothing.
+        """Parameters for the kernels: records (one, or one for each of the times) and a table, or () for nothing.
 
         strength: factor of a load, 0 to 1; times (k,) s of the steps to come, None in statics.
         """
@@ -167,7 +167,7 @@ class Effect(Settings):
         """Raises InputError where the effect can't begin: a body that starts inside a wall, say."""
 
     def warnings(self, scene: SceneLike) -> list[str]:
-        """What the author of the scene may not have meant."""
+        """Warn of settings that the author of the scene may not have meant."""
         return []
 
     def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact | None:
@@ -176,12 +176,12 @@ class Effect(Settings):
         return None
 
     def marks(self, particles: Any, remanence: Array) -> Array | None:
-        """A number (n,) by which hooks tell particles (bodies.Particles) apart; remanence (n, 3) T."""
+        """A number (n,) by which hooks distinguish particles (bodies.Particles); remanence (n, 3) T."""
         return None
 
     @staticmethod
     def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
-        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only asked of an effect that names REFRESHED."""
+        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only requested of an effect that names REFRESHED."""
         raise NotImplementedError("an effect that names REFRESHED needs `refresh`")
 
     @staticmethod
@@ -194,10 +194,10 @@ class Effect(Settings):
 
     @staticmethod
     def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:
-        """Energy (J) of all particles in each other's presence; arguments as of `refresh`, and asked of the same effects."""
+        """Energy (J) of all particles in each other's presence; arguments as of `refresh`, and requested of the same effects."""
         raise NotImplementedError("an effect that names REFRESHED needs `shared_energy`")
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How much the effect matters to a scene, whether the scene names it or not."""
+        """Estimate how much the effect matters to a scene, whether the scene names it or not."""
         return Advice(None, "no estimate for this effect")

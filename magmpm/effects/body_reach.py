@@ -28,7 +28,7 @@ class BodyReach:
     why: str
 
     def beyond(self, from_base: Array) -> float:
-        """How far (m) an obstacle is out of reach, given its distances (k,) m from the places of the base; 0 or less: within reach."""
+        """Distance (m) of an obstacle beyond reach, given its distances (k,) m from the places of the base; 0 or less: within reach."""
         return float(np.min(from_base)) - self.radius
 
 

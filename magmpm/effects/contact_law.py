@@ -1,4 +1,4 @@
-"""What every contact has in common: the penalty force with Coulomb friction, its stiffness, checks and reports.
+"""Contact law common to all obstacles: the penalty force with Coulomb friction, its stiffness, checks and reports.
 
 A particle of mass m at a depth inside the obstacle is pushed back along the normal by the force m w^2 depth, with the energy
 m w^2 depth^2 / 2. Friction holds it by a spring of the same stiffness, up to friction times that force (effects.contact_force).
@@ -113,7 +113,7 @@ def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, ancho
 
 
 class Obstacle(Effect):
-    """What a body presses on and slides over. Its hook `near` is the depth of a particle in it, and `contact` pushes by `push`."""
+    """Obstacle that a body presses on and slides over. Its hook `near` is the depth of a particle in it, and `contact` pushes by `push`."""
 
     PHASE = "contact"
     ONLY_IN_MOTION = True

@@ -28,7 +28,7 @@ MOST = 500.0  # of the exponent: more leaves nothing of a velocity either, and w
 
 
 def parameters(rate: float) -> Records:
-    """What kernels take. rate 1/s."""
+    """Parameters for the kernels. rate 1/s."""
     return one_record(DTYPE, damping_rate=rate)
 
 
@@ -43,12 +43,12 @@ class Damping(Effect):
     )
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take, or () where the rate is zero."""
+        """Parameters for the kernels, or () where the rate is zero."""
         return parameters(self.rate) if self.rate > 0 else ()
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """What rate would settle the body soonest."""
+        """Report the rate that would settle the body soonest."""
         if body.frequency is None:
             return Advice(0.0, "moves no equilibrium; settles motion")
         best = 2 * body.frequency

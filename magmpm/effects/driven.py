@@ -1,4 +1,4 @@
-"""How fast loads can drive a body."""
+"""Speed to which loads can drive a body."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ STATIONS = 21  # points on that way
 
 
 def shift(scene: SceneLike, body: RestEstimate, key: str, settings: Any = None) -> float:
-    """How far (m) an effect moves the body's rest: with it (as the scene names it, else with the settings, {}) and without it."""
+    """Distance (m) by which an effect moves the body's rest: with it (as the scene names it, else with the settings, {}) and without it."""
     named = getattr(scene.effects, key)
     having = scene.with_effects(**{key: named if named is not None else settings or {}})
     apart = body.rest(having) - body.rest(scene.with_effects(**{key: None}))
@@ -28,7 +28,7 @@ def shift(scene: SceneLike, body: RestEstimate, key: str, settings: Any = None) 
 
 
 def shift_by_field(scene: SceneLike, body: RestEstimate, key: str, what: str) -> Advice:
-    """How far an effect of the outside field moves the body's rest; what: `the field`, say."""
+    """Estimate how far an effect of the outside field moves the body's rest; what: `the field`, say."""
     moved = shift(scene, body, key)
     if scene.field.over_time is not None and moved < STILL * scene.length:
         return Advice(None, f"moves nothing once the field's schedule has ended; what it does on the way is not estimated: {MEASURE}")
@@ -42,7 +42,7 @@ def in_lengths(way: float, scene: SceneLike) -> str:
 
 
 def no_rest(scene: SceneLike) -> str | None:
-    """Why the equilibrium of a scene's body can't be estimated, in words; None where it can."""
+    """Reason why the equilibrium of a scene's body can't be estimated, as text; None where it can."""
     if scene.effects.feed is not None:
         return "the body is fed"
     if scene.body.shape.clamp == "none":
@@ -75,7 +75,7 @@ def obstacle(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array
 
 
 def _ahead(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array]) -> str:
-    """How near a fed body would come to an obstacle if it moved straight ahead, in words."""
+    """Describe how near a fed body would come to an obstacle if it moved straight ahead."""
     feed = scene.effects.feed
     if feed is None or not scene.duration > 0.0:
         return ""

@@ -1,7 +1,7 @@
 """feed: the base is pushed along +x at a speed through a straight guide; what has left the guide is free.
 
 Every node inside the guide moves with this speed along +x. The guide is the cylinder around the x axis up to its exit, with a radius of
-one diameter of the body. A tip that bends back beside the guide stays free. The catheter is then not clamped: the guide holds it. The push
+one diameter of the body. A tip that bends back next to the guide stays free. The catheter is then not clamped: the guide holds it. The push
 starts at full speed; far below the speed of waves (m/s) this is no shock.
 
 Nodes are held or free, so the guide effectively ends at the last node that it holds. Nodes up to half a cell beyond the exit are held: the
@@ -26,7 +26,7 @@ DTYPE = np.dtype([("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_
 
 
 def parameters(*, speed: float, exit: float, radius: float) -> Records:
-    """What kernels take. speed m/s along +x; exit: nodes before it on the x axis are held, m; radius of the guide, m."""
+    """Parameters for the kernels. speed m/s along +x; exit: nodes before it on the x axis are held, m; radius of the guide, m."""
     return one_record(DTYPE, feed_speed=speed, feed_exit=exit, feed_radius=radius)
 
 
@@ -42,14 +42,14 @@ class Feed(Effect):
     exit: Place = Field(description="Where on the x axis the guide ends.", examples=["10 mm"])
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take."""
+        """Parameters for the kernels."""
         half = 0.5 * scene.cell
         corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of a straight body's nodes: with two cells across, beyond its diameter
         return parameters(speed=self.speed, exit=self.exit + half, radius=max(scene.thickness, 1.01 * corner))
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How far it pushes."""
+        """Report how far the feed pushes the base."""
         named = scene.effects.feed
         if named is None or not scene.duration > 0.0:
             return Advice(None, "pushes the base through a guide at the speed it is given")

@@ -20,7 +20,7 @@ _Component = Annotated[float, Quantity("acceleration", at_least="-1e4 m/s^2", at
 
 
 def parameters(acceleration: Array) -> Records:
-    """What kernels take. acceleration (3,) m/s^2."""
+    """Parameters for the kernels. acceleration (3,) m/s^2."""
     return one_record(DTYPE, gravity=acceleration)
 
 
@@ -35,13 +35,13 @@ class Gravity(Effect):
     )
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take, or () where there is no weight."""
+        """Parameters for the kernels, or () where there is no weight."""
         acceleration = strength * np.array(self.acceleration)
         return parameters(acceleration) if acceleration.any() else ()
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How far weight bends the body."""
+        """Estimate how far weight bends the body."""
         if any(scene.materials[region.material_name].density is None for region in scene.regions()):
             return Advice(None, "not known: a material has no density")
         moved = shift(scene, body, "gravity")

@@ -33,7 +33,7 @@ DTYPE = np.dtype(
 
 
 def parameters(*, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, reach: float = 0.0) -> Records:
-    """What kernels take. point (3,) m on the plane; normal (3,) into the free side, any length; stiffness w^2 1/s^2; reach m."""
+    """Parameters for the kernels. point (3,) m on the plane; normal (3,) into the free side, any length; stiffness w^2 1/s^2; reach m."""
     n = np.asarray(normal, dtype=float)
     return one_record(
         DTYPE,
@@ -67,7 +67,7 @@ class Ground(Obstacle):
         return normal
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take."""
+        """Parameters for the kernels."""
         return parameters(
             point=self.point,
             normal=self.normal,
@@ -81,20 +81,20 @@ class Ground(Obstacle):
         return np.asarray((points - np.array(self.point)) @ np.array(self.normal))
 
     def warnings(self, scene: SceneLike) -> list[str]:
-        """Where the plane is too far away to be touched."""
+        """Warn of a plane that is too far away to be touched."""
         limits = body_reach(scene)
         return unreached("ground", self.WORDS, limits, self.height(limits.base))
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body would come to rest beyond the plane without it."""
+        """Estimate whether the body would come to rest beyond the plane without it."""
         named = scene.effects.ground
         return Advice(None, "no plane is given") if named is None else obstacle(scene, body, named.height, "above it")
 
 
 @compiled
 def near(effect, data, x):
-    """How far (m) the body's surface at a particle at x is below the plane; negative above it."""
+    """Depth (m) of the body's surface at a particle at x below the plane; negative above it."""
     p, n = effect.ground_point, effect.ground_normal
     return effect.ground_reach - ((x[0] - p[0]) * n[0] + (x[1] - p[1]) * n[1] + (x[2] - p[2]) * n[2])
 

@@ -1,4 +1,4 @@
-"""How kernels call effects: a tuple of parameter records, and hooks found by the record's dtype while compiling.
+"""Calls from kernels to effects: a tuple of parameter records, and hooks found by the record's dtype while compiling.
 
 An effect's parameters are an array of records with a dtype of its own (one record, or one for every time step to come), followed by its
 `data`: a table of floats, empty (NO_DATA) for most. A kernel takes one flat tuple (records, data, records, data, ...) and calls the
@@ -59,7 +59,7 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
     wide: those of its hooks stress, force, rate_stress and near that are plain arithmetic (+ - * /, no branch on a particle's values, no
     array of their own): motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction.
     The results are the same.
-    Raises ValueError on an unknown hook, or if another effect has the same field names: they are what tells effects apart.
+    Raises ValueError on an unknown hook, or if another effect has the same field names: they distinguish effects.
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):
         raise ValueError(f"an effect's dtype needs field names of its own, got {dtype}")
@@ -75,7 +75,7 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
 
 
 def has_hook(hook: str, named: tuple[Any, ...]) -> bool:
-    """Whether any effect of a tuple (records, data, ...) has this hook."""
+    """True if any effect of a tuple (records, data, ...) has this hook."""
     return any(records.dtype.names in _registry[hook] for records, _ in pairs(named))
 
 
@@ -98,7 +98,7 @@ def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., An
 
 
 def any_softening(effects):
-    """Whether any effect has a softening: known while compiling, so that what depends on it is left out. Only within compiled code."""
+    """True if any effect has a softening: known while compiling, so that the code for it is left out. Only within compiled code."""
 
 
 @overload(any_softening, jit_options={"fastmath": FASTMATH})
@@ -236,7 +236,7 @@ _walk_change(add_force_change, "force")
 
 
 def any_near(effects, step, x):
-    """Whether some effect's contact can push a particle at x, of effects whose `near` is not wide. Only within compiled code."""
+    """True if some effect's contact can push a particle at x, of effects whose `near` is not wide. Only within compiled code."""
 
 
 @overload(any_near, strict=False)
@@ -330,39 +330,39 @@ _walk(add_narrow_force, "force", "magnet, rho, x, F, f", wide=False)
 _walk(add_narrow_rate_stress, "rate_stress", "rho, F, dF, P", wide=False)
 
 
-# Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect asks for them.
+# Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect requests them.
 
 
 def has_stress(effects):
-    """Whether any effect adds stress. Only within compiled code."""
+    """True if any effect adds stress. Only within compiled code."""
 
 
 def has_force(effects):
-    """Whether any effect adds a force. Only within compiled code."""
+    """True if any effect adds a force. Only within compiled code."""
 
 
 def has_rate_stress(effects):
-    """Whether any effect adds a stress of the rate of deformation. Only within compiled code."""
+    """True if any effect adds a stress of the rate of deformation. Only within compiled code."""
 
 
 def has_contact(effects):
-    """Whether any effect adds a contact force. Only within compiled code."""
+    """True if any effect adds a contact force. Only within compiled code."""
 
 
 def has_node(effects):
-    """Whether any effect changes nodes. Only within compiled code."""
+    """True if any effect changes nodes. Only within compiled code."""
 
 
 def has_narrow(effects):
-    """Whether any effect's stress or force has to be called lane by lane. Only within compiled code."""
+    """True if any effect's stress or force has to be called lane by lane. Only within compiled code."""
 
 
 def has_wide_near(effects):
-    """Whether any effect's `near` is wide. Only within compiled code."""
+    """True if any effect's `near` is wide. Only within compiled code."""
 
 
 def has_other_contact(effects):
-    """Whether any effect has a contact without a wide `near`. Only within compiled code."""
+    """True if any effect has a contact without a wide `near`. Only within compiled code."""
 
 
 def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = None) -> None:

@@ -33,14 +33,14 @@ class MagneticForce(Effect):
     IN_FIELD = True
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take, or () where the field is uniform: it does not pull."""
+        """Parameters for the kernels, or () where the field is uniform: it does not pull."""
         if strength == 0.0 or not scene.field.varies:
             return ()
         return field_records(scene.field, DTYPE, times, strength), scene.outside_field().data
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How far the field's gradient pulls the body."""
+        """Estimate how far the field's gradient pulls the body."""
         if not scene.field.varies or not scene.magnetized_regions():
             return Advice(0.0, "nothing to pull, or no gradient to pull it: a uniform field does not")
         if scene.effects.magnetic_torque is None:

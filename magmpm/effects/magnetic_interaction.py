@@ -61,14 +61,14 @@ class MagneticInteraction(Effect):
     )
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take; fields and forces are zero until `refresh`."""
+        """Parameters for the kernels; fields and forces are zero until `refresh`."""
         if strength == 0.0 or len(scene.magnetized_regions()) < 2:
             return ()
         return one_record(DTYPE, np.zeros(SIZE * MOST), share=strength)
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """The field of a segment in the one beside it."""
+        """The field of a segment in the one next to it."""
         on = scene.magnetized_regions()
         if len(on) < 2:
             return Advice(0.0, "no two magnetized segments to act on each other")

@@ -27,7 +27,7 @@ VARYING = np.dtype([("turns", np.int64), *PLACE])  # first: with the name at the
 
 
 def parameters(field: Array) -> Records:
-    """What kernels take. field (3,) T, or (k, 3) for k steps."""
+    """Parameters for the kernels. field (3,) T, or (k, 3) for k steps."""
     field = np.atleast_2d(np.asarray(field, dtype=float))
     record = np.zeros(len(field), DTYPE)
     record["field_over_mu0"] = field / MU0
@@ -41,7 +41,7 @@ class MagneticTorque(Effect):
     IN_FIELD = True
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take, or () where there is no field."""
+        """Parameters for the kernels, or () where there is no field."""
         if strength == 0.0 or not scene.field.acts:
             return ()
         if scene.field.varies:
@@ -61,7 +61,7 @@ class MagneticTorque(Effect):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """How far the field bends the body."""
+        """Estimate how far the field bends the body."""
         if not scene.field.acts or not scene.magnetized_regions():
             return Advice(0.0, "nothing to turn, or no field to turn it")
         return shift_by_field(scene, body, "magnetic_torque", "the field")

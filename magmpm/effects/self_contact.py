@@ -39,7 +39,7 @@ class SelfContact(Effect):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body would overlap itself in equilibrium if nothing prevented it."""
+        """Estimate whether the body would overlap itself in equilibrium if nothing prevented it."""
         if (why := no_rest(scene)) is not None:
             return Advice(None, f"not estimated: {why}; {MEASURE}; needs the updated formulation")
         points = body.rest(scene)
@@ -87,7 +87,7 @@ def observe(model: Any, x: Array) -> Contact:
     from the undeformed surface is taken into account.
 
     Two particles are not neighbors if they belong to components that do not touch in the undeformed body; in one part, if they were
-    farther apart than twice its thickness and 3 cells; in different parts of a component, if they were 3 cells apart.
+    farther from each other than twice its thickness and 3 cells; in different parts of a component, if their distance was 3 cells.
     """
     scene, rest = model.scene, model.particles.position
     shape, cell = scene.body.shape, scene.cell

@@ -1,4 +1,4 @@
-"""viscosity: losses in the material (Kelvin-Voigt): a viscous stress beside the elastic one.
+"""viscosity: losses in the material (Kelvin-Voigt): a viscous stress with the elastic one.
 
 Cauchy stress 2 eta D, with D = (L + L^T)/2 and L = dF F^-1 the velocity gradient; per undeformed area P = 2 eta J D F^-T. It is
 objective (a rigid turn makes none), exerts no torque, and turns 2 eta J D:D >= 0 per undeformed volume and second into heat. A small
@@ -24,12 +24,12 @@ STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, time
 
 
 def parameters(viscosity: float) -> Records:
-    """What kernels take. viscosity eta, Pa s."""
+    """Parameters for the kernels. viscosity eta, Pa s."""
     return one_record(DTYPE, viscosity=viscosity)
 
 
 class Viscosity(Effect):
-    """Losses in the material: a viscous stress 2 eta D beside the elastic one (Kelvin-Voigt)."""
+    """Losses in the material: a viscous stress 2 eta D with the elastic one (Kelvin-Voigt)."""
 
     PHASE = "force"
     ONLY_IN_MOTION = True
@@ -39,11 +39,11 @@ class Viscosity(Effect):
     )
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take, or () where the viscosity is zero."""
+        """Parameters for the kernels, or () where the viscosity is zero."""
         return parameters(self.viscosity) if self.viscosity > 0 else ()
 
     def stable_step(self, model: Any) -> float:
-        """Largest stable step (s), beside elastic stress at 0.8 of its own limit.
+        """Largest stable step (s), with elastic stress at 0.8 of its own limit.
 
         With lumped mass, no motion strains faster than s^2 = sum_axes 6 / h^2 allows (Cauchy-Schwarz over a particle's splines), so
         viscous stress decays at rates up to r = 2 eta s^2 / rho. It is computed from velocities one step old. A step is then stable

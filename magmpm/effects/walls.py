@@ -49,7 +49,7 @@ _PATH = {"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]}
 
 
 def parameters(table: Table, *, friction: float, stiffness: float, reach: float = 0.0) -> Records:
-    """What kernels take. stiffness w^2 1/s^2; reach m."""
+    """Parameters for the kernels. stiffness w^2 1/s^2; reach m."""
     return one_record(
         DTYPE,
         np.ascontiguousarray(table.coefficients).ravel(),
@@ -152,7 +152,7 @@ class Walls(Obstacle):
         return self
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """What kernels take."""
+        """Parameters for the kernels."""
         stiffness = penalty(scene, self.stiffness)
         return parameters(self._table(scene), friction=self.friction, stiffness=stiffness, reach=reach(scene))
 
@@ -171,7 +171,7 @@ class Walls(Obstacle):
         return np.where(np.isfinite(found), found, -np.inf)
 
     def warnings(self, scene: SceneLike) -> list[str]:
-        """Where the wall is too far away to be touched."""
+        """Warn of a wall that is too far away to be touched."""
         limits = body_reach(scene)
         if self.tube is not None:
             radius = self.tube.radius
@@ -205,7 +205,7 @@ class Walls(Obstacle):
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Whether the body would come to rest beyond the wall without it."""
+        """Estimate whether the body would come to rest beyond the wall without it."""
         named = scene.effects.walls
         if named is None:
             return Advice(None, "no lumen is given")
@@ -228,7 +228,7 @@ def _surface_table(surface: Surface, spacing: float) -> Table:
 
 @compiled
 def depth(effect, data, x):
-    """How far (m) the body's surface at a particle at x is beyond the wall, negative inside; slope of the distance, inwards."""
+    """Distance (m) of the body's surface at a particle at x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
     p, q, r = (
         (x[0] - effect.walls_origin[0]) / s,
@@ -248,7 +248,7 @@ def depth(effect, data, x):
 
 @compiled
 def near(effect, data, x):
-    """How far the body's surface at a particle at x is beyond the wall, m."""
+    """Distance of the body's surface at a particle at x beyond the wall, m."""
     return depth(effect, data, x)[0]
 
 

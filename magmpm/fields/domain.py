@@ -28,7 +28,7 @@ class Box:
         return np.all((points >= self.lower) & (points <= self.upper), axis=1)
 
     def meets(self, lower: Array, upper: Array) -> bool:
-        """Whether another box has a point in common with it."""
+        """True if another box has a point in common with this one."""
         return bool(np.all(lower <= self.upper) and np.all(upper >= self.lower))
 
     @property
@@ -41,7 +41,7 @@ class Box:
 
 
 def reach(body: Box, anchored: bool) -> Box:
-    """What a body can reach from its undeformed box: a held body, its diagonal from the middle of its lower x face.
+    """Box that a body can reach from its undeformed box: a held body, its diagonal from the middle of its lower x face.
 
     A free body may go anywhere; its box gets one diagonal on each side, and users may set a larger one.
     """

@@ -32,7 +32,7 @@ class Solid:
     ball: bool = False
 
     def depth(self, points: Array) -> Array:
-        """How far inside (> 0) or about how far outside (< 0) points (n, 3) m are, in the sources' frame, (n,) m."""
+        """Depth of points (n, 3) m inside (> 0), or about how far outside (< 0), in the sources' frame, (n,) m."""
         local = (points - self.position) @ self.frame
         if self.ball:
             return np.asarray(self.half[0] - np.linalg.norm(local, axis=1))

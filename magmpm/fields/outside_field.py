@@ -191,7 +191,7 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
 def _tabulated(
     function: Callable[[Array], Array], box: Box, seen: Box, named: list[Solid], options: Tabulation
 ) -> tuple[Box, Array, table.Errors]:
-    """The box of the table, the table and its errors. Beside the edge of a magnet none is exact: then the box keeps off it, and if that
+    """The box of the table, the table and its errors. Next to the edge of a magnet none is exact: then the box keeps off it, and if that
     is not enough, farther, though it loses more.
 
     Raises SceneError where that is not enough either, or the box is given.
@@ -242,7 +242,7 @@ def _arcs(named: list[Solid]) -> list[Solid]:
 
 
 def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
-    """Whether magnets move so far that a table would be many times as large as the body's reach."""
+    """True if magnets move so far that a table would be many times as large as the body's reach."""
     return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
 
 

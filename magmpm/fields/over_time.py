@@ -1,4 +1,4 @@
-"""How the field changes in time: the settings of `field: {over_time: ...}`. fields.schedule evaluates them.
+"""Changes of the field in time: the settings of `field: {over_time: ...}`. fields.schedule evaluates them.
 
 The descriptions and examples are what editors show (scene.schema.json) and what error messages quote.
 """
@@ -77,7 +77,7 @@ class Oscillation(Settings):
 
 
 class Keyframe(Settings):
-    """What holds at one time; in between, values change evenly."""
+    """Values at one time; in between, they change evenly."""
 
     time: _Time = Field(description="When.", examples=["50 ms"])
     strength: _Number | None = Field(default=None, description="Factor of the whole field.", examples=[1])
@@ -106,7 +106,7 @@ KEYFRAMES = [{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]
 
 
 class OverTime(Settings):
-    """How the field changes in time. Strengths of several parts multiply; then the field turns. What has ended stays as it ended."""
+    """Changes of the field in time. Strengths of several parts multiply; then the field turns. Parts that have ended stay as they ended."""
 
     ramp: Ramp | None = Field(
         default=None, description="The strength grows evenly.", examples=[{"duration": "50 ms"}]

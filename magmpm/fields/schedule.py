@@ -52,7 +52,7 @@ def records(field: FieldSource, dtype: np.dtype[Any], times: Array | None, stren
 
 
 def end_time(field: FieldSource) -> float:
-    """When everything that ends has ended, s; 0 where nothing changes or nothing ends."""
+    """Time when everything that ends has ended, s; 0 where nothing changes or nothing ends."""
     over = field.over_time
     if over is None:
         return 0.0

@@ -125,7 +125,7 @@ class Coil(Settings):
 
 
 class Tabulation(Settings):
-    """How magnets and coils are put on a table, from which the solver takes field and gradients."""
+    """Table of the field of magnets and coils, from which the solver takes field and gradients."""
 
     tolerance: float = Field(
         default=2e-3,
@@ -207,11 +207,11 @@ class FieldSource(Settings):
 
     @property
     def varies(self) -> bool:
-        """Whether it varies in space."""
+        """True if the field varies in space."""
         return any((self.dipole, self.magnet, self.coils, self.map))
 
     @property
     def acts(self) -> bool:
-        """Whether there is any field."""
+        """True if there is any field."""
         frames = self.over_time.frames if self.over_time is not None else ()
         return self.varies or any(self.uniform) or any(any(frame.uniform or ()) for frame in frames)

@@ -109,7 +109,7 @@ def _bend(i, t):
 
 @compiled
 def size_of(data, at):
-    """How many floats the table that begins at `at` takes."""
+    """Number of floats in the table that begins at `at`."""
     return HEADER + 4 * int(data[at + 6] + 2) * int(data[at + 7] + 2) * int(data[at + 8] + 2)
 
 

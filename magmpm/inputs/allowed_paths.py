@@ -25,7 +25,7 @@ REMEDY = "copy that file beside this one, or allow it: --allow-outside, or the v
 
 
 def is_allowed(named: Path, file: Path) -> bool:
-    """Whether `file` may name the path `named`, which is relative to the current folder or absolute."""
+    """True if `file` may name the path `named`, which is relative to the current folder or absolute."""
     try:
         found = named.resolve()
     except (OSError, RuntimeError, ValueError):  # a circle of links, or no name at all: reading it will say so

@@ -65,7 +65,7 @@ class Line:
         return float(cell if self.separator == "," else cell.replace(",", "."))
 
     def error(self, rule: str, remedy: str, received: str | None = None) -> TableError:
-        """What to raise where the line, or what was received in it, breaks a rule."""
+        """Error to raise where the line, or the value received in it, breaks a rule."""
         return TableError(self.place, received=show(self.text.strip()) if received is None else received, rule=rule, remedy=remedy)
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a file, in the words of the file: line, key, value received, rule broken, what to do.
+"""Messages on faults in a file, in the terms of the file: line, key, value received, rule broken, what to do.
 
 pydantic reports errors with locations and types of its own. Here they become `Problem`s, with the nearest known key, the place where a
 misplaced key belongs, and an example from the key's own documentation.
@@ -41,7 +41,7 @@ class Problem:
 
 
 def overruled(error: Mapping[str, Any]) -> bool:
-    """Whether pydantic calls a list too short only because it left out the entries that it refused."""
+    """True if pydantic calls a list too short only because it left out the entries that it refused."""
     return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 
@@ -155,7 +155,7 @@ def nearest_key(model: type[BaseModel], at: Key) -> str | None:
 
 
 def _inner(annotation: Any) -> list[Any]:
-    """The plain types in an annotation: Annotated and unions taken apart."""
+    """The plain types in an annotation: Annotated and unions resolved."""
     origin = get_origin(annotation)
     if origin is Annotated:
         return _inner(get_args(annotation)[0])
@@ -216,7 +216,7 @@ def _homes(model: type[BaseModel], key: str) -> list[Key]:
 
 
 def _write_example(at: Key, field: FieldInfo | None) -> str:
-    """What to write, from the key's own example: write, say, `length: 40 mm`."""
+    """Remedy made from the key's own example: write, say, `length: 40 mm`."""
     if field is None or not field.examples:
         return "correct it"
     name = next((str(part) for part in reversed(at) if isinstance(part, str)), "")

@@ -1,4 +1,4 @@
-"""Who may ask a server of pages, and for how long: names, origin, secret, time and count of connections. For `view` and `dashboard`.
+"""Access to a server of pages, and its time limit: names, origin, secret, time and count of connections. For `view` and `dashboard`.
 
 Another page whose name leads to this machine (DNS rebinding) sends its own name as Host; another page's script, its own Origin; other users
 of this machine do not know the secret. Connections that ask nothing are closed.
@@ -35,7 +35,7 @@ class Guard:
         self._names = (given - set(ALL)) | own | {"localhost", LOOPBACK, "[::1]"}
 
     def admits(self, host: str | None, origin: str | None, reached: str = "") -> bool:
-        """Whether a request is meant for this server and comes from its own page, or from none.
+        """True if a request is meant for this server and comes from its own page, or from none.
 
         host, origin: its headers. reached: the address at which it arrived; with --host 0.0.0.0 this is a name as well.
         """
@@ -46,7 +46,7 @@ class Guard:
         return origin is None or origin.lower() in (f"http://{host}", f"https://{host}")
 
     def knows(self, secret: str | None) -> bool:
-        """Whether this is the secret, compared in constant time."""
+        """True if this is the secret, compared in constant time."""
         return secrets.compare_digest((secret or "").encode(), self.secret.encode())
 
 
@@ -59,14 +59,14 @@ def _same_address(name: str, reached: str) -> bool:
 class GuardedServer(ThreadingHTTPServer):
     """A server that closes connections which ask nothing within PATIENCE, and keeps at most MOST_CONNECTIONS.
 
-    Where one more comes, the one that has asked nothing for longest is closed, or the new one if all are being answered.
+    Where one more comes, the one that has requested nothing for longest is closed, or the new one if all are being answered.
     """
 
     daemon_threads = True
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._lock = threading.Lock()
-        self._since: dict[Any, float | None] = {}  # since when a connection asks nothing; None: it is being answered
+        self._since: dict[Any, float | None] = {}  # since when a connection requests nothing; None: it is being answered
         super().__init__(*arguments, **options)
 
     def waits_for(self, connection: Any, waits: bool = True) -> None:
@@ -87,7 +87,7 @@ class GuardedServer(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def _close_oldest(self, least: float = 0.0) -> bool:
-        """Close the connection that has asked nothing for longest, if for `least` s; whether there was one."""
+        """Close the connection that has requested nothing for longest, if for `least` s; whether there was one."""
         since, found = min(((t, c) for c, t in self._since.items() if t is not None), key=lambda pair: pair[0], default=(0.0, None))
         if found is None or time.monotonic() - since < least:
             return False
@@ -97,7 +97,7 @@ class GuardedServer(ThreadingHTTPServer):
         return True
 
     def service_actions(self) -> None:
-        """Close who asks nothing; called by serve_forever again and again."""
+        """Close connections that request nothing; called by serve_forever again and again."""
         with self._lock:
             while self._close_oldest(PATIENCE):
                 pass

@@ -1,4 +1,4 @@
-"""What scene and study files share: quantity types, and one error for all that is wrong with a file.
+"""Base of scene and study files: quantity types, and one error for all that is wrong with a file.
 
 Quantity types are pydantic annotations. In a file a quantity is text with a unit ("40 mm"), and a bare number is an error. Models built in
 Python (no file in the validation context) also take bare floats, in SI. Either way the model holds SI floats.
@@ -53,7 +53,7 @@ __all__ = [
 
 M = TypeVar("M", bound=BaseModel)
 MOST_TOLD = 20  # problems of a file: more would hide the first
-MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are told
+MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are reported
 
 
 class Settings(BaseModel):
@@ -67,12 +67,12 @@ class Settings(BaseModel):
 
 
 def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
-    """What a validator raises: the rule broken, what to do, and where below the validated key."""
+    """Error for a validator to raise: the rule broken, what to do, and where below the validated key."""
     return PydanticCustomError("fault", "{rule}", {"rule": rule, "remedy": remedy, "at": list(at)})
 
 
 def from_file(info: ValidationInfo) -> bool:
-    """Whether the validated value was written in a file (with units) rather than given in Python (in SI)."""
+    """True if the validated value was written in a file (with units) rather than given in Python (in SI)."""
     return bool(info.context and info.context.get("file"))
 
 

@@ -50,7 +50,7 @@ class Grid(NamedTuple):
     origin, spacing (3,) m; along_x, along_y: steps in node number along x and y. momentum (4 k nodes + 8,): mass in kg and momentum in N s
     of each node, zero between steps; velocity (4 k nodes + 8,): 0 and velocity in m/s of each node.
     planes: planes of nodes, of all k grids, that may get mass; fixed (k nodes,): 1 for nodes held at rest; mirrors (pairs, 2): nodes
-    outside and inside a face at rest, the first `next_to_faces` pairs right beside it; flat: nothing moves along y; place (3 nodes,) m:
+    outside and inside a face at rest, the first `next_to_faces` pairs right next to it; flat: nothing moves along y; place (3 nodes,) m:
     positions, needed only where an effect changes nodes.
     """
 
@@ -86,7 +86,7 @@ class Particles(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a step changes, in blocks of eight: x m, v m/s (3 n,), APIC's C and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
+    """Arrays changed by a step, in blocks of eight: x m, v m/s (3 n,), APIC's C and L = dv/dx 1/s, F (9 n,); stiffness (n,) m^2/s^2.
 
     L is used only where an effect has a rate stress; elsewhere it may be empty. stiffness: materials.stiffest_in_space over density in the
     last step, NaN before the first step. anchor (3 n,) m: where friction holds the particles (effects.contact_force), empty where no effect
@@ -104,7 +104,7 @@ class State(NamedTuple):
 
 @inlined
 def _prepare(block, step, dt, particles, state, effects, work, out):
-    """What a block of eight particles adds to its nodes, written to out (8 ROW,): seven rows of four for each particle.
+    """Contribution of a block of eight particles to its nodes, written to out (8 ROW,): seven rows of four for each particle.
 
     Returns det F, and stiffness over density, m^2/s^2, lane by lane.
 

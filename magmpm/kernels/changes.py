@@ -132,7 +132,7 @@ def _to_nodes(count, fortran, room):
 
 @compiled
 def _values_to_nodes(count, fortran, room):
-    """As `_to_nodes`, from the rows of values in D alone."""
+    """Multiply as `_to_nodes` does, from the rows of values in D alone."""
     room.sizes[2] = count
     wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
     step, far = room.sizes[3:].ctypes.data, room.sizes[4:].ctypes.data

@@ -12,7 +12,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined
 
 FIELDS = 3  # 1, y and z in a plane of nodes
-REACH = 2  # knots: splines reach over two planes, so hats that are two knots apart still overlap
+REACH = 2  # knots: splines reach over two planes, so hats that are two knots from each other still overlap
 
 
 class Correction(NamedTuple):
@@ -102,6 +102,6 @@ def correct(correction):
 
 @inlined
 def added_at(correction, plane, node, i):
-    """What the correction adds to component i of the acceleration of a node, m/s^2."""
+    """Acceleration that the correction adds to component i of a node, m/s^2."""
     added, arm = correction.added, correction.arm
     return added[plane, i] + arm[2 * node] * added[plane, 3 + i] + arm[2 * node + 1] * added[plane, 6 + i]

@@ -1,4 +1,4 @@
-"""What effects add to the stress and load of a group of eight particles, in both formulations of motion.
+"""Stress and load that effects add to a group of eight particles, in both formulations of motion.
 
 A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 """
@@ -36,13 +36,13 @@ from magmpm.effects.hooks import (
 
 @compiled
 def any_effect(effects):
-    """Whether any effect acts on particles. Known at compile time."""
+    """True if any effect acts on particles. Known at compile time."""
     return has_stress(effects) or has_force(effects) or has_rate_stress(effects) or has_contact(effects)
 
 
 @inlined
 def touches(effects, step, group, x, volume):
-    """Whether contact may push any particle of a group at x (3 8,) m."""
+    """True if contact may push any particle of a group at x (3 8,) m."""
     if has_wide_near(effects) and highest(wide_near(effects, step, vector(x, 0))) > 0.0:
         return True
     if has_other_contact(effects):

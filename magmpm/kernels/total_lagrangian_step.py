@@ -193,8 +193,8 @@ class Nodes(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a step changes. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2: materials.stiffest
-    over density in the last step, NaN before the first step; anchor (groups 3 8,) m: where friction holds the particles
+    """Arrays changed by a step. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2:
+    materials.stiffest over density in the last step, NaN before the first step; anchor (groups 3 8,) m: where friction holds the particles
     (effects.contact_force), empty where no effect has contact."""
 
     u: Array

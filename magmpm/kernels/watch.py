@@ -50,7 +50,7 @@ def see(slabs, slab, least, bad, high, change):
 
 @compiled
 def stops(watch, slabs):
-    """Whether the steps must end here; updates the watch."""
+    """Update the watch; return whether the steps must end here."""
     low, high, change = slabs
     most, changed = 0.0, 0.0
     for slab in range(len(low)):

@@ -1,1 +1,1 @@
-"""What a run leaves: results, motions, measures, files."""
+"""Results of a run: results, motions, measures, files."""

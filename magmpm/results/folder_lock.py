@@ -85,7 +85,7 @@ def _below(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def written_folder(folder: Path | str | None, resume: bool, on_begin: Callable[[], None] | None) -> Iterator[None]:
-    """What runs along time writes into its folder alone; on_begin is called unless it goes on from a checkpoint. None: nowhere."""
+    """Lock the folder of a run along time; on_begin is called unless the run continues from a checkpoint. None: no folder."""
     with nullcontext() if folder is None else folder_lock(folder):
         if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
             on_begin()
@@ -149,7 +149,7 @@ def _described(text: str) -> str:
 
 
 def _try_lock(stream: IO[str]) -> bool:
-    """Whether the lock was obtained within PATIENCE. File systems without locks count as free."""
+    """Try to lock within PATIENCE; True if the lock was obtained. File systems without locks count as free."""
     until = time.monotonic() + PATIENCE
     while True:
         try:

@@ -1,4 +1,4 @@
-"""What is stored of a frame of a motion: quantities of each particle, in single precision."""
+"""Quantities stored of a frame of a motion, for each particle, in single precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of runs, and how far those of two runs are apart."""
+"""Frames of runs, and the distance between those of two runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STATIONS = 41  # along a body, where axes are compared
 
 @dataclass
 class Frames:
-    """What is compared of a run: of each frame its time (s), points (m, 3) m and tip (3,) m; and the times (s) of jumps of a path."""
+    """Frames of a run to compare: time (s), points (m, 3) m and tip (3,) m of each; and the times (s) of jumps of a path."""
 
     times: list[float] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)

@@ -19,13 +19,13 @@ _WORD = 0xFFFFFFFF
 
 
 def marked_in_order(path: Path) -> bool:
-    """Whether the file is marked as open by a single writer that keeps it consistent at every moment."""
+    """True if the file is marked as open by a single writer that keeps it consistent at every moment."""
     fields = _read(path)
     return fields is not None and fields[4] == _IN_ORDER
 
 
 def state_of(path: Path) -> tuple[int, int, int]:
-    """What changes as a file is written: time of the last change in ns, length in bytes, mark (-1 without a superblock)."""
+    """State of a file that changes as it is written: time of the last change in ns, length in bytes, mark (-1 without a superblock)."""
     fields, now = _read(path), path.stat()
     return now.st_mtime_ns, now.st_size, -1 if fields is None else fields[4]
 

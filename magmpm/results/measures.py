@@ -1,4 +1,4 @@
-"""What is read off a deformed body: the axis through its particles, the middle of its regions, its distance from a target shape."""
+"""Measures of a deformed body: the axis through its particles, the middle of its regions, its distance from a target shape."""
 
 from __future__ import annotations
 

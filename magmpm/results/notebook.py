@@ -1,4 +1,4 @@
-"""How results draw themselves in notebooks: plain SVG and tables, without any library.
+"""Drawings of results in notebooks: plain SVG and tables, without any library.
 
 A body at rest: its axis from the side and from above, undeformed and deformed, to one scale, with what counts in a table. A motion: the
 path of its middle. viz draws the pictures of papers.

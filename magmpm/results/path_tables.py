@@ -50,7 +50,7 @@ def read_jumps(path: Path) -> list[dict[str, Any]]:
 
 
 def jump_in_words(jump: Mapping[str, Any]) -> str:
-    """When, under which load, what, and how far: one line."""
+    """Describe a jump in one line: time, load, kind and distance."""
     load = f"in a field of {quantity(jump['field'], 'T', 4)}"
     if jump.get("inserted") is not None:
         load += f", with {length(jump['inserted'], 4)} out of the guide"

@@ -1,4 +1,4 @@
-"""What a run returns; saved as `result.json` and `state.npz`, and read back."""
+"""Result of a run; saved as `result.json` and `state.npz`, and read back."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
 
 
 def readable(folder: Path) -> bool:
-    """Whether both files of a saved result are whole."""
+    """True if both files of a saved result are complete."""
     try:
         with np.load(folder / ARRAYS) as stored:
             whole = all(stored[name] is not None for name in stored.files)  # each array has a checksum
@@ -112,7 +112,7 @@ class Result:
     tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
     # No unit: smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load; None: not known (motion).
     stability: float | None = None
-    error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene asks for an error or a time
+    error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene requests an error or a time
     resolution: dict[str, Any] | None = None  # what was chosen for it, and how: see docs/accuracy.md
     effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
 
@@ -135,7 +135,7 @@ class Result:
         return of_result(self)
 
     def summary(self) -> dict[str, Any]:
-        """What `magmpm run --json` prints: everything but the particle and grid arrays."""
+        """Content printed by `magmpm run --json`: everything but the particle and grid arrays."""
         return {
             key: value.tolist() if isinstance(value, np.ndarray) else value
             for key, value in asdict(self).items()
@@ -199,7 +199,7 @@ def _needed(package: str, remedy: str) -> Any:
 
 
 def _finite(value: Any) -> bool:
-    """Whether all numbers in an array, a number or plain data are finite; text and the like count as finite."""
+    """True if all numbers in an array, a number or plain data are finite; text and the like count as finite."""
     if isinstance(value, np.ndarray):
         return value.dtype.kind != "f" or bool(np.isfinite(value).all())
     if isinstance(value, Mapping):

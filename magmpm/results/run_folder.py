@@ -37,7 +37,7 @@ from magmpm.scene import Scene
 
 
 def holds_run(folder: Path) -> bool:
-    """Whether a folder holds the results of a run, finished or begun."""
+    """True if a folder holds the results of a run, finished or begun."""
     return any((folder / name).exists() for name in (OWNER, NUMBERS, MOTION))
 
 
@@ -67,7 +67,7 @@ class RunFolder:
         )
 
     def holding(self) -> str:
-        """What a run would replace there, in words; "" if nothing."""
+        """Describe the files there that a run would replace; "" if none."""
         path = self.path / EARLIER if (self.path / EARLIER).is_dir() else self.path
         words = _described(path)
         if any((self.path / name).exists() for name in (*PICTURES, FRAMES)):
@@ -131,7 +131,7 @@ class RunFolder:
             self.put_back()
 
     def sign_accuracy(self) -> None:
-        """Note that what `magmpm accuracy` writes beside a run's results is this scene's; results of another scene are removed."""
+        """Note that what `magmpm accuracy` writes next to a run's results is this scene's; results of another scene are removed."""
         if self._holder():
             _remove(self.path)
         self._sign(accuracy_hash=self.scene.hash())
@@ -172,7 +172,7 @@ def _described(folder: Path) -> str:
 
 
 def _worth_keeping(folder: Path) -> bool:
-    """Whether a run that fails must keep this: a result, or a motion that can be resumed; not an older failure."""
+    """True if a run that fails must save this: a result, or a motion that can be resumed; not an older failure."""
     if (folder / NUMBERS).exists():
         return read_mapping(folder / NUMBERS).get("converged") is True
     return (folder / CHECKPOINT).exists()

@@ -1,4 +1,4 @@
-"""How a result answers to the numbers of its scene: what `magmpm.sensitivities` returns."""
+"""Sensitivities of a result to the numbers of its scene: what `magmpm.sensitivities` returns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from magmpm.scene.variables import Variable
 
 
 class Neighborhood(Protocol):
-    """What solved the equilibrium and knows its tangent (statics.linearized). Shapes and units as of Sensitivities."""
+    """Solver of the equilibrium, which knows its tangent (statics.linearized). Shapes and units as of Sensitivities."""
 
     @property
     def tip(self) -> Array: ...
@@ -32,7 +32,7 @@ class Neighborhood(Protocol):
 class Sensitivities:
     """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
 
-    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when they are first asked
+    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when first requested
     for: `adjoint` needs none of the others.
     """
 

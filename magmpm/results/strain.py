@@ -1,4 +1,4 @@
-"""Whether a body's strain is within what the material law and the grid can represent, and warnings where it is not.
+"""Check that a body's strain is within what the material law and the grid can represent, and warnings where it is not.
 
 Three limits, each with its reason:
 

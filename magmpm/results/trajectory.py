@@ -315,7 +315,7 @@ class Motion:
         return f"Motion({self.name!r}: {len(self)} frames of {len(self.reference)} particles, the last at {last}, in {self.folder})"
 
     def _repr_html_(self) -> str:
-        """How its middle moves, and its times, as notebooks show it."""
+        """Drawing of the path of the body's middle, and its times, as notebooks show it."""
         from magmpm.results.notebook import of_motion
 
         return of_motion(self)

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 
 def versions() -> dict[str, str]:
-    """Of Python, magmpm and what computes for it, by name."""
+    """Versions of Python, magmpm and the packages that compute for it, by name."""
     return dict(_versions())
 
 

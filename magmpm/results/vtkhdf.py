@@ -1,7 +1,7 @@
 """A file of frames, `motion.vtkhdf`, that ParaView opens, that can be read while it grows, and whose frames have checksums.
 
 Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html, PolyData of one vertex a particle, whose points
-move: vertices and what is constant in time are stored once. Beside VTK's group, the group `magmpm` has a checksum (CRC-32) of each array
+move: vertices and what is constant in time are stored once. Next to VTK's group, the group `magmpm` has a checksum (CRC-32) of each array
 of each frame, in the order time and field, Points, quantities; and one of what is stored once.
 
 The file is closed between frames. While it is open, HDF5 writes in an order in which it can be read at any moment (single writer, multiple
@@ -241,7 +241,7 @@ def _quantities(file: h5py.File) -> list[str]:
 
 
 def read_static(file: h5py.File) -> dict[str, Any]:
-    """What is stored once: the arrays of STATIC."""
+    """Read the arrays that are stored once: those of STATIC."""
     return {name: file["VTKHDF/PointData"][name][()] for name in STATIC}
 
 
@@ -330,7 +330,7 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
 
 
 def steady(path: Path, read: Callable[[h5py.File], T]) -> T:
-    """What is read from the file; again where that fails while a run changes the file. Raises what `read` raises, OSError."""
+    """Read from the file; again where that fails while a run changes the file. Raises what `read` raises, OSError."""
     for _ in range(_ATTEMPTS):
         before = state_of(path)
         try:

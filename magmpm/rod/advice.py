@@ -1,4 +1,4 @@
-"""What a scene should name: for each effect whether it moves the answer by more than the error that the scene asks for.
+"""Advice on the effects of a scene: whether each moves the answer by more than the error that the scene requests.
 
 The answer is the axis, at its equilibrium, along its equilibria in time or on its way, as the scene is solved. An effect that the scene
 does not name is tried with its usual settings, where it has them.
@@ -16,11 +16,11 @@ from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
 
-USUAL = 0.01  # of the length: the error meant where a scene asks for none
+USUAL = 0.01  # of the length: the error meant where a scene requests none
 APART = 2.5  # thicknesses along the axis: points nearer than that are neighbors
 TOUCHES = 20  # moments at which a body is looked at for touching itself
 FINE = 4  # points between two stations, where a body may touch itself
-REACH = 2.5  # lengths: two shapes of a held body that does not stretch are at most 2 apart
+REACH = 2.5  # lengths: two shapes of a held body that does not stretch are at most 2 from each other
 WITHIN = ("magnetic_interaction", "viscosity", "self_contact")  # what a body does to itself does not move its center, held or not
 MUTUAL = 0.6  # of a shift by the segments' field on each other, in large blocks: its uncertainty
 Word = Literal["keep", "drop", "add", "irrelevant"]
@@ -28,7 +28,7 @@ Word = Literal["keep", "drop", "add", "irrelevant"]
 
 @dataclass(frozen=True)
 class Judgment:
-    """Of one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, in words."""
+    """Advice on one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, as text."""
 
     effect: str
     named: bool
@@ -39,7 +39,7 @@ class Judgment:
 
 
 def allowed_error(scene: Scene) -> float:
-    """The error that a scene asks for, m; USUAL of its length where it asks for none."""
+    """The error that a scene requests, m; USUAL of its length where it requests none."""
     return scene.resolution.allowed(scene.length) or USUAL * scene.length
 
 
@@ -81,7 +81,7 @@ def _naming(scene: Scene, key: str, kind: Any) -> Scene:
 
 
 def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment:
-    """What to do about one effect, whether the scene names it or not; error: m, what the answer may be off by."""
+    """Evaluate one effect, whether the scene names it or not, and say what to do; error: m, that the answer may have."""
     named = getattr(scene.effects, key) is not None
     both = variants(scene, key)
     if isinstance(both, str):
@@ -112,12 +112,12 @@ def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
 
 
 def unknown(key: str, named: bool, why: str) -> Judgment:
-    """Where no estimate can be had: what is named stays."""
+    """Advice where no estimate can be had: a named effect stays."""
     return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
 
 
 def worth_naming(scene: Scene) -> list[Judgment]:
-    """The effects that a scene does not name and that would move its answer by more than the error it asks for, found quickly.
+    """The effects that a scene does not name and that would move its answer by more than the error it requests, found quickly.
 
     Only those of which that is certain: by more than the estimate may be off.
     """
@@ -129,7 +129,7 @@ def worth_naming(scene: Scene) -> list[Judgment]:
 
 
 def _touches(answers: RodAnswers, both: tuple[Scene, Scene]) -> Shift:
-    """How deep (m) the body would go through itself without contact; 0 where it does not."""
+    """Depth (m) to which the body would go through itself without contact; 0 where it does not."""
     thickness = both[1].thickness
     shapes = answers.shapes(both[1], answers.coarser)
     looked = shapes[:: max(1, len(shapes) // TOUCHES)]

@@ -90,7 +90,7 @@ def _between(p, q, a, b, mid):
 
 @compiled
 def _element(q, e, length, c, m0, field, weight, A, P, Q):
-    """How an element's span answers: A (2, 3, 3) to the rotations of its frames, P (2, 3, 3) to the fields there, Q (3) to the axial m0.
+    """Derivatives of an element's span: A (2, 3, 3) by the rotations of its frames, P (2, 3, 3) by the fields there, Q (3) by the axial m0.
 
     P without its factor m0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
     """

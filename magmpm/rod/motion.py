@@ -91,7 +91,7 @@ def _elements(scene: Scene, count: int) -> tuple[NDArray[np.void], NDArray[np.in
 
 
 def _surroundings(scene: Scene, dt: float) -> tuple[NDArray[np.void], Array]:
-    """What holds, guides and touches the rod, and the wall's table."""
+    """Record of the clamps, guide and obstacles of the rod, and the wall's table."""
     named, out = scene.effects, np.zeros(1, SURROUNDINGS)
     clamp = scene.body.shape.clamp
     out["held_base"] = clamp in ("base", "both") and named.feed is None

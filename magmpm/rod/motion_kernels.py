@@ -37,7 +37,7 @@ SURROUNDINGS = np.dtype(
 
 
 class State(NamedTuple):
-    """What a step changes: x, v, q, w; old (n + 2, 6): strains of the last step, for losses, of each element, then of the two clamps;
+    """Arrays changed by a step: x, v, q, w; old (n + 2, 6): strains of the last step, for losses, of each element, then of the two clamps;
     anchor (n + 1, 3) m: where friction holds the nodes (effects.contact_force)."""
 
     x: Array

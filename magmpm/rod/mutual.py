@@ -21,7 +21,7 @@ TOUCHING, NEAR = 0.151, 1.35  # of cubes: magmpm.effects.magnetic_interaction ha
 
 
 class MutualField:
-    """What the segments of a straight body do to each other. counts: number of elements of each segment; length (n,) m: of each element."""
+    """Mutual field of the segments of a straight body. counts: number of elements of each segment; length (n,) m: of each element."""
 
     def __init__(self, scene: Scene, counts: NDArray[np.int64], length: Array, across: int = ACROSS) -> None:
         shape = scene.body.shape

@@ -1,4 +1,4 @@
-"""How far an effect moves a scene's answer, by the rod: with the effect and without it, at rest, along equilibria in time, or in motion."""
+"""Shift of a scene's answer by an effect, by the rod: with the effect and without it, at rest, along equilibria in time, or in motion."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Shift:
 
 
 def is_rod(scene: Scene) -> bool:
-    """Whether the scene's body can be taken as a rod."""
+    """True if the scene's body can be taken as a rod."""
     return isinstance(scene.body.shape, StraightBody) and (scene.solver.dynamic is not None or is_cantilever(scene))
 
 
 def is_cantilever(scene: Scene) -> bool:
-    """Whether the scene's body is straight and held at its base alone: its rest can be taken as a rod's."""
+    """True if the scene's body is straight and held at its base alone: its rest can be taken as a rod's."""
     shape = scene.body.shape
     return isinstance(shape, StraightBody) and shape.clamp == "base"
 
@@ -74,7 +74,7 @@ def kink_warning(scene: Scene) -> str | None:
 
 
 def flat_stiffening(scene: Scene) -> float:
-    """By what part a strip that is much wider than thick is stiffer than its rod, about. 0 for other bodies.
+    """Fraction by which a strip that is much wider than thick is stiffer than its rod, about. 0 for other bodies.
 
     Near the clamp, which keeps its width, it bends like a plate, with E / (1 - nu^2): over w / (w + L) of the whole, for widths w of a
     tenth to twice the length L (measured: docs/effects.md, "How sure").
@@ -96,7 +96,7 @@ class RodAnswers:
         self._found: dict[tuple[Any, int], Array] = {}
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
-        """How far two variants of the scene are apart. Raises SolveError where a rod is not found, InputError where one can't be."""
+        """Distance between two variants of the scene. Raises SolveError where a rod is not found, InputError where one can't be."""
         if self.quick:
             apart = self._apart(scene, other, self.coarser)
             followed = 2 * QUICK_CLOSE * scene.length if scene.field.varies else 0.0
@@ -116,7 +116,7 @@ class RodAnswers:
 
     @property
     def coarser(self) -> int:
-        """How many times the elements of a quick answer are halved."""
+        """Number of times that the elements of a quick answer are halved."""
         return 2 if self.quick and self.scene.solver.dynamic is not None else int(self.quick)
 
     def _apart(self, scene: Scene, other: Scene, coarser: int) -> float:
@@ -186,7 +186,7 @@ def rest(scene: Scene, elements: int = ELEMENTS, time: float | None = None, clos
 
 
 def mutual_shift(scene: Scene, shape: RodShape, elements: int, across: int = 2) -> Array:
-    """How far (n + 1, 3) m the segments' field on each other moves a rod's frames, to first order: by its stiffness under its load.
+    """Shift (n + 1, 3) m of a rod's frames by the segments' field on each other, to first order: by its stiffness under its load.
 
     The generalized force on the turn of a frame is the torque on its moments, and of the force in the section on its arm.
     """

@@ -1,4 +1,4 @@
-"""When along its path the outside field bends a body the most: a pulse between equal parts of the path must not be missed."""
+"""Time along its path when the outside field bends a body the most: a pulse between equal parts of the path must not be missed."""
 
 from __future__ import annotations
 

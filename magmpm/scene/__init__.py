@@ -1,4 +1,4 @@
-"""What a scene may say: `load_scene(path)` and the classes of which a Scene is made."""
+"""Scenes: `load_scene(path)` and the classes of which a Scene is made."""
 
 from magmpm.bodies.body import Body
 from magmpm.bodies.catheter import Catheter

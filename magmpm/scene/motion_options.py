@@ -1,4 +1,4 @@
-"""What a scene may say of what happens in time: `solver: {dynamic: ...}`, motion, or `solver: {quasi_static: ...}`, equilibria."""
+"""Settings of changes in time: `solver: {dynamic: ...}`, motion, or `solver: {quasi_static: ...}`, equilibria."""
 
 from __future__ import annotations
 

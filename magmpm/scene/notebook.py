@@ -1,4 +1,4 @@
-"""How scenes draw themselves in notebooks: plain SVG and tables, without any library. results/notebook.py uses the same pieces.
+"""Drawings of scenes in notebooks: plain SVG and tables, without any library. results/notebook.py uses the same pieces.
 
 A body from the side and from above, to one scale, with an arrow for each magnetized segment, and what acts on it in a table.
 """

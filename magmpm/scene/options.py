@@ -145,7 +145,7 @@ def _read_error(value: Any, info: ValidationInfo) -> float | str:
 
 
 class Resolution(Settings):
-    """How fine the grid is: given in cells, or chosen for an error or a time."""
+    """Fineness of the grid: given in cells, or chosen for an error or a time."""
 
     cells_across: int = Field(
         default=4,
@@ -213,18 +213,18 @@ class Resolution(Settings):
 
     @model_serializer(mode="wrap")
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Plain data without what is not said: chosen cells are none yet, and asked errors are told only where there are any."""
+        """Plain data without what is not said: chosen cells are none yet, and requested errors are reported only where there are any."""
         data: dict[str, Any] = handler(self)
         left_out = ("cells_across",) if self.asked else ("error", "of", "seconds")
         return {key: value for key, value in data.items() if key not in left_out and value is not None}
 
     @property
     def asked(self) -> bool:
-        """Whether an error or a time is asked for, so that the cells must be chosen before anything can be built (statics.resolution)."""
+        """True if an error or a time is requested, so that the cells must be chosen before anything can be built (statics.resolution)."""
         return self.error is not None or self.seconds is not None
 
     def allowed(self, length: float) -> float | None:
-        """The error asked for, m, of a body of this length (m); None where none is."""
+        """The error requested, m, of a body of this length (m); None where none is."""
         if self.error is None:
             return None
         return self.error * length if isinstance(self.error, float) else float(self.error.removesuffix(" m"))

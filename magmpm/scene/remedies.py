@@ -1,4 +1,4 @@
-"""What to change in a scene whose run failed: named in the error, and tried on thousands of scenes by `magmpm stability --random`."""
+"""Changes to a scene whose run failed: named in the error, and tried on thousands of scenes by `magmpm stability --random`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _shorter_or_weaker(scene, error)
-    if isinstance(error, Collapsed):  # of segments that attract each other, which no outside field keeps apart
+    if isinstance(error, Collapsed):  # of segments that attract each other, which no outside field holds at a distance
         return _until(scene, error) if scene.in_time else ()
     if isinstance(error, TimeOver):  # smaller steps would take longer
         borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0
@@ -85,7 +85,7 @@ def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 
 def _begun(error: SolveError) -> bool:
-    """Whether what runs along time has begun: no part of a load, as is left of a path whose first equilibrium was not found."""
+    """True if a run along time has begun; a state with part of a load is left by a path whose first equilibrium was not found."""
     return bool(getattr(error.state, "load_share", 1.0) == 1.0)
 
 

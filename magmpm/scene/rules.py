@@ -19,7 +19,7 @@ NO_ENERGY = (  # rule and remedy, where a static scene names one of them
 
 
 class WholeScene(SceneLike, Protocol):
-    """What the rules ask of a scene (magmpm.scene.Scene) beyond what effects ask."""
+    """Interface of a scene (magmpm.scene.Scene) for the rules, beyond that for effects."""
 
     reference: Any  # centreline, rows [s, x, y, z] in m; or None
 
@@ -71,7 +71,7 @@ def _materials_are_there(scene: WholeScene) -> None:
 
 
 def _materials_named(scene: WholeScene) -> list[tuple[Key, str]]:
-    """Where the body names materials, and which."""
+    """Keys where the body names materials, and the names."""
     named: list[tuple[Key, str]] = []
     if (material := getattr(scene.body.shape, "material", None)) is not None:
         named.append((("body", scene.body.kind, "material"), material))
@@ -195,7 +195,7 @@ def _path_has_an_end(scene: WholeScene) -> None:
 
 
 def _something_changes(scene: WholeScene) -> None:
-    """Along a path of equilibria the load must change. Only asked of files."""
+    """Along a path of equilibria the load must change. Only required of files."""
     feed = scene.effects.feed
     if scene.solver.quasi_static is None or (feed is not None and feed.speed != 0.0):
         return
@@ -223,9 +223,9 @@ def without_energy(scene: WholeScene) -> str | None:
 
 
 def _field_acts(scene: WholeScene, effect: str) -> None:
-    """A file that asks for an outside field's torque or force must have something to turn and something to turn it.
+    """A file that requests an outside field's torque or force must have something to turn and something to turn it.
 
-    Only asked of files: a study or a test may well set the field or all magnetizations to zero.
+    Only required of files: a study or a test may well set the field or all magnetizations to zero.
     """
     if "field" not in scene.model_fields_set:
         raise fault(

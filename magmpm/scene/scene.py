@@ -111,7 +111,7 @@ def _read_effects(value: Any) -> Any:
 
 
 class Scene(Settings):
-    """What is simulated, how, and how finely. SI floats inside; immutable."""
+    """Scene to simulate, the method, and the resolution. SI floats inside; immutable."""
 
     name: str = Field(
         min_length=1,
@@ -171,29 +171,29 @@ class Scene(Settings):
 
     @property
     def static(self) -> bool:
-        """Whether equilibrium is sought, one or several along time, rather than motion."""
+        """True if equilibrium is sought, one or several along time, rather than motion."""
         return self.solver.dynamic is None
 
     @property
     def in_time(self) -> bool:
-        """Whether it is solved for several moments, which are written as frames: a motion, or equilibria along time."""
+        """True if the scene is solved for several moments, which are written as frames: a motion, or equilibria along time."""
         return self.solver.dynamic is not None or self.solver.quasi_static is not None
 
     @property
     def duration(self) -> float:
-        """When the last moment is, s; 0 of a single equilibrium."""
+        """Time of the last moment, s; 0 of a single equilibrium."""
         dynamic = self.solver.dynamic
         return dynamic.duration if dynamic is not None else (self.path_times() or [0.0])[-1]
 
     def path_times(self) -> list[float]:
-        """Times (s) of the equilibria along time; none where the scene asks for none."""
+        """Times (s) of the equilibria along time; none where the scene requests none."""
         quasi_static = self.solver.quasi_static
         return [] if quasi_static is None else quasi_static.times(end_time(self.field))
 
     # what the scene says, put together
 
     def regions(self) -> tuple[Region, ...]:
-        """What the body is made of, each with one material: segments from base to tip, or parts."""
+        """Regions of the body, each with one material: segments from base to tip, or parts."""
         return self.body.shape.regions()
 
     @property
@@ -203,17 +203,17 @@ class Scene(Settings):
 
     @property
     def thickness(self) -> float:
-        """What `cells_across` counts cells through, m: a catheter's diameter, a strip's thickness."""
+        """Length through which `cells_across` counts cells, m: a catheter's diameter, a strip's thickness."""
         return self.body.shape.thickness
 
     @property
     def cell(self) -> float:
-        """Width of the grid's cells, m, as asked for; the grid's own fit the body and may be a little smaller."""
+        """Width of the grid's cells, m, as requested; the grid's own fit the body and may be a little smaller."""
         return self.body.shape.cell_size(self.resolution.cells_across)
 
     @property
     def anchored(self) -> bool:
-        """Whether it is held at its base alone, and so stays within its length of it."""
+        """True if the body is held at its base alone, and so stays within its length of it."""
         return self.body.shape.clamp == "base"
 
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -243,7 +243,7 @@ class Scene(Settings):
         return None if self.reference is None else np.array(self.reference.centreline)
 
     def warnings(self) -> list[str]:
-        """What the author may not have meant: one sentence each."""
+        """Warn of settings that the author may not have meant: one sentence each."""
         return warnings(self)
 
     def __repr__(self) -> str:
@@ -270,7 +270,7 @@ class Scene(Settings):
         return self.model_dump(mode="json")
 
     def save(self, path: Path | str) -> Path:
-        """Write the scene as a file with units, from which load_scene makes an equal one; its reference as a table beside it.
+        """Write the scene as a file with units, from which load_scene makes an equal one; its reference as a table next to it.
 
         Raises InputError for scenes with a measured map or another table that a file names by its path, and then writes nothing.
         """

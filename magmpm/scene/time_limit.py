@@ -1,4 +1,4 @@
-"""How long solvers may take. When the time is over they end by themselves, with what they have.
+"""Time limit of solvers. When the time is over they end by themselves, with what they have.
 
     with limited(600.0):
         run(scene, folder="runs/long")

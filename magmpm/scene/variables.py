@@ -1,4 +1,4 @@
-"""What a design may change of a scene, one number each: directions of magnetization, field, materials, lengths, diameter.
+"""Variables of a scene that a design may change, one number each: directions of magnetization, field, materials, lengths, diameter.
 
 `variables(scene, of)` lists them by kind. Each knows its name and unit, and makes the scene in which it is changed by an amount: what a
 central difference uses, and what `sensitivities` gives the derivative with respect to.
@@ -25,7 +25,7 @@ Vector = tuple[float, float, float]
 class Variable:
     """One number that a design may change.
 
-    kind: the word that asks for it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
+    kind: the word that requests it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
     direction (3,): unit tangent toward which the magnetization turns; component: of the field, 0 to 2; material: its name.
     """
 

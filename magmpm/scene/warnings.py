@@ -7,7 +7,7 @@ from magmpm.effects.base import SceneLike
 
 
 def warnings(scene: SceneLike) -> list[str]:
-    """What the author may not have meant: one sentence each."""
+    """Warn of settings that the author may not have meant: one sentence each."""
     found: list[str] = []
     magnetized = scene.magnetized_regions()
     torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force

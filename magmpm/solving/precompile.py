@@ -106,7 +106,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
 
 
 def _has_room() -> bool:
-    """Whether the cache's disk has room for the kernels of a scene."""
+    """True if the cache's disk has room for the kernels of a scene."""
     try:
         return shutil.disk_usage(_cache()).free > ROOM
     except OSError:
@@ -130,7 +130,7 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
 
 
 def _solver(scene: Scene) -> str | bool:
-    """What distinguishes the kernels of one way to solve a scene from another's."""
+    """Key that distinguishes the kernels of one way to solve a scene from another's."""
     if scene.solver.quasi_static is not None:
         return "quasi_static"
     return scene.solver.dynamic is not None and formulation_of(scene)
@@ -141,7 +141,7 @@ def _cache() -> Path:
 
 
 def _stamp(kinds: str) -> str:
-    """Names a set of kernels as Numba's disk cache tells them apart: two of these are the same only if none needs compiling again.
+    """Names a set of kernels as Numba's disk cache distinguishes them: two of these are the same only if none needs compiling again.
 
     Place and times of the sources are among them: another clone of the same sources has to compile them again.
     """
@@ -185,7 +185,7 @@ def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
             process.end()
         try:
             return all(processes[0].ask(use) for use in uses)  # what the parts have left out, and proof that they are all there
-        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is told there
+        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is reported there
             return False
 
 
@@ -201,7 +201,7 @@ def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
 
 
 def formulation_of(scene: Scene) -> str:
-    """Of a scene that moves."""
+    """Formulation of a scene that moves."""
     from magmpm.dynamics.time_loop import formulation  # only for motion: statics needs none of it in memory
 
     return formulation(scene)
@@ -230,7 +230,7 @@ def differentiate_small(small: Scene) -> None:
 
 
 def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
-    """What a process does: compile parts by their names, and say whether the disk kept them."""
+    """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
     every = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}
     scene = Scene.from_si(small)
 

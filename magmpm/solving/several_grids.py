@@ -55,11 +55,11 @@ class Runs(Grids):
         self.solved[cells] = Solved(cells, True, seconds, result.iterations, result.dof, result.centreline, result.tip, moved)
 
     def times(self, cells: int) -> float:
-        """How many times as long as a run on a grid it takes to run it and to know its error."""
+        """Cost of a run on a grid together with its error, over that of the run alone."""
         return 1.0 + sum(work(self.on(n)) for n in needed_for(self.asked, cells)) / work(self.on(cells))
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
-        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error asked for will take too long.
+        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error requested will take too long.
 
         gone: seconds since the run began.
         """
@@ -102,7 +102,7 @@ class Runs(Grids):
 
     @property
     def algebraic(self) -> float:
-        """What the solves of equilibria leave, m."""
+        """Error that the solves of equilibria leave, m."""
         return super().algebraic if self.asked.static else 0.0
 
 
@@ -114,12 +114,12 @@ def work(scene: Scene) -> float:
 
 
 def grids_of(scene: Scene) -> Grids:
-    """How a scene is solved on several grids: equilibria of straight bodies from each other, all else by whole runs."""
+    """Grids on which a scene is solved: equilibria of straight bodies from each other, all else by whole runs."""
     return Runs(scene) if scene.in_time or scene.body.shape.line is None else Equilibria(scene)
 
 
 def choose_grid(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] | None = None) -> tuple[ChosenGrid, float]:
-    """The grid for the error or the time that a scene asks for (statics.resolution.choose), and the seconds its kernels took to load."""
+    """The grid for the error or the time that a scene requests (statics.resolution.choose), and the seconds its kernels took to load."""
     compiled = _prepare(grids)
     choice = choose(grids, on_step, extra or (lambda cells: 0.0))
     return replace(choice, report={**choice.report, **_on_the_way(grids, choice)}), compiled
@@ -137,7 +137,7 @@ def _prepare(grids: Grids) -> float:
 
 
 def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
-    """Of what runs along time: when (s) the two grids differ the most, and the spans (s) around jumps in which no error is known."""
+    """Time (s) when the two grids differ the most, and the spans (s) around jumps in which no error is known, of runs along time."""
     if not isinstance(grids, Runs) or not grids.asked.in_time:
         return {}
     coarse, fine = choice.cells, choice.report["finer"]["cells_across"]

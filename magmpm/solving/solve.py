@@ -227,12 +227,12 @@ def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
 
 
 def _warnings(scene: Scene) -> list[str]:
-    """What the author of the scene may not have meant, and about the field's map."""
+    """Warn of settings that the author of the scene may not have meant, and of the field's map."""
     return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
 
 
 def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float64], time: float | None) -> dict[str, Any]:
-    """What every result holds: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
+    """Fields of every result: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
     scene, particles = model.scene, model.particles
     center = particles.volume @ position / particles.volume.sum()
     return {
@@ -254,7 +254,7 @@ def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float6
 
 
 def _strained(strain: Strain) -> dict[str, Any]:
-    """What every result holds about its strain."""
+    """Fields of every result about its strain."""
     return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
 
 

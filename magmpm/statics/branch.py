@@ -2,7 +2,7 @@
 
 A step is accepted where undamped Newton iterations from the state before contract (step k is at most CONTRACTION^k times the first) to a
 state whose tangent is positive definite: then it is the neighbor of the one before, and stable. Otherwise the step is halved, down to
-FINEST of what the caller asked for; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the smallest
+FINEST of what the caller requested; where nothing tells that the branch ends, neither an unstable neighbor nor the trend of the smallest
 eigenvalue, to FINEST of that once more. A step that fails even then has passed the end of the branch, where the smallest eigenvalue of the
 tangent reaches zero:
 
@@ -33,7 +33,7 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.nearby_minima import NearbyMinima, Tell, lowest_mode
 from magmpm.statics.stability import stability
 
-FINEST = 2.0**-10  # of the step asked for: attempts are halved down to this, and critical loads known within it
+FINEST = 2.0**-10  # of the step requested: attempts are halved down to this, and critical loads known within it
 LANDING = 15  # of the finest steps: how far past the end of a branch the body is sought again; nearer, a new branch is too steep
 GROWTH = 2.0  # of the step after one that was accepted
 TOGETHER = 2e-3  # of the unloaded body's lowest eigenvalue: below minus this a body whose segments act on each other is unstable
@@ -144,11 +144,11 @@ class Branch:
         return jumps
 
     def _ends_before(self, time: float) -> bool:
-        """Whether the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
+        """True if the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
         return self.before is not None and _zero_of("limit point", self.before, self.now, time) < time
 
     def stability(self) -> float:
-        """Of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""
+        """Stability of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""
         energy = self.energy_at(self.now.time)
         self._near.made_definite(energy, self.now.point)
         if acting.feels_itself(energy.model.scene):
@@ -225,7 +225,7 @@ class Branch:
         return Jump(critical, kind, past - last.time, moved, released, landing)
 
     def _kind(self, energy: Energy, last: Reached, past: float, mode: Array) -> Kind:
-        """Whether the branch turns back there (its direction is the mode) or goes on unstable (its direction has nothing of the mode).
+        """Decide whether the branch turns back there (its direction is the mode) or goes on unstable (its direction is free of the mode).
 
         energy: at the last state, with its factored tangent.
         """
@@ -265,7 +265,7 @@ def point_of(model: StaticModel, grid: Array) -> Point:
 
 
 def outside_domain(model: StaticModel, point: Point) -> str | None:
-    """Why a body is where its field is not known, or None."""
+    """Reason why the field is not known at a body, or None."""
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
@@ -273,7 +273,7 @@ def outside_domain(model: StaticModel, point: Point) -> str | None:
 
 
 def _zero_of(kind: Kind, before: Reached, last: Reached, past: float) -> float:
-    """When the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
+    """Time when the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
     if before.lowest is None or last.lowest is None or not before.lowest > last.lowest:
         return past
     power = 2 if kind == "limit point" else 1

@@ -1,4 +1,4 @@
-"""How the residual of an equilibrium changes with the numbers of its scene, at fixed unknowns: one column for each variable.
+"""Changes of the residual of an equilibrium with the numbers of its scene, at fixed unknowns: one column for each variable.
 
 The residual is linear in the shear modulus (at a fixed K/G), and through the effects' loads linear in the density and in the uniform
 field; an effect says how its loads change with the remanence (effects.hooks) and with the field (Effect.field_changes). So all these

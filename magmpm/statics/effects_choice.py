@@ -1,4 +1,4 @@
-"""Which effects a scene calls for: chosen for `effects: auto`, and missed ones told of. Estimates are the rod's (magmpm.rod.advice)."""
+"""Which effects a scene calls for: chosen for `effects: auto`, and missed ones reported. Estimates are the rod's (magmpm.rod.advice)."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Choice:
 
 
 def choose_effects(scene: Scene) -> Choice:
-    """The effects that move the answer of a scene with `effects: auto` by more than the error it asks for, and what was found of each.
+    """The effects that move the answer of a scene with `effects: auto` by more than the error it requests, and what was found of each.
 
     Each is tried against a scene with all that can act; what is left out has to be settings, such as a wall's, that only a user can give.
     So is all that is left out, together: small shifts may add up. Where the body is no rod there is no estimate, and everything that can
-    act without settings of its own is chosen, self_contact apart.
+    act without settings of its own is chosen, except self_contact.
     """
     bare = scene.with_effects(auto=None)
     possible, found = [], {}
@@ -54,7 +54,7 @@ def choose_effects(scene: Scene) -> Choice:
 
 
 def _together(full: Scene, left: list[str], found: dict[str, Judgment], error: float) -> list[str]:
-    """Of effects that are left out one by one, those to choose after all, where all of them together move the answer by more than it may.
+    """Effects to choose after all, of those left out one by one, where all of them together move the answer by more than it may.
 
     From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
     """
@@ -95,7 +95,7 @@ def _judged(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Sc
 
 
 def missed_effects(scene: Scene) -> list[str]:
-    """Warnings, one for each effect that the scene does not name and that would move its answer by more than the error it asks for."""
+    """Warnings, one for each effect that the scene does not name and that would move its answer by more than the error it requests."""
     if scene.advice == "off" or scene.effects.auto:
         return []
     try:

@@ -45,7 +45,7 @@ _controller: ThreadpoolController | None = None
 
 @dataclass
 class Following:
-    """What a solve leaves for those of its neighbors: its energy with all arrays, and what is known of the unloaded body.
+    """Data that a solve leaves for its neighbors: its energy with all arrays, and what is known of the unloaded body.
 
     expected: what neighbors say that a solve will add to its rod, coefficients (planes, m), m, in the rod's frames; None: they don't know.
     """
@@ -66,13 +66,13 @@ class Following:
 
 
 def _alike(one: StaticModel, other: StaticModel, parts: tuple[str, ...]) -> bool:
-    """Whether two models have the same arrays of these names, to the last bit."""
+    """True if two models have the same arrays of these names, to the last bit."""
     return one.order == other.order and all(np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts)
 
 
 @dataclass(frozen=True)
 class _Start:
-    """What a solve begins from: see solve_static."""
+    """Start of a solve: see solve_static."""
 
     correction: Array | None
     rod: RodShape | None
@@ -276,7 +276,7 @@ def _branch(
 
 
 def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
-    """Where a solve begins, and where it begins again if it fails: a neighbor's correction, then the rod alone.
+    """Starts of a solve, the next one for where the first fails: a neighbor's correction, then the rod alone.
 
     Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
     """
@@ -368,7 +368,7 @@ def solve_from(
 ) -> Equilibrium:
     """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
 
-    tolerance: in place of the scene's. Its stability is not judged. Raises SolveError.
+    tolerance: in place of the scene's. Its stability is not evaluated. Raises SolveError.
     """
     options = model.scene.solver.static
     energy = Energy(model)

@@ -1,4 +1,4 @@
-"""How far a solution is from the exact one, told from the same scene on a finer grid.
+"""Error of a solution, estimated from the same scene on a finer grid.
 
 The error of grid n is u - u_n = (u - u_m) + (u_m - u_n). Where errors fall at least as h^p, the part that the finer grid m leaves is at
 most (n/m)^p of the whole, so |u - u_n| <= |u_m - u_n| / (1 - (n/m)^p). For p we take the slowest order there is, that of the singular
@@ -62,7 +62,7 @@ def foretold(errors: Mapping[int, float], cells: int) -> float:
 
 
 def steady(order: float | None) -> bool | None:
-    """Whether errors that fall at this order are in the asymptotic range; None where no order is known."""
+    """Return whether errors that fall at this order are in the asymptotic range; None where no order is known."""
     return None if order is None else order >= LEAST
 
 
@@ -72,8 +72,8 @@ def distance(one: Array, other: Array) -> float:
 
 
 def caution(slenderness: float, wall: float) -> float:
-    """What bounds are multiplied by for bodies unlike those by which they were measured. slenderness: length over thickness; wall: cells
-    across a tube's wall (inf without a bore)."""
+    """Factor of the bounds for bodies unlike those by which they were measured. slenderness: length over thickness; wall: cells across a
+    tube's wall (inf without a bore)."""
     return (THIN if wall < THIN_WALL else 1.0) * (BLUNT if slenderness < BLUNT_BODY else 1.0)
 
 

@@ -39,7 +39,7 @@ class GeometryChange:
 
 
 def geometry_changes(model: StaticModel, grid: Array, variables: Sequence[Variable], residual: Residual) -> dict[int, GeometryChange]:
-    """By number, the change with each variable that is a length or diameter.
+    """Change with each variable that is a length or diameter, by its number.
 
     residual(model, grid): of a model that differs from the given one in shape alone, at coefficients (planes, m) m.
     """

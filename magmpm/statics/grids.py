@@ -36,7 +36,7 @@ OnStep = Callable[[int, float], None]
 
 @dataclass
 class Solved:
-    """What is known of a scene on a grid. exact: solved to the scene's tolerance, not just enough for a proof; steps: factorizations, or
+    """Solution of a scene on a grid. exact: solved to the scene's tolerance, not just enough for a reference; steps: factorizations, or
     steps of a motion; centreline rows [s, x, y, z] m and tip (3,) m at the end; moved: the farthest that a point of the body went, m."""
 
     cells: int
@@ -50,7 +50,7 @@ class Solved:
 
 
 class Grids(ABC):
-    """A scene that asks for an error or a time, on grids that are solved one by one. on_step: as of solves."""
+    """A scene that requests an error or a time, on grids that are solved one by one. on_step: as of solves."""
 
     def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
         self.asked, self.on_step = asked, on_step
@@ -85,7 +85,7 @@ class Grids(ABC):
 
     @property
     def algebraic(self) -> float:
-        """What the solves themselves leave, m: they end at a share of the energy."""
+        """Error that the solves themselves leave, m: they end at a fraction of the energy."""
         return ALGEBRAIC * float(np.sqrt(self.asked.solver.static.tolerance)) * next(iter(self.solved.values())).moved
 
 
@@ -162,7 +162,7 @@ class Equilibria(Grids):
         self.solved[cells] = Solved(cells, cells in self.found, seconds, steps, model.dof, *ends, float(np.abs(grid).max()))
 
     def _where(self, model: StaticModel, grid: Array) -> Array:
-        """Where errors are meant, (k, 3) m: along the centreline, or at the tip."""
+        """Points where errors are meant, (k, 3) m: along the centreline, or at the tip."""
         if self.asked.resolution.of == "tip":
             return axis.tip(model, grid)[None]
         s = np.linspace(0.0, model.grid.faces[-1], STATIONS)

@@ -133,7 +133,7 @@ def make_layout(model: Model, weights: Array) -> Layout:
 
 
 def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Whether any particle touches each node (planes, nodes_per_plane)."""
+    """Nodes that any particle touches, True or False (planes, nodes_per_plane)."""
     heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
     touched = np.zeros(shape, bool)
     for a, b, c in np.ndindex(3, 3, 3):

@@ -95,8 +95,8 @@ class NearbyMinima:
         return residual, factor(panels, layout.split) < 0
 
     def made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array | None, bool]:
-        """As `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed for a
-        step or two, for it moves along tangents of its arcs: it is not unstable. No residual where values are not finite."""
+        """Factor as `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed
+        for a step or two, as it moves along tangents of its arcs: it is not unstable. No residual where values are not finite."""
         residual, definite = self._factored(energy, point, more)
         done, enough = definite, self._enough / STIFFER
         while not done:
@@ -145,7 +145,7 @@ class NearbyMinima:
         return found.point
 
     def settled(self, energy: Energy, point: Point, longest: float, check: Callable[[Point], None]) -> Point:
-        """Where overdamped motion from a state ends, by implicit Euler steps of at most `longest` (m). Raises SolveError.
+        """End of the overdamped motion from a state, by implicit Euler steps of at most `longest` (m). Raises SolveError.
 
         check: called with each state on the way; may raise SolveError.
         A step of the time 1 / mu is the minimum of E + mu/2 |c - c0|^2, found by Newton's method. mu grows where that fails, the step is

@@ -1,4 +1,4 @@
-"""The grid chosen for an error or a time that a scene asks for: the coarsest that will do, its error proven by a finer one.
+"""The grid chosen for an error or a time that a scene requests: the coarsest that will do, its error proven by a finer one.
 
 Coarse grids first; the error of a grid is known from a grid half as coarse again or more (statics.error_estimate), on the centreline or at
 the tip. The search needs of the grids only what statics.grids.Grids offers: equilibria of straight bodies at rest are solved quickly, all
@@ -27,10 +27,10 @@ PATIENCE = 3600.0  # s: an error that would take longer is out of reach
 LARGEST = 0.5  # of the length: a larger error tells nothing
 FLOOR = 1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
 SHARE = 0.5  # of the machine's memory that a grid may take
-LATE = 1.15  # of the time asked for: a grid that takes longer is given up
+LATE = 1.15  # of the time requested: a grid that takes longer is given up
 RESERVE = 0.9  # of the time left that a grid may be foretold to take
 HOPE = 0.5  # errors may fall by this order faster than they did
-# Where materials meet, grids begin here: of 143 drawn bodies 2 by 4 cells told errors up to 2 times too small, of 97 3 by 5 one 4 times.
+# Where materials meet, grids begin here: of 143 drawn bodies 2 by 4 cells gave errors up to 2 times too small, of 97 3 by 5 one 4 times.
 JOINTED = {3: 6}
 FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
 
@@ -45,14 +45,14 @@ class ChosenGrid:
 
 
 class _Late(Exception):
-    """The time that the scene asks for is over."""
+    """The time that the scene requests is over."""
 
 
 @dataclass
 class _Search:
     grids: Grids
     begun: float
-    extra: Callable[[int], float]  # seconds of the time asked for that a grid will take once it is chosen
+    extra: Callable[[int], float]  # seconds of the time requested that a grid will take once it is chosen
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
     proof: dict[int, int] = field(init=False)  # of a grid, by cells across, the one that tells its error
 
@@ -89,7 +89,7 @@ class _Search:
         return solve + (0.0 if finer in grids.solved else grids.takes(finer, proof=True))
 
     def fits(self, cells: int) -> bool:
-        """Whether a grid and its proof fit into memory."""
+        """True if a grid and the finer one that gives its error fit into memory."""
         return self.grids.size(self.proof[cells]) <= SHARE * memory.machine()
 
 
@@ -105,7 +105,7 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
 
 
 def proofs(scene: Scene) -> dict[int, int]:
-    """Of a grid, by cells across, the finer one that tells its error."""
+    """Finer grid that gives the error of a grid, by cells across."""
     return PROOF | JOINTED if knots_of(scene).joints else PROOF
 
 
@@ -119,9 +119,9 @@ def _nothing(cells: int) -> float:
 
 
 def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = _nothing) -> ChosenGrid:
-    """The coarsest grid that meets the error, or the best within the time, that a scene asks for; solved, with its error known.
+    """The coarsest grid that meets the error, or the best within the time, that a scene requests; solved, with its error known.
 
-    extra: seconds of the time asked for that a grid with so many cells across will take once it is chosen.
+    extra: seconds of the time requested that a grid with so many cells across will take once it is chosen.
     Raises SceneError where no grid can: with what it would take. Raises as the solves do.
     """
     check_possible(grids.asked)
@@ -167,7 +167,7 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
 
 
 def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None:
-    """Raises SceneError where the search ended without what was asked for: as a finer grid failed, or on grids that tell nothing.
+    """Raises SceneError where the search ended without what was requested: as a finer grid failed, or on grids that tell nothing.
 
     failed: cells across of the last grid that was tried.
     """
@@ -208,7 +208,7 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     order = observed_order(search.errors)
     hoped = law.FASTEST if order is None else min(max(order, law.LEAST) + HOPE, law.FASTEST)
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
-        # Two coarse grids far apart may be too coarse, rather than on other branches: then how far they are apart foretells nothing.
+        # Two coarse grids far from each other may be too coarse, rather than on other branches: then their distance foretells nothing.
         if tried < FIRST_LEAP and search.errors[tried] > LARGEST * search.scene.length:
             return min(search.proof[tried], FIRST_LEAP)
         raise _out_of_reach(search, wanted)
@@ -281,9 +281,9 @@ def _up(number: float) -> float:
 
 
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
-    """Where two grids are so far apart that their difference tells no error.
+    """Error for two grids so far from each other that their difference gives no error.
 
-    received: what was asked for; failed: what a finer grid failed of.
+    received: what was requested; failed: what a finer grid failed of.
     """
     tried, length = max(search.errors), search.scene.length
     key, proof = "seconds" if search.scene.resolution.error is None else "error", search.proof[tried]

@@ -1,4 +1,4 @@
-"""How stable an equilibrium is: the smallest eigenvalue of its tangent, over that of the unloaded body.
+"""Stability of an equilibrium: the smallest eigenvalue of its tangent, over that of the unloaded body.
 
 K v = lambda M v, with M the mass matrix of unit density: lambda is the least stiffness, per mass, against any small motion. The ratio is 1
 at rest and 0 at a critical load (buckling, snapping, turning round), toward which it falls linearly for most loads.
@@ -39,7 +39,7 @@ Products = Callable[[Array], tuple[Array, Array]]
 
 @dataclass
 class Unloaded:
-    """What is the same for all loads of a body: volumes of unknowns (planes, 1, m), smallest eigenvalue at rest.
+    """Quantities that are the same for all loads of a body: volumes of unknowns (planes, 1, m), smallest eigenvalue at rest.
 
     Soft vectors are not: vectors of one symmetry, followed from load to load, would never become those of another.
     """

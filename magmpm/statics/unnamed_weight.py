@@ -1,6 +1,6 @@
-"""Whether the weight of a body would matter that a scene does not name, where the body is no rod: by the factors that its solve leaves.
+"""Effect of a weight that a scene does not name, where the body is no rod: by the factors that its solve leaves.
 
-One load vector and one substitution, so it costs next to nothing. To first order: a large shift may be less, so no number is told.
+One load vector and one substitution, so it costs next to nothing. To first order: a large shift may be less, so no number is reported.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium
 from magmpm.statics.interacting import InteractingEnergy
 
-SURE = 1.25  # times the error: what a shift to first order must be, to be told
+SURE = 1.25  # times the error: what a shift to first order must be, to be reported
 
 
 def missed_weight(scene: Scene, found: Equilibrium) -> list[str]:
-    """A warning where a scene's equilibrium lacks a weight that would move it by more than the error it asks for."""
+    """A warning where a scene's equilibrium lacks a weight that would move it by more than the error it requests."""
     if scene.advice == "off" or scene.effects.gravity is not None or is_cantilever(scene) or found.energy is None:
         return []
     if any(scene.materials[region.material_name].density is None for region in scene.regions()):
@@ -51,7 +51,7 @@ def _stretched(shift: float, thickness: float) -> float:
 
 
 def weight_shift(energy: Energy, acceleration: tuple[float, float, float]) -> Array:
-    """How far (particles, 3) m the body's weight moves an equilibrium, to first order. energy: of its solve, with its last factors."""
+    """Shift (particles, 3) m of an equilibrium by the body's weight, to first order. energy: of its solve, with its last factors."""
     model, n = energy.model, len(energy.model.shear)
     load = model.density[:, None] * np.array(acceleration)
     column = np.zeros((1, len(model.layout.cell_plane)), np.int64)

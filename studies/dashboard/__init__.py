@@ -1,1 +1,1 @@
-"""What optuna-dashboard shows of a study."""
+"""View of a study in optuna-dashboard."""

@@ -110,7 +110,7 @@ def _cookie(header: str, name: str) -> str | None:
 
 
 def _whole(app: Application, environ: dict[str, Any]) -> str | None:
-    """What the application serves for a request, or None where that isn't a text."""
+    """Text that the application serves for a request, or None where the answer isn't a text."""
     told: list[Any] = []
     conditions = ("HTTP_IF_MODIFIED_SINCE", "HTTP_IF_NONE_MATCH", "HTTP_RANGE")
     asked = {name: value for name, value in environ.items() if name not in conditions}

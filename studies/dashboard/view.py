@@ -59,7 +59,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         self._of_trial: dict[int, list[float]] = {}
 
     def factors(self, study_id: int) -> list[float]:
-        """By what the values of a study are multiplied."""
+        """Factors by which the values of a study are multiplied."""
         if study_id not in self._factors:
             names = self.storage.get_study_system_attrs(study_id).get(METRICS) or []
             count = len(self.storage.get_study_directions(study_id))
@@ -74,7 +74,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         return [trial for trial in shown if states is None or trial.state in states]
 
     def get_best_trial(self, study_id: int) -> FrozenTrial:
-        """The least of the feasible trials; where none is feasible, of all: the dashboard asks for one."""
+        """The least of the feasible trials; where none is feasible, of all: the dashboard requests one."""
         done = self.get_all_trials(study_id, states=(TrialState.COMPLETE,))
         if not done:
             raise ValueError("no trial of this study was solved")
@@ -86,7 +86,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         return found
 
     def set_trial_state_values(self, trial_id: int, state: TrialState, values: Sequence[float] | None = None) -> bool:
-        """What the dashboard tells, back in SI."""
+        """Store the state and values that the dashboard sends, back in SI."""
         factors = self._of_trial.get(trial_id)
         told = None if values is None else [value / factor for value, factor in zip(values, factors or [1.0] * len(values), strict=True)]
         return bool(self.storage.set_trial_state_values(trial_id, state, told))
@@ -128,7 +128,7 @@ def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Notes:
-    """Writes what the dashboard shows beside the numbers: notes on the study and its trials, and the study's pictures.
+    """Writes what the dashboard shows next to the numbers: notes on the study and its trials, and the study's pictures.
 
     Notes that somebody wrote are left alone.
     """

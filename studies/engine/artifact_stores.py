@@ -1,4 +1,4 @@
-"""Where the pictures of trials are kept beside the study's folder: in it, in a folder that sessions share, or in an S3-compatible store.
+"""Extra stores for the pictures of trials: in the study's folder, in a folder that sessions share, or in an S3-compatible store.
 
 All by Optuna's own stores. The keys of S3 come from where its clients look for them (AWS_ACCESS_KEY_ID, ~/.aws, a role), the address of a
 store that is not Amazon's from AWS_ENDPOINT_URL; neither is kept with the study.

@@ -1,4 +1,4 @@
-"""Why a target was not reached: what holds the best design back, with the numbers that show it.
+"""Reasons why a target was not reached: what holds the best design back, with the numbers that show it.
 
 Read from the linear model of the best design (its residuals r and Jacobian J, linear_model.py), from the other descents of the
 Gauss-Newton sampler, and from the rod:
@@ -43,7 +43,7 @@ Finding = dict[str, Any]
 
 
 def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) -> list[Finding]:
-    """What holds a study's best design back: dicts with `what`, the sentence `says`, and numbers in SI. None where it is near enough."""
+    """Reasons why the best design is not better: dicts with `what`, the sentence `says`, numbers in SI. None where it is near enough."""
     best = best_trial(trials)
     good = SENSIBLE * space.scene.length if study.stop_rms is None else study.stop_rms
     if best is None or best.value is None or best.value <= good or "jacobian" not in best.user_attrs or study.depths or study.keyframes:
@@ -100,7 +100,7 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
 
 
 def _stronger_field(study: Study, space: SearchSpace, good: float) -> list[Finding]:
-    """What the rod finds in stronger fields."""
+    """Report what the rod finds in stronger fields."""
     assert space.field_max is not None
     scene = space.scene_at(space.nearest(np.full(space.size, 0.5)))
     reached: list[tuple[float, float]] = []
@@ -158,7 +158,7 @@ def reachable_curvature(scene: Scene, field_max: float | None) -> tuple[Array, A
 def target_bends(target: Array, window: float) -> tuple[Array, Array]:
     """Ends (k, 2) m of stretches of a target (m, 4) m and its mean curvature (k,) 1/m there; it leaves the origin along +x.
 
-    Rows are taken at least `window` apart, m. A chord has the direction of the curve at its middle.
+    Rows are taken at a distance of at least `window`, m. A chord has the direction of the curve at its middle.
     """
     rows = [np.zeros(4)]
     for row in target:
@@ -193,7 +193,7 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
 
 
 def _other_starts(trials: Sequence[FrozenTrial], best: FrozenTrial) -> list[Finding]:
-    """Where the descents from other starts ended."""
+    """Report where the descents from other starts ended."""
     ends: dict[int, float] = {}
     for trial in trials:
         start = trial.system_attrs.get(PLAN, {"start": -1})["start"]

@@ -1,7 +1,7 @@
 """The study itself: ask for a design, solve, compare, keep, until it is good enough or the trials are used up.
 
 By Optuna's ask and tell. With one worker, a trial depends only on the study's definition, its seed and the earlier trials; with several,
-also on which trials were running when it was asked for. A process may end at any moment; the next one continues as if nothing had happened.
+also on which trials were running when it was requested. A process may end at any moment; the next one continues as if nothing had happened.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ LOOK = 1.0  # s between two looks at what other sessions do
 
 
 def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
-    """What the search of a study should know, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
+    """Warnings about the search of a study, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
     check_available(study.sampler)
     check_suits(study)
     check_workers(workers, time_limit)
@@ -134,12 +134,12 @@ def run_study(
 
 
 def allowed_time(durations: list[float]) -> float | None:
-    """How long a worker may take for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
+    """Time limit of a worker for a design, s: a hundred times the usual, ten minutes at least; None before any is finished."""
     return max(600.0, 100.0 * statistics.median(durations)) if durations else None
 
 
 def kernel_uses(study: Study) -> list[str]:
-    """What a study's kernels are for (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
+    """Uses of a study's kernels (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
     rods = study.sampler == "gauss-newton" or study.start == "rod" or bool(study.depths or study.keyframes)
     return ["solve", *["sensitivities"] * needs_derivatives(study), *["rods"] * rods]
 
@@ -173,7 +173,7 @@ class _Run(OpenStudy):
 
     @property
     def notes(self) -> list[str]:
-        """What happened to trials and workers on the way, a sentence each."""
+        """Notes on trials and workers that were lost on the way, a sentence each."""
         died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
         hung = f"of these, processes that took too long for a design and were ended (--time-limit): {self.hangs}"
         return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0), *[hung] * (self.hangs > 0)]
@@ -190,7 +190,7 @@ class _Run(OpenStudy):
             self.mended = self.store(lambda: self.gallery.mend(self.finished()))
 
     def sampler(self) -> BaseSampler:
-        """What chooses the trials."""
+        """Sampler that chooses the trials."""
         study, insertion = self.study, self.judge.trajectory
 
         def of(number: int) -> BaseSampler:
@@ -206,7 +206,7 @@ class _Run(OpenStudy):
         return PerTrial(of, starts=first, session=self.session.name if self.shared else None, wait=self.shared)
 
     def ended(self, stop: float | None) -> report.Ended | None:
-        """Why no more trials are wanted, if so; stop: m."""
+        """Reason why no more trials are wanted, if so; stop: m."""
         if stop is not None and self.best is not None and self.best <= stop:
             return "stop"
         if self.count >= self.study.trials:
@@ -214,7 +214,7 @@ class _Run(OpenStudy):
         return "exhausted" if self.exhausted() else None
 
     def exhausted(self) -> bool:
-        """Whether only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
+        """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
         from optuna.trial import TrialState
 
         sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
@@ -254,7 +254,7 @@ class _Run(OpenStudy):
         return ended
 
     def one_trial(self) -> Trial | None:
-        """Asks for a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
+        """Requests a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
         asked = self.ask()
         try:
@@ -264,7 +264,7 @@ class _Run(OpenStudy):
             raise
 
     def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
-        """As `to_the_end`, with processes that solve. Trials that are being solved when one comes within `stop` are finished and kept."""
+        """Run as `to_the_end` does, with processes that solve. Trials being solved when one comes within `stop` are finished and saved."""
         at_work: dict[int, tuple[optuna.Trial, float]] = {}
         with remembered() as check_for_ctrl_c, Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
             try:
@@ -288,14 +288,14 @@ class _Run(OpenStudy):
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
                     self.deaths, self.hangs = pool.deaths, pool.hangs
-            except BaseException as error:  # also while a trial is asked for or kept
+            except BaseException as error:  # also while a trial is requested or kept
                 self.session.put_all_back()
                 if isinstance(error, KeyboardInterrupt):
                     return "interrupted"
                 raise
 
     def look_around(self, mine: set[int]) -> None:
-        """What other sessions have done meanwhile, and have left behind."""
+        """Read what other sessions have done meanwhile, and take over what they have left behind."""
         if self.shared and time.monotonic() - self.looked > LOOK:
             self.session.beat()
             self.session.sweep(mine)
@@ -303,7 +303,7 @@ class _Run(OpenStudy):
             self.looked = time.monotonic()
 
     def wanted(self, at_work: int) -> bool:
-        """Whether another trial is wanted beside those that are being solved, at_work of them here."""
+        """True if another trial is wanted in addition to those being solved, at_work of them here."""
         from optuna.trial import TrialState
 
         if not self.shared:
@@ -323,7 +323,7 @@ class _Run(OpenStudy):
         return asked
 
     def in_time(self, asked: optuna.Trial) -> bool:
-        """Whether a trial is one of those that are wanted; one that another session was faster with is withdrawn."""
+        """True if a trial is one of those that are wanted; one with which another session was faster is withdrawn."""
         from optuna.trial import TrialState
 
         known = self.store(lambda: self.kept.get_trials(deepcopy=False))

@@ -1,4 +1,4 @@
-"""What a study leaves in its folder: a picture of every trial, and the result of every design that was the best so far.
+"""Files that a study leaves in its folder: a picture of every trial, and the result of every design that was the best so far.
 
 OUT/pictures/trial_007.png    also an Optuna artifact of the trial, in OUT/artifacts, which the dashboard shows
 OUT/improvements/007/         result and design of a trial that was the best when it ran
@@ -118,13 +118,13 @@ def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
 
 
 def holds(folder: Path, trial: FrozenTrial) -> bool:
-    """Whether a folder holds the whole result of this trial, readable."""
+    """True if a folder holds the complete result of this trial, readable."""
     design = read_design(folder)
     return design.get("number") == trial.number and design.get("params") == trial.params and readable(folder)
 
 
 def read_design(folder: Path) -> dict[str, Any]:
-    """What is stored there about a design; empty if nothing is readable."""
+    """Read what is stored there about a design; empty if nothing is readable."""
     try:
         design = json.loads(read_regular(folder / DESIGN, MOST))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What a study has found so far, read from its storage."""
+"""Report of what a study has found so far, read from its storage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OF_SEVERAL = (  # of a trial of an insertion or a schedule
 )  # fmt: skip
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
-BRINK = 0.1  # stability below which a design is on the brink: it is told, and another of nearly the same rms takes its place
+BRINK = 0.1  # stability below which a design is on the brink: it is reported, and another of nearly the same rms takes its place
 NEARLY = 1.1  # times the least rms: what the more stable design may cost
 
 
@@ -73,7 +73,7 @@ class StudyReport:
 
     @property
     def why(self) -> str:
-        """Why the study has stopped, and how it is continued: one sentence."""
+        """Reason why the study has stopped, and how it is continued: one sentence."""
         if self.ended == "interrupted":
             return "interrupted; run the same command to go on"
         done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
@@ -89,7 +89,7 @@ class StudyReport:
         )
 
     def summary(self) -> dict[str, Any]:
-        """What `magmpm design --json` prints."""
+        """Content printed by `magmpm design --json`."""
         found = asdict(self)
         two = found.pop("front") or {}
         return {**found, **two, "out": str(self.out), "why": self.why}
@@ -132,12 +132,12 @@ def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial
 
 
 def feasible(trial: FrozenTrial) -> bool:
-    """Whether the trial's solve succeeded and it did not get the penalty."""
+    """True if the trial's solve succeeded and it did not get the penalty."""
     return bool(trial.user_attrs.get("feasible"))
 
 
 def refused(trial: FrozenTrial) -> bool:
-    """Whether the trial was solved, but was less stable than its study's margin."""
+    """True if the trial was solved, but was less stable than its study's margin."""
     return bool(trial.user_attrs.get("refused"))
 
 
@@ -147,7 +147,7 @@ def whole_design(trial: FrozenTrial) -> dict[str, Any]:
 
 
 def describe(trial: FrozenTrial) -> dict[str, Any]:
-    """What a report says of a trial."""
+    """Describe a trial for a report."""
     kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}
     varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER, *OF_SEVERAL) if key in trial.user_attrs}
     rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another

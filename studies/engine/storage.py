@@ -1,4 +1,4 @@
-"""Where trials are kept: an SQLite file in the results folder unless another database is named.
+"""Storage of trials: an SQLite file in the results folder unless another database is named.
 
 SQLite runs in WAL mode, so that the dashboard can read while trials are written, and waits TIMEOUT seconds for
 other writers.
@@ -73,7 +73,7 @@ def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
 
 
 def _of_grpc() -> tuple[type[Exception], ...]:
-    """What gRPC raises, if it is in use: it is an extra."""
+    """Errors that gRPC raises, if it is in use: it is an extra."""
     grpc = sys.modules.get("grpc")
     return () if grpc is None else (grpc.RpcError,)
 
@@ -136,7 +136,7 @@ class Store:
             backend.engine.dispose()
 
     def __call__(self, work: Callable[[], Kept]) -> Kept:
-        """What `work` returns, which may be called again: a call that failed may have been carried out. Raises StorageError."""
+        """Return what `work` returns, which may be called again: a call that failed may have been carried out. Raises StorageError."""
         begun: float | None = None
         pause = 0.1
         while True:

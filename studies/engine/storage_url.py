@@ -1,4 +1,4 @@
-"""Where trials are kept, as a URL: which ones can be used, and how they are shown. Passwords never are."""
+"""Storage of trials, as a URL: which ones can be used, and how they are shown. Passwords never are."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def storage_url(out: Path | None, url: str | None) -> str:
 
 
 def _refuse_plain_signs(url: str) -> None:
-    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and tell it."""
+    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and report it."""
     password = _IN_FRONT.match(url.partition("?")[0])
     if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):
         rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
@@ -98,7 +98,7 @@ def without_passwords(text: str, url: str) -> str:
 
 
 def is_server(url: str) -> bool:
-    """Whether a storage is a server, which may be away for a while, and which other machines may use as well."""
+    """True if a storage is a server, which may be away for a while, and which other machines may use as well."""
     return not url.startswith("sqlite")
 
 
@@ -112,7 +112,7 @@ def grpc_address(url: str) -> tuple[str, int]:
 
 
 def in_memory(parts: URL) -> bool:
-    """Whether SQLite keeps this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
+    """True if SQLite holds this database in memory, by any of its names (sqlite.org/inmemorydb.html), or in a file that goes with it."""
     name = parts.database or ""
     options = (parts.query.get("mode") == "memory", parts.query.get("vfs") == "memdb")
     return name in ("", ":memory:", "file:") or name.startswith("file::memory:") or any(options)

@@ -101,7 +101,7 @@ class OpenStudy:
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def judge_finer(self) -> None:
-        """Runs the best designs with the error that the study's scene asks for, if it does. What is found is kept with the study."""
+        """Runs the best designs with the error that the study's scene requests, if it does. What is found is kept with the study."""
         if self.study.asked is None:
             return
         known = self.store(lambda: self.kept.user_attrs.get(JUDGED, []))
@@ -167,7 +167,7 @@ class OpenStudy:
 
 
 def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
-    """What is stored of a trial, and what its parameters give now: number, params, rms_m stored and again, and whether the bits agree.
+    """Solve a trial again and compare: number, params, rms_m stored and again, and whether the bits agree.
 
     Raises InputError where the storage has no such trial, or none that is finished.
     """

@@ -1,7 +1,7 @@
-"""The best designs of a study that asks for an error, judged on finer grids: trials run on the coarsest one, which tells good from bad.
+"""The best designs of a study that requests an error, evaluated on finer grids: trials run on the coarsest, which sorts good from bad.
 
 A study's scene may ask for `resolution: {error: ...}`. All its trials are then compared on one coarse grid (scene.coarsest), and
-at the end every design that the coarse grid's own error can't tell from the best one is run with the error that is asked for. Each gets its
+at the end every design that the coarse grid's own error can't tell from the best one is run with the error that is requested. Each gets its
 distance from the target on that finer grid, and the bound of that grid's error.
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.studies.problem.study import Study
 
-MOST = 5  # designs that are judged
+MOST = 5  # designs that are evaluated
 
 
 def judged(
@@ -30,11 +30,11 @@ def judged(
     solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """The judged designs, best first.
+    """The evaluated designs, best first.
 
     Each {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or a `reason`.
 
-    designs: feasible trials, nearest to the target first; scene_of: the scene of a trial on the coarse grid; known: what was judged before.
+    designs: feasible trials, nearest to the target first; scene_of: the scene of a trial on the coarse grid; known: those evaluated before.
     rms_m is that of the trial; judged_rms_m (m) is right to error_estimate_m; coarse_error_m: bound of the trial's own error, None where
     the coarse grid was not among those that were tried. A design whose finer run fails keeps the reason.
     """
@@ -73,7 +73,7 @@ def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Sce
 
 
 def said(found: Sequence[dict[str, Any]]) -> list[str]:
-    """What was judged, a line each."""
+    """Messages on the designs that were verified, a line each."""
     lines = []
     for one in found:
         if "reason" in one:

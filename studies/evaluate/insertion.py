@@ -9,7 +9,7 @@ outside the guide at depth l is compared with the path's first l, at equal arc l
 * worst depth: the largest rms of a single depth.
 * smoothness of the field: its largest change between neighboring depths, and the sum of the changes, T.
 
-The value of a trial is its body rms. Samplers that read residuals get, beside the distances, the exit's, which counts EXIT_WEIGHT as much
+The value of a trial is its body rms. Samplers that read residuals get, with the distances, the exit's, which counts EXIT_WEIGHT as much
 as all of the body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
 
 A body that is pushed has at each depth the equilibrium that it comes to from the depth before, and few of these are on the branch that
@@ -56,13 +56,13 @@ NEAR = 0.01  # of the length: a rod's design that is near enough
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
-MOMENTS = 48  # of the movie: depths, most of them between those that are judged
+MOMENTS = 48  # of the movie: depths, most of them between those that are evaluated
 MOVIE = "insertion.json"
 
 
 @dataclass(frozen=True)
 class Insertion(Trajectory):
-    """The trajectory that a study asks for."""
+    """The trajectory that a study requests."""
 
     path: Path
     end_weight = EXIT_WEIGHT
@@ -97,7 +97,7 @@ class Insertion(Trajectory):
         return len(self.space.scene.regions()) - int(np.max(found.result.particle_segment)) - 1
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
-        """What is reported of a trajectory; see the head of this file."""
+        """Measures reported of a trajectory; see the head of this file."""
         gaps = [self.gaps(result) for result in results]
         squares = self.mean_squares(results)
         return {
@@ -122,7 +122,7 @@ class Insertion(Trajectory):
         }
 
     def _shape(self, result: Result) -> dict[str, Any]:
-        """What pictures need of one depth, m and T."""
+        """Data that pictures need of one depth, m and T."""
         rows = {
             "axis_m": centreline_at(result, _stations(result)),
             "centers_m": result.segment_center,
@@ -154,7 +154,7 @@ class Insertion(Trajectory):
             part.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
     def _moments(self, params: Mapping[str, Any]) -> Iterator[tuple[float, Array, RodShape | None]]:
-        """Depths (m), fields (3,) T and rods of the movie, from the first depth that is judged on."""
+        """Depths (m), fields (3,) T and rods of the movie, from the first depth that is evaluated on."""
         fields, way = self.fields(params), self.way(params)
         if way is None:
             depths = np.array(self.study.depths)
@@ -182,7 +182,7 @@ class Insertion(Trajectory):
 
     @property
     def projects(self) -> bool:
-        """Whether samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
+        """True if samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
         space, depths = self.space, len(self.study.depths)
         return bool(space.segments) and space.field_max is not None and space.fields == depths > 1 and len(space.blocks) == space.count
 
@@ -217,7 +217,7 @@ class Insertion(Trajectory):
 
 
 def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
-    """What pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
+    """Data that pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
     whole = {key: kept[key] for key in (CATHETER,) if key in kept}
     return tuple({**depth, **shape, **whole} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
 

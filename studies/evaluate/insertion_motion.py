@@ -32,7 +32,7 @@ FRAME = 20e-3  # s
 
 
 def times(depths: Array, diameter: float) -> Array:
-    """When each depth is reached, s."""
+    """Times when each depth is reached, s."""
     return (np.asarray(depths) - min(diameter, depths[0])) / SPEED
 
 

@@ -31,7 +31,7 @@ class Picture(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Judged:
-    """What became of a design: its outcome, the attributes to keep, its pictures, and the seconds of drawing."""
+    """Evaluation of a design: its outcome, the attributes to save, its pictures, and the seconds of drawing."""
 
     outcome: Outcome
     known: dict[str, Any]
@@ -40,7 +40,7 @@ class Judged:
 
 
 class Judge:
-    """Solves and judges the designs of a study, and draws them."""
+    """Solves and evaluates the designs of a study, and draws them."""
 
     def __init__(self, study: Study, solve: Solve, differentiate: Differentiate | None, picture: Picture | None, out: Path) -> None:
         self.study, self.solve, self.differentiate, self.picture, self.out = study, solve, differentiate, picture, out
@@ -79,7 +79,7 @@ class Judge:
         return self.solve(self.scene_of(params)) if self.trajectory is None else self.trajectory.last_result(self.solve, params)
 
     def _solved(self, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
-        """How the trial with these parameters is solved: with derivatives where they are read."""
+        """Solver of the trial with these parameters: with derivatives where they are read."""
         differentiate = self.differentiate
         if differentiate is None or not needs_derivatives(self.study):
             return self.solve

@@ -30,7 +30,7 @@ MOST_NUMBERS = 3600  # in a Jacobian: of at most 18 characters each
 
 
 class Sensitive(Protocol):
-    """What is read of magmpm.Sensitivities."""
+    """Interface of magmpm.Sensitivities as far as it is read."""
 
     @property
     def result(self) -> Result: ...
@@ -51,7 +51,7 @@ class Differentiate(Protocol):
 
 
 def needs_derivatives(study: Study) -> bool:
-    """Whether the trials of a study are solved with derivatives."""
+    """True if the trials of a study are solved with derivatives."""
     return study.sampler == "gauss-newton" or study.robust is not None
 
 

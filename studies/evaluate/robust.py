@@ -1,4 +1,4 @@
-"""What errors of manufacture do to a design, to first order: the scatter of its shape, and the mean and spread of its rms.
+"""Effect of manufacturing errors on a design, to first order: the scatter of its shape, and the mean and spread of its rms.
 
 Errors are independent and normal. Each magnetized segment's direction d is tilted by two angles, one along each of two perpendicular
 axes across d, both of the standard deviation `direction` (so the tilt itself, whatever way, has the root mean square of sqrt(2) times
@@ -80,13 +80,13 @@ class Scatter:
         return mean + SIGMAS * sigma
 
     def attributes(self) -> dict[str, Any]:
-        """What a trial stores of it, m."""
+        """Attributes that a trial stores of it, m."""
         mean, sigma = self.moments()
         return {"measure_m": mean + SIGMAS * sigma, "mean_rms_m": mean, "sigma_rms_m": sigma, "scatter_m": self.scatter}
 
 
 def kinds(errors: Robust) -> list[str]:
-    """What to ask `magmpm.sensitivities` for."""
+    """Kinds of variables to request of `magmpm.sensitivities`."""
     named = {"magnetization": errors.direction, "remanence": errors.remanence, "shear_modulus": errors.shear_modulus}
     return [kind for kind, size in named.items() if size > 0]
 

@@ -1,4 +1,4 @@
-"""Designs that are judged by several equilibria: an insertion has one at each depth, a schedule one at each time.
+"""Designs that are evaluated by several equilibria: an insertion has one at each depth, a schedule one at each time.
 
 Magnetization and numbers are shared by all of them, and each has its own field, or all have one. Their gaps stand one after the other in
 the residuals that Gauss-Newton reads; the fields of two of them do not touch each other's shapes.
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Trajectory(ABC):
-    """The equilibria that a study asks of each design."""
+    """The equilibria that a study requires of each design."""
 
     study: Study
     space: SearchSpace
@@ -42,7 +42,7 @@ class Trajectory(ABC):
     @property
     @abstractmethod
     def places(self) -> tuple[str, ...]:
-        """What each equilibrium is called in messages: at 12 mm, at 0.5 s."""
+        """Names of the equilibria in messages: at 12 mm, at 0.5 s."""
 
     @abstractmethod
     def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
@@ -69,7 +69,7 @@ class Trajectory(ABC):
 
     @abstractmethod
     def weights(self, number: int) -> Array:
-        """What the squared length of each of the gaps (m,) counts; they sum to 1."""
+        """Weights of the squared lengths of the gaps (m,); they sum to 1."""
 
     @abstractmethod
     def rod_starts(self) -> list[dict[str, float]]:
@@ -77,7 +77,7 @@ class Trajectory(ABC):
 
     @abstractmethod
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
-        """What is reported of a design: rms_m, which is its value, and more."""
+        """Measures reported of a design: rms_m, which is its value, and more."""
 
     end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
 
@@ -98,7 +98,7 @@ class Trajectory(ABC):
         return np.array([self.weights(k) @ np.sum(self.gaps(result, k) ** 2, axis=1) for k, result in enumerate(results)])
 
     def field_changes(self, params: Mapping[str, Any]) -> dict[str, float]:
-        """How much the field changes from one equilibrium to the next: the largest change, and their sum, T."""
+        """Changes of the field from one equilibrium to the next: the largest change, and their sum, T."""
         changes = np.linalg.norm(np.diff(self.fields(params), axis=0), axis=1)
         return {"field_largest_change_T": float(changes.max(initial=0.0)), "field_total_variation_T": float(changes.sum())}
 
@@ -159,7 +159,7 @@ class Trajectory(ABC):
         return found.result, found
 
     def hidden(self, found: Sensitive) -> int:
-        """How many segments of the whole body, from its base, this equilibrium does not have."""
+        """Number of segments of the whole body, from its base, that this equilibrium does not have."""
         return 0
 
     def _by_coordinates(self, found: Sensitive, params: Mapping[str, Any], number: int) -> Array:

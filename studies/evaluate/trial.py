@@ -54,7 +54,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What solving a design gave: a result and its distances (m), or the penalty and the reason.
+    """Outcome of solving a design: a result and its distances (m), or the penalty and the reason.
 
     A design that is refused keeps its result and distances, with the reason.
     """
@@ -70,17 +70,17 @@ class Outcome:
 
     @property
     def accepted(self) -> bool:
-        """Whether this design may be the best."""
+        """True if this design may be the best."""
         return self.result is not None and not self.refused
 
     @property
     def value(self) -> float:
-        """What the trial counts as, m: the rms, or the measure of a design with errors (robust.py)."""
+        """Value of the trial, m: the rms, or the measure of a design with errors (robust.py)."""
         return float(self.model.get("measure_m", self.rms))
 
 
 def penalty(scene: Scene) -> float:
-    """What a failed solve counts as, m: the catheter's length.
+    """Value of a failed solve, m: the catheter's length.
 
     Finite, so that samplers learn from it, and farther from the target than most designs: a straight catheter is nearer.
     """
@@ -143,7 +143,7 @@ def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
 def attributes(
     outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """What is stored of a trial besides its parameters and value: user attributes, plain data in SI.
+    """Attributes stored of a trial in addition to its parameters and value: user attributes, plain data in SI.
 
     directions (k, 3): magnetization of each segment; uniform field (3,) T.
     """

@@ -1,1 +1,1 @@
-"""What a scene does without a study: accuracy, effects, maps, the viewer."""
+"""Uses of a scene without a study: accuracy, effects, maps, the viewer."""

@@ -49,7 +49,7 @@ class Rung:
     error_reference: float | None
     split: dict[str, float]  # s: setup, compile, solve, of the last run
     matrix_bytes: float  # of the factorized matrix, the largest part of the memory
-    bar: float | None  # bound of the discretization error over the length, told by a finer rung, or of the finest by a coarser one
+    bar: float | None  # bound of the discretization error over the length, given by a finer rung, or of the finest by a coarser one
     pareto: bool  # no other setting is both quicker and more accurate
 
 
@@ -152,7 +152,7 @@ def climb(
 
 
 def _asymptotic(errors: list[float], steady: bool | None) -> bool | None:
-    """Whether errors, coarse to fine, fall steadily, and at an order that errors may have; None for two that do, which show nothing."""
+    """True if errors, coarse to fine, fall steadily, and at an order that errors may have; None for two that do, which show nothing."""
     if steady is False:
         return False
     return None if len(errors) < 3 else errors == sorted(errors, reverse=True)
@@ -202,7 +202,7 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
 
 
 def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
-    """What 1 % and 0.1 % cost, and whether the rod would do."""
+    """Report what 1 % and 0.1 % cost, and whether the rod would be accurate enough."""
     if len(rungs) == 1 and _error(rungs[0]) is None:
         return [f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."]
     said = []
@@ -224,7 +224,7 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
 
 
 def _where(scene: Scene) -> list[str]:
-    """Of what happens along time: that the grids are compared where it ends."""
+    """Note, for runs along time, that the grids are compared where it ends."""
     if not scene.in_time:
         return []
     what = "motion" if scene.solver.dynamic is not None else "path"

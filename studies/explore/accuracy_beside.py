@@ -1,4 +1,4 @@
-"""What stands beside the ladder of `magmpm accuracy`: the rod, more particles, other places of the grid, and the motion that settles."""
+"""Comparisons next to the ladder of `magmpm accuracy`: the rod, more particles, other places of the grid, and the motion that settles."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Solve = Callable[[Scene], Result]
 
 @dataclass(frozen=True)
 class Model:
-    """A model that stands beside the ladder. Errors over the length: from the finest rung, from the scene's reference, and from the same
+    """A model that stands next to the ladder. Errors over the length: from the finest rung, from the scene's reference, and from the same
     scene on the same cells as the ladder has it; None where there is none."""
 
     name: str
@@ -59,7 +59,7 @@ def percent(error: float | None) -> str:
 
 
 def answer(result: Result) -> Array:
-    """What is compared, rows [s, x, y, z] m: the axis; of STL parts their centers, with their numbers for s."""
+    """Answer that is compared, rows [s, x, y, z] m: the axis; of STL parts their centers, with their numbers for s."""
     if len(result.centreline):
         return result.centreline
     return np.column_stack([np.arange(len(result.segment_center)), result.segment_center])

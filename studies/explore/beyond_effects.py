@@ -80,7 +80,7 @@ def _three_dimensions(scene: Scene, answers: RodAnswers, error: float, cost: flo
 
 
 def _measured(scene: Scene, shapes: Array, error: float) -> float | None:
-    """How far (m) the rod is from an equilibrium whose own error is known, with that error; None where this would take too long."""
+    """Distance (m) of the rod from an equilibrium whose own error is known, with that error; None where this would take too long."""
     cells = coarsest_cells(scene)
     if scene.in_time or PROOF * _solve(scene, cells) > MEASURED:
         return None
@@ -97,7 +97,7 @@ def _measured(scene: Scene, shapes: Array, error: float) -> float | None:
 
 
 def _guessed(scene: Scene, shapes: Array) -> float:
-    """What the rod may be off by, m, from its deflection."""
+    """Guess of the rod's error, m, from its deflection."""
     strip = scene.body.strip
     across = scene.thickness if strip is None else max(strip.width, strip.thickness)
     return (ALWAYS + CLAMPED * across / scene.length + 2.0 * flat_stiffening(scene)) * _moved(shapes)

@@ -1,4 +1,4 @@
-"""What each effect adds to the cost of a scene, from counted operations: the same on a busy machine as on an idle one.
+"""Cost that each effect adds to a scene, from counted operations: the same on a busy machine as on an idle one.
 
 The hooks of an effect (effects.hooks) are run once in Python, on numbers that count what is done with them, for some of the scene's own
 particles: so a wall is counted where the body is near it, and a magnet's field with all its terms. What an operation takes compared with a
@@ -178,7 +178,7 @@ def _modeled(scene: Scene) -> Model:
 
 
 def _records(scene: Scene, key: str) -> Records:
-    """What kernels would take of one effect."""
+    """Parameters that kernels would take of one effect."""
     named = getattr(scene.effects, key)
     if named is None:
         named = getattr(validate(Effects, {key: (Effects.model_fields[key].examples or [{}])[0]}, "example"), key)
@@ -214,7 +214,7 @@ def _step(model: Model, named: Records) -> float:
 
 
 def _near(model: Model, p: int, records: Any, data: Array) -> bool:
-    """Whether a particle is so near that contact is computed."""
+    """True if a particle is so near that contact is computed."""
     function = hooks._registry["near"].get(records.dtype.names)
     return function is None or bool(plain(function)(_record(records), data, model.particles.position[p]) > 0.0)
 

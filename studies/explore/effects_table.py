@@ -1,4 +1,4 @@
-"""What each effect would do to a scene, whether it is named or not, estimated at rest; and what it adds to the cost of a step."""
+"""Estimates of what each effect would do to a scene at rest, whether it is named or not; and its cost in a step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from magmpm.simulate import choose_effects, run
 from magmpm.studies.explore.beyond_effects import Need, needs
 from magmpm.studies.explore.effects_costs import counted
 
-SETTLING = ("damping", "viscosity")  # of which it is told how fast they settle the body
+SETTLING = ("damping", "viscosity")  # of which it is reported how fast they settle the body
 CONTACTS = ("ground", "walls", "self_contact")
 COARSE = 2  # cells across, of the run that stands in for a rod where the body is none
 
@@ -104,7 +104,7 @@ class Table:
         )
 
     def _close(self, row: Row) -> bool:
-        """Whether an effect may matter, as its shift is known no better."""
+        """True if an effect may matter, since its shift is known no better."""
         return row.shift_m is not None and row.uncertainty_m is not None and row.shift_m + row.uncertainty_m > self.error_m
 
 
@@ -126,7 +126,7 @@ class Estimates:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        free = scene.body.shape.clamp == "none"  # of which nothing is told at rest
+        free = scene.body.shape.clamp == "none"  # of which nothing is reported at rest
         self.line = scene.body.shape.line if free or is_cantilever(scene) else None  # of its rod
         self._found: dict[str, Array] = {}
 
@@ -152,7 +152,7 @@ class Estimates:
 
     @cached_property
     def frequency(self) -> float | None:
-        """Of a clamped rod with the mean compliance and mass of this one: 3.516 sqrt(E I / (m L^4)), rad/s."""
+        """Frequency of a clamped rod with the mean compliance and mass of this one: 3.516 sqrt(E I / (m L^4)), rad/s."""
         if self.line is None or self.scene.body.shape.clamp == "none":
             return None
         heavy = self.scene.with_effects(gravity={"acceleration": [0.0, 0.0, -1.0]}) if self._dense else None
@@ -184,7 +184,7 @@ def at_rest(scene: Scene) -> Scene:
 
 def survey(scene: Scene, *, measure: bool = True, error: float | None = None) -> Table:
     """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
-    by; what the scene's resolution asks for, or 1 % of the length, unless given.
+    by; what the scene's resolution requests, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """
@@ -230,7 +230,7 @@ def _coarse(scene: Scene, key: str, moved: float | None, says: str, error: float
 
 
 def _by_rest(scene: Scene, key: str, at_rest_m: float, found: Judgment, error: float) -> Judgment:
-    """Where the shift in motion is not to be had: the one at rest tells the advice, as uncertain as itself."""
+    """Advice where the shift in motion is not known: it follows from the shift at rest, whose uncertainty is the shift itself."""
     told = verdict(scene, key, Shift(at_rest_m, at_rest_m), error)
     return replace(told, shift=None, uncertainty=None, why=f"at rest {told.why}; in motion {found.why}")
 
@@ -256,7 +256,7 @@ def _judged(scene: Scene, body: Estimates, key: str, kind: type[Effect]) -> tupl
 
 
 def _ignored(scene: Scene, key: str) -> tuple[str, ...]:
-    """What the estimate of an effect leaves out of a scene in motion."""
+    """List what the estimate of an effect leaves out of a scene in motion."""
     if scene.solver.dynamic is None or key == "feed":
         return ()
     over, named = scene.field.over_time, scene.effects

@@ -1,4 +1,4 @@
-"""What a solve will add to its rod, from what solves of neighbors have added to theirs: where it begins.
+"""Start of a solve, predicted from its neighbors: the correction that it will add to its rod, from theirs.
 
 A rod bends nearly as the body does. What the solve adds to it, seen from the rod's frames, is local: how sections deform at the clamp and
 between segments. It follows from how the rod is curved, smoothly, and more simply than from the field: a small change of the field may
@@ -18,7 +18,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodShape
 
 STATIONS = 20  # along a rod, at which its curvature is compared
-REACH = 2.0  # of curvature times length, rad: rods farther apart have little to do with each other
+REACH = 2.0  # of curvature times length, rad: rods at a larger distance have little to do with each other
 LINEAR = 0.1  # share of the covariance that is linear in the curvature
 NUGGET = 1e-8  # of the variance: solves have errors
 MOST = 64  # neighbors, the nearest
@@ -35,7 +35,7 @@ class Neighbors:
         self._asked = np.zeros(0)
 
     def expected(self, rod: RodShape) -> Array | None:
-        """What a solve will add to its rod: coefficients (planes, m), m, in the rod's frames; None where nothing is known."""
+        """Correction that a solve will add to its rod: coefficients (planes, m), m, in the rod's frames; None where nothing is known."""
         self._asked = _curvature(rod)
         if not self._rods:
             return None
@@ -46,7 +46,7 @@ class Neighbors:
         return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))
 
     def learn(self, added: Array) -> None:
-        """What the solve of the rod asked for last has added to it: nothing where it did not begin there. Another grid begins anew."""
+        """Store what the last requested rod's solve has added to it: nothing where it did not begin there. Another grid begins anew."""
         if not added.any() or not len(self._asked):
             return
         if self._added and self._added[-1].shape != added.shape:

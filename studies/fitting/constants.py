@@ -40,7 +40,7 @@ class Constant:
 
     @property
     def relative(self) -> bool:
-        """Whether x is the logarithm of its ratio to the start."""
+        """True if x is the logarithm of its ratio to the start."""
         return self.kind not in ("magnetization", "field")
 
     def value(self, x: float) -> float:
@@ -183,7 +183,7 @@ def _turns(constants: Sequence[Constant]) -> dict[int, list[int | None]]:
 
 
 def chain(scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence[Variable]) -> Array:
-    """How the variables (q,) of the scene at x, as `sensitivities` has them, change with x: (q, k), SI per unit of x.
+    """Derivatives of the variables (q,) of the scene at x, as `sensitivities` has them, by x: (q, k), SI per unit of x.
 
     scene: the one that the fit began with; there: the variables of applied(scene, constants, x), by the same names.
     """

@@ -1,4 +1,4 @@
-"""What measurements can't tell apart, by the singular values of their slopes, and which measurement would."""
+"""Identifiability: what measurements can't distinguish, by the singular values of their slopes, and which measurement would."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CLEAR = 0.05  # in x: an interval this narrow tells a constant
 
 
 class Refused(InputError):
-    """Measurements that can't tell the constants apart.
+    """Measurements that can't distinguish the constants.
 
     together: names of the constants that only a combination of is known; known: what the data do say; advice: measurements that would tell.
     """
@@ -97,7 +97,7 @@ def _plain(constant: Constant) -> str:
 
 
 def _far(constants: Sequence[Constant]) -> str:
-    """By how much constants change that noise hides (WIDEST)."""
+    """Describe the change of constants that noise hides (WIDEST)."""
     ways = {
         "by a factor of 2.7": any(c.relative for c in constants),
         "by 57 degrees": any(c.kind == "magnetization" for c in constants),
@@ -145,7 +145,7 @@ class _Candidate:
 def measurements_that_tell(
     scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float
 ) -> list[str]:
-    """Measurements that would tell the constants apart together with those there are, best first, with the intervals they would give."""
+    """Measurements that would distinguish the constants together with those there are, best first, with the intervals they would give."""
     noise = max(noise, 1e-3 * scene.length)
     candidates = [*_shapes(scene, measured, constants, noise), *_numbers(constants)]
     rated = []

@@ -1,4 +1,4 @@
-"""What a fit takes as exact and may not be: a stray field, the direction of a region, the diameter. Would it explain the residuals?
+"""Suspects that a fit takes as exact: a stray field, the direction of a region, the diameter. Would an error of one explain the residuals?
 
 To first order: residuals r and slopes J at the minimum, slopes S of what was not varied, less what the constants can do in its place,
 A = S - J J^+ S. Freed, it lowers the sum of squares by the squared projection of r on A, which for normal errors has an F distribution
@@ -26,7 +26,7 @@ from magmpm.studies.fitting.solve import Minimum
 from magmpm.studies.fitting.table import Measured
 
 ODD = 3.5  # standard errors: residuals beyond are named
-UNEQUAL, ENOUGH = 2.0, 10  # a factor between two tables' residuals that is told, of so many numbers each: by chance in 4 % of such pairs
+UNEQUAL, ENOUGH = 2.0, 10  # a reported factor between two tables' residuals, of so many numbers each: by chance in 4 % of such pairs
 DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
 
 
@@ -43,7 +43,7 @@ class Suspect:
     degrees: float
 
     def warning(self) -> str:
-        """What is to be said of it."""
+        """Warning about the suspect."""
         parts = []
         for constant, number in zip(self.constants, self.x.tolist(), strict=True):
             factor, unit = SHOWN[constant.kind]
@@ -69,7 +69,7 @@ class Suspect:
 def suspects_of(
     prediction: Prediction, best: Minimum, weights: Array, degrees: int, known_noise: bool
 ) -> tuple[tuple[Suspect, ...], dict[str, float]]:
-    """What may not be exact, likeliest first; and by what share of itself each constant moves for the diameter's own share.
+    """Suspects that may not be exact, likeliest first; and the fraction by which each constant moves per fraction of the diameter.
 
     best: in standard errors; weights (n,): their inverses for what was measured.
     """
@@ -108,7 +108,7 @@ def suspects_of(
 
 
 def _groups(scene: Scene, constants: Sequence[Constant]) -> Iterator[tuple[str, tuple[Constant, ...]]]:
-    """What is not varied, each with the constants that free it."""
+    """Quantities that are not varied, each with the constants that free it."""
     known = {constant.name for constant in constants}
     for kind, name in (("field", "a stray field"), ("magnetization", "the direction of {}"), (GEOMETRY, "another diameter")):
         try:

@@ -1,4 +1,4 @@
-"""What the simulation says where something was measured: residuals (simulated minus measured) and how they change with the constants."""
+"""Prediction of what was measured: residuals (simulated minus measured) and how they change with the constants."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Label:
-    """Where a residual comes from: line of the table, what it measures, whether it is an angle (rad, else m); which table of several.
+    """Origin of a residual: line of the table, what it measures, whether it is an angle (rad, else m); which table of several.
 
     measured, simulated: the number, or of a curve the point and the foot on the curve, SI.
     """

@@ -48,7 +48,7 @@ def interval_of(model: Model, best: Minimum, covariance: Array, k: int, quantile
 
 
 def _end(model: Model, best: Minimum, along: Array, k: int, error: float, quantile: float) -> float | None:
-    """Where the root of the rise meets the quantile, by false position; None where it does not within reach. error: with its sign."""
+    """Point where the root of the rise meets the quantile, by false position; None where it does not within reach. error: with its sign."""
     free = np.arange(len(best.x)) != k
     reach = max(FARTHEST * quantile * abs(error), FARTHEST)
 

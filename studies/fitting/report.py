@@ -83,7 +83,7 @@ def text(found: Fit) -> str:
 
 
 def _exact(found: Fit) -> str:
-    """What no interval holds an error of, and what was asked of it."""
+    """Quantities whose error is in no interval, and the outcome of the test of them."""
     moved = ", ".join(f"{name} {share:+.2g} %" for name, share in found.by_diameter.items())
     words = "geometry" + (f" (1 % more diameter in the scene: {moved})" if moved else "") + ", and all that is not varied"
     if found.suspects is None:
@@ -144,7 +144,7 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
 
 
 def shown(found: Fit) -> dict[str, Any]:
-    """What the picture shows (viz.fit_plot): a panel for each table, and residuals.
+    """Content of the picture (viz.fit_plot): a panel for each table, and residuals.
 
     A panel: series of measured and simulated numbers over what was changed.
     """
@@ -160,7 +160,7 @@ def shown(found: Fit) -> dict[str, Any]:
 
 
 def _panel(found: Fit, table: Measured, labels: list[Label]) -> dict[str, Any]:
-    """What is shown of a table."""
+    """Panel of a table."""
     title = {"title": table.path.name} if found.measured.tables else {}
     if table.kind == "curve":
         return {**title, **_curves(table, labels)}
@@ -186,7 +186,7 @@ def _in_words(one: Fitted) -> str:
 
 
 def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], str]:
-    """Of each line of the table: where it stands on the axis, and the group that its series belongs to; the axis's label."""
+    """Places of the table's lines on the axis, with the group that each line's series belongs to; the axis's label."""
     over: dict[int, tuple[float, str]] = {}
     states = table.states
     fields = np.array([state.field or found.scene.field.uniform for state in states])

@@ -31,14 +31,14 @@ __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
 
 FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
 UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
-FAR_FIELD = 100.0  # fields this many times the scene's own, or its inverse, are told
-FAR = 10.0  # a constant this many times the scene's, or its inverse, is told: a unit may be wrong
+FAR_FIELD = 100.0  # fields this many times the scene's own, or its inverse, are reported
+FAR = 10.0  # a constant this many times the scene's, or its inverse, is reported: a unit may be wrong
 STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin at a fourth and four times the scene's
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """One constant. SI: value, its interval at the level asked for (an end may be open: None), its standard error.
+    """One constant. SI: value, its interval at the level requested (an end may be open: None), its standard error.
 
     method: how the interval was found: linear or profile; widened or withheld where something else explains the residuals (misfit.py).
     grid_shift: by how much a finer grid would move it, None: not known.
@@ -55,11 +55,11 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a fit found. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
+    """Result of a fit. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
 
     ratios: by what each table's sigma of lengths is larger than that, which is the first table's.
 
-    suspects: what was taken as exact and might explain residuals (misfit.py), likeliest first, None: not asked; by_diameter: by what share
+    suspects: what was taken as exact and might explain residuals (misfit.py), likeliest first, None: no test; by_diameter: by what share
     of itself each constant moves for the diameter's own.
     noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
     """
@@ -134,7 +134,7 @@ def fit(
     angle_noise: of angles, rad. known: relative standard
     deviations of constants that are known beforehand, by name or kind: the scene's values count as measured that well. level: of the
     intervals. thorough: of equilibria, descents from further starts, what a finer grid would change, and what the scene may lack.
-    Raises Refused where the measurements can't tell constants apart; InputError for what does not fit together; SolveError where no
+    Raises Refused where the measurements can't distinguish constants; InputError for what does not fit together; SolveError where no
     equilibrium is found.
     """
     begun = time.perf_counter()
@@ -187,7 +187,7 @@ def _of_tables(measured: Measured, noise: float | Sequence[float] | None) -> tup
 
 
 def _on_one_grid(scene: Scene) -> Scene:
-    """The scene on the cells that its resolution asks for. Raises InputError where effects are still to be chosen."""
+    """The scene on the cells that its resolution requests. Raises InputError where effects are still to be chosen."""
     if scene.effects.auto:
         rule, remedy = "a fit compares runs with the same effects", "name those that `magmpm run` tells it has chosen"
         raise InputError(report("effects", received="auto", rule=rule, remedy=remedy))
@@ -305,7 +305,7 @@ class _Search:
         return max(float(np.sqrt(squares / max(left, 0.5))), FLOOR * self.length)
 
     def on_finer_grid(self, best: Minimum, sigmas: _Noise, covariance: Array) -> Array:
-        """By how much (k,) the constants would move on a grid with two more cells across: one Gauss-Newton step."""
+        """Change (k,) of the constants on a grid with two more cells across: one Gauss-Newton step."""
         cells = self.prediction.scene.resolution.cells_across + 2
         finer = Prediction(self.prediction.scene.with_cells(cells), self.prediction.measured, self.constants)
         there, _ = finer.at(best.x, slopes=False)
@@ -341,7 +341,7 @@ def _scatter(
 
 
 def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
-    """What can be told before anything is solved: the table's fields are so far from the scene's own that a unit may be wrong."""
+    """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong."""
     own = max(map(abs, scene.field.uniform))
     largest = max((abs(part) for state in measured.states for part in state.field or ()), default=0.0)
     if not (own > 0.0 and largest > 0.0) or 1 / FAR_FIELD < largest / own < FAR_FIELD:

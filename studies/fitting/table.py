@@ -54,7 +54,7 @@ class Readings:
 
     @property
     def numbers(self) -> int:
-        """How many numbers were measured: of a curve those across it, one in a plane and two in space."""
+        """Count of the numbers measured: of a curve those across it, one in a plane and two in space."""
         if self.kind == "curve":
             return (len(self.axes) - 1) * len(self.lines)
         return int(np.isfinite(self.points).sum() + np.isfinite(self.angles).sum())
@@ -83,7 +83,7 @@ class Measured:
 
     @property
     def numbers(self) -> int:
-        """How many numbers were measured."""
+        """Count of the numbers measured."""
         return sum(state.numbers for state in self.states)
 
     @property
@@ -166,7 +166,7 @@ def _readings(state: tuple[object, object], rows: list[tuple[int, dict[str, floa
 
 
 def _columns(header: Line) -> list[_Column]:
-    """What the columns are. Raises TableError."""
+    """Columns named by the header. Raises TableError."""
     found: list[_Column] = []
     for title in header.cells:
         if title in LABELS:

@@ -34,7 +34,7 @@ def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     tell(outcome): called before remedies are tried, with what is known until then.
     The outcome has `ended`, one of
     converged: an answer that the independent checks do not refute; `checks` names them, `branches` where another equilibrium was found;
-    stopped: SolveError, BudgetError, or an error asked for that no grid reaches, with `reason`, `saved` (whether a last good state was
+    stopped: SolveError, BudgetError, or a requested error that no grid reaches, with `reason`, `saved` (whether a last good state was
     there, saved and read back), `remedies` tried in turn, and `answered`, the one that brought an answer ("" if none did);
     wrong: an answer that a check refutes; `reason` says which;
     refused: InputError: the scene was not valid, a fault of the generator or of a rule;
@@ -133,7 +133,7 @@ def remedied(scene: Scene, remedies: tuple[Remedy, ...], limit: float) -> str:
 
 
 def _kept(state: Any, folder: Path) -> bool:
-    """Whether there is a last good state, which a folder gives back as it was."""
+    """True if there is a last good state, which a folder gives back as it was."""
     if not isinstance(state, Result):
         return False
     back = Result.load(state.save(folder))

@@ -27,7 +27,7 @@ AGAINST = 1.3  # of the critical load: the part of the field along the strip
 EULER = np.pi**2 / 4
 THICK = 1e-3  # m, of the strip that snaps
 STRIP = 20e-3  # m, its length
-FAR, PAST = 80e-3, 10e-3  # m: beside the tip, where the magnet comes from and goes to; where it has just passed
+FAR, PAST = 80e-3, 10e-3  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
 SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))
 
@@ -143,7 +143,7 @@ def _passing() -> Scene:
 
 
 def _passed(scene: Scene) -> float:
-    """How far the last shape is from the mirror image of the first, or the shape where the magnet has just passed from that of statics,
+    """Distance of the last shape from the mirror image of the first, or of the shape where the magnet has just passed from that of statics,
     whichever is more, over L; infinite if the tip has hardly moved in between."""
     result = run(scene)
     tips = np.array([step["tip"] for step in result.steps])

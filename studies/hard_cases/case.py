@@ -1,4 +1,4 @@
-"""What a hard case is, what running it gives, and running several in processes side by side."""
+"""Hard cases: their definition, the outcome of a run, and several runs in processes side by side."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Case:
         return self.outcome(value, reason, perf_counter() - begun)
 
     def outcome(self, value: float, reason: str, seconds: float) -> Outcome:
-        """What a measure, or the reason why there is none, comes to."""
+        """Outcome of a measure, or of the reason why there is none."""
         passed = value <= self.bound
         return Outcome(self.name, self.weak, self.quantity, value, self.bound, passed, seconds, self.source, reason)
 
@@ -102,7 +102,7 @@ def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lamb
 
 
 def _begin(_: object) -> Callable[[str], Outcome]:
-    """What a process does: cases hold functions without a name, so they go by theirs."""
+    """Begin a process: cases hold functions without a name, so they go by theirs."""
     from magmpm.studies.hard_cases import CASES  # which imports this module
 
     return lambda name: next(case for case in CASES if case.name == name).run()

@@ -46,7 +46,7 @@ SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the 
 NOISE, GROWN = 1e-13, 5.0
 HALF_STEP = 0.02  # of the largest displacement: second order, and what contact and friction choose by single steps
 OTHER_FORMULATION = 0.35  # of the largest displacement: the updated one loses up to a fifth of its energy in a quarter swing
-PROMISED = 1.5  # times the told error: what the true one never is above
+PROMISED = 1.5  # times the reported error: what the true one never is above
 GAINED = 0.05  # of the largest kinetic energy, as the watchdog allows
 
 
@@ -56,7 +56,7 @@ LATE = "time over"
 
 @dataclass
 class Checked:
-    """What was checked; wrong: checks that refute the answer, in words; branches: checks that found another equilibrium."""
+    """Checks that were done; wrong: checks that refute the answer, as text; branches: checks that found another equilibrium."""
 
     done: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
@@ -84,7 +84,7 @@ def checked(scene: Scene, result: Result, folder: Path, number: int) -> Checked:
 
 
 def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
-    """The scene with the effects and the cells that were chosen; an error that was told is compared with finer cells."""
+    """The scene with the effects and the cells that were chosen; an error that was reported is compared with finer cells."""
     if scene.effects.auto:
         scene = choose_effects(scene).scene
     if not scene.resolution.asked:
@@ -96,7 +96,7 @@ def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
 
 
 def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
-    """The told error, against finer cells; where these are as far away, only if the next finer ones are as well: one may be elsewhere."""
+    """The reported error, against finer cells; where these are as far, only if the next finer ones are as well: one may be elsewhere."""
     told, tip = result.error_estimate, scene.resolution.of == "tip"
     assert told is not None
     apart = []
@@ -133,7 +133,7 @@ def _apart(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> fl
 
 
 def _ways(result: Result) -> np.ndarray:
-    """How far the middle of each region has gone, (k, 3) m."""
+    """Displacement of the middle of each region, (k, 3) m."""
     of, volume = result.particle_segment, result.particle_volume
     whole = np.bincount(of, volume)
     begun = [np.bincount(of, volume * x) / whole for x in result.particle_reference.T]
@@ -141,7 +141,7 @@ def _ways(result: Result) -> np.ndarray:
 
 
 def _soft(result: Result) -> bool:
-    """Whether the result itself tells that a small change of the load may move it far."""
+    """True if the result itself shows that a small change of the load may move it far."""
     return result.stability is None or result.stability < BRINK
 
 
@@ -161,7 +161,7 @@ def _try(scene: Scene) -> Result | None:
 
 
 def _compare(scene: Scene, name: str, one: Result, again: Scene, other: Result, found: Checked, R: np.ndarray = SAME) -> None:
-    """Two solves of one discrete problem, `other` that of the scene `again`. They may end at two equilibria, near each other or far apart:
+    """Two solves of one discrete problem, `other` that of the scene `again`. They may end at two equilibria, near each other or far away:
     then each stays where it is as it is sought more closely."""
     found.done.append(name)
     apart, bound = _apart(scene, one, other, R), _tolerance(scene, one)
@@ -175,7 +175,7 @@ def _compare(scene: Scene, name: str, one: Result, again: Scene, other: Result, 
 
 
 def _stays(scene: Scene, result: Result, bound: float) -> bool:
-    """Whether the scene, solved more closely, gives the result again, in shape and energy."""
+    """True if the scene, solved more closely, gives the result again, in shape and energy."""
     closer = _try(_closer(scene))
     if closer is None or _apart(scene, result, closer) > bound:
         return False
@@ -198,7 +198,7 @@ def _tolerance(scene: Scene, result: Result) -> float:
 
 
 def _displaced(scene: Scene, result: Result) -> float:
-    """How far the load has moved the body, over L."""
+    """Largest displacement by the load, over L."""
     return float(np.linalg.norm(result.particle_position - result.particle_reference, axis=1).max()) / scene.length
 
 
@@ -287,8 +287,8 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
 
 
 def _off_by_cells(scene: Scene, result: Result) -> float:
-    """By how much cells may be off, over L: their stiffness, 2 % at two cells and in proportion to the cells' area, moves a soft body
-    by that share over its stability."""
+    """Possible error of the cells, over L: their stiffness, 2 % at two cells and in proportion to the cells' area, moves a soft body by
+    that fraction over its stability."""
     return STIFFNESS * (2 / scene.resolution.cells_across) ** 2 * _displaced(scene, result) / max(result.stability or 0.0, BRINK)
 
 
@@ -341,7 +341,7 @@ def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Check
 
 
 def _by_grid(scene: Scene, result: Result) -> float:
-    """How far, over L, one more cell across moves the answer: a time step that moves it less is as good as its grid."""
+    """Change of the answer, over L, with one more cell across: a time step that moves it less is as good as its grid."""
     finer = _try(scene.with_cells(scene.resolution.cells_across + 1))
     return 0.0 if finer is None else _apart(scene, result, finer)
 
@@ -358,7 +358,7 @@ def _noisy(scene: Scene) -> list[Scene]:
 
 
 def _energy(scene: Scene, folder: Path, found: Checked) -> None:
-    """Where no load does work in time, the sum of all energies never exceeds that at first."""
+    """Check that, where no load does work in time, the sum of all energies never exceeds that at first."""
     if scene.field.over_time is not None or scene.effects.feed is not None or scene.effects.magnetic_interaction is not None:
         return
     if scene.field.varies and scene.effects.magnetic_force is None:

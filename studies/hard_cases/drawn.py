@@ -36,7 +36,7 @@ def mm(value: float) -> str:
 
 @dataclass
 class Sizes:
-    """What loads are measured by, SI. across: thickness; A_over_I: area over second moment; corners of the undeformed box (2, 3) m."""
+    """Sizes that scale the loads, SI. across: thickness; A_over_I: area over second moment; corners of the undeformed box (2, 3) m."""
 
     length: float
     across: float
@@ -54,7 +54,7 @@ class Sizes:
 
     @property
     def period(self) -> float:
-        """Of the first bending of a cantilever, s."""
+        """Period of the first bending of a cantilever, s."""
         w = FIRST**2 / self.length**2 * math.sqrt(self.young / self.density / self.A_over_I)
         return 2 * math.pi / w
 

@@ -59,7 +59,7 @@ def _source(rng: np.random.Generator, source: str, sizes: Any, flux: float, way:
         if rng.random() < 0.4:
             shape = {"cuboid": {"size": _mm([side, side, 0.7 * side])}}
         return {"magnet": {**shape, "position": _mm(place), "axis": [float(x) for x in way], "remanence": f"{MAGNET} T"}}
-    r = max(r, 5.0 * half)  # a wire beside the box that the body may reach: a table of its field, as exact as it must be, has no room
+    r = max(r, 5.0 * half)  # a wire next to the box that the body may reach: a table of its field, as exact as it must be, has no room
     place, radius = center + r * toward, 0.4 * (r - 2.5 * half)
     turns = 100
     current = min(flux * 2 * (radius**2 + r**2) ** 1.5 / (MU0 * radius**2) / turns, 1e5)
@@ -68,7 +68,7 @@ def _source(rng: np.random.Generator, source: str, sizes: Any, flux: float, way:
 
 
 def _schedule(rng: np.random.Generator, source: str, found: Content, flux: float, end: float, sizes: Any) -> Content:
-    """How the field changes until `end` (s)."""
+    """Schedule of the field until `end` (s)."""
     ways = ["ramp", "ramp", "keyframes"] + (["rotation", "oscillation", "uniform frames"] if source == "uniform" else ["move"])
     if source == "coils":
         ways = ["ramp", "keyframes"]

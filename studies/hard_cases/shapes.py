@@ -96,7 +96,7 @@ def _squeezed(scene: Scene) -> float:
 
 
 def _impact(scene: Scene) -> float:
-    """How deep a body that hits the ground penetrates it, in cells; infinite if it does not come back, or comes back with more energy."""
+    """Depth to which a body that hits the ground penetrates it, in cells; infinite if it does not come back, or does with more energy."""
     deepest, back, _ = _hit(scene)
     return deepest if back > 0.1 * FAST and deepest > 0.0 else math.inf
 
@@ -125,7 +125,7 @@ def _hit(scene: Scene) -> tuple[float, float, float]:
 
 
 def _fold(scene: Scene) -> float:
-    """How far distant parts of the body overlap, in cells; infinite if they never come near each other."""
+    """Overlap of distant parts of the body, in cells; infinite if they never come near each other."""
     model = build(scene)
     h = float(model.grid.spacing[2])
     size = h * (1 - 1 / math.sqrt(3))  # two outermost Gauss points across a common face

@@ -134,7 +134,7 @@ def _one_particle(scene: Scene) -> float:
 
 
 def _swung(model: Model) -> tuple[float, float]:
-    """Of a body that swings for 10^4 steps: growth of its energy, and what is left at the end, over the energy at first."""
+    """Energy of a body that swings for 10^4 steps: its growth, and what is left at the end, over the energy at first."""
     motion = UpdatedMotion(model)
     motion.drift_correction = None  # it would hold what this case is about
     throw(motion, lambda x: np.outer(x[:, 0] ** 2, [0.0, 0.0, 300.0]))

@@ -22,7 +22,7 @@ Data = dict[str, Any]
 
 
 def can_turn(scene: Scene) -> bool:
-    """Whether the quarter turn maps the scene's body and grid onto themselves: a round body, in no field that is put on a table."""
+    """True if the quarter turn maps the scene's body and grid onto themselves: a round body, in no field that is put on a table."""
     return scene.body.catheter is not None and not scene.field.magnet and not scene.field.coils
 
 

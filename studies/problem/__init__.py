@@ -1,1 +1,1 @@
-"""What a study file says: keys, defaults, checks of each value."""
+"""Study files: keys, defaults, checks of each value."""

@@ -92,7 +92,7 @@ class Path:
 
 
 def _product(a: Array, b: Array) -> Array:
-    """Of quaternions, scalar first."""
+    """Product of quaternions, scalar first."""
     return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
 
 

@@ -1,6 +1,6 @@
 """The names by which a study file and `--sampler` ask for a sampler, and what is said about names that are none.
 
-Samplers of Optuna are asked for as `optuna:NAME`. The names are written out here, with what each of them needs; nothing that a file says is
+Samplers of Optuna are requested as `optuna:NAME`. The names are written out here, with what each of them needs; nothing that a file says is
 ever imported.
 """
 
@@ -32,7 +32,7 @@ TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSam
 
 
 def is_optuna(name: str) -> bool:
-    """Whether a name asks for one of Optuna's own samplers."""
+    """True if a name requests one of Optuna's own samplers."""
     return name.startswith(PREFIX)
 
 

@@ -1,4 +1,4 @@
-"""How far a body's axis is from a target shape, and how that changes with the sensitivities.
+"""Distance of a body's axis from a target shape, and how it changes with the sensitivities.
 
 Points are compared at equal arc length of the undeformed body. A body that is shorter than its target (its length may be varied) has no
 points at the target's last stations: there its tip is compared, so that a design does not come nearer by being short.
@@ -39,7 +39,7 @@ def residuals(gaps: Array) -> list[float]:
 
 
 class Derivatives(Protocol):
-    """What is read of magmpm's Sensitivities."""
+    """Interface of magmpm's Sensitivities as far as it is read."""
 
     @property
     def result(self) -> Result: ...

@@ -34,7 +34,7 @@ class Study:
     [s, x, y, z], of an insertion its path, of a schedule the last shape; stop_rms m or None; scene_file: the file of the
     scene, None for a study made in Python; depths: inserted lengths, m, increasing, () without an insertion; keyframes: the
     shapes of a schedule, () without one; hold: how long its field stays at the end, s; minimize: what a trial's values are;
-    margin: least stability, or None; start: "rod" or None; asked: the error that the scene's file asks for, or None: `scene` then has
+    margin: least stability, or None; start: "rod" or None; asked: the error that the scene's file requests, or None: `scene` then has
     the coarsest grid, on which trials are compared (studies.judged); why_sampler: the reason for the sampler where the file names none.
     """
 
@@ -61,7 +61,7 @@ class Study:
 
     @property
     def vary_magnetization(self) -> bool:
-        """Whether directions are varied."""
+        """True if directions are varied."""
         return self.vary.magnetization is not None
 
     @property
@@ -71,7 +71,7 @@ class Study:
 
     @property
     def fields(self) -> int:
-        """How many fields are varied, if any is: one, or one at each depth or time."""
+        """Number of fields that are varied, if any is: one, or one at each depth or time."""
         at = "once" if self.vary.field is None else self.vary.field.at
         return {"once": 1, "each depth": len(self.depths), "each time": len(self.keyframes)}[at]
 
@@ -90,7 +90,7 @@ class Study:
         )
 
     def definition(self) -> dict[str, Any]:
-        """All that decides which trials are made and how they are judged, as plain data; numbers in SI, the target in mm.
+        """All that decides which trials are made and how they are evaluated, as plain data; numbers in SI, the target in mm.
 
         Of the scene it leaves out names, and what the study varies anyway: starting values do not count.
         """

@@ -1,4 +1,4 @@
-"""What may stand in a study file: its keys, their values, and which of them go together."""
+"""Content of a study file: its keys, their values, and which of them go together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_DEPTHS = 200
 
 
 class Match(Settings):
-    """What the body's shape is compared with: one of these."""
+    """Target with which the body's shape is compared: one of these."""
 
     centreline: str | None = Field(
         default=None,
@@ -56,7 +56,7 @@ class MatchAt(Settings):
 
 
 class Stop(Settings):
-    """When a study is done before its last trial."""
+    """Condition under which a study is done before its last trial."""
 
     rms: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
         description="Root mean square distance to the target that is good enough.", examples=["2 mm"]
@@ -76,7 +76,7 @@ def _depths(value: Any) -> Any:
 
 
 class Insertion(Settings):
-    """How far a catheter has been pushed out of its guide when its shape is compared with its path."""
+    """Lengths of a catheter outside its guide at which its shape is compared with its path."""
 
     depths: Annotated[
         Annotated[int, Tag("count")] | Annotated[tuple[_Depth, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
@@ -130,7 +130,7 @@ class Robust(Settings):
 
 
 class Stability(Settings):
-    """How stable a design must be to be accepted."""
+    """Stability that a design must have to be accepted."""
 
     margin: float = Field(
         strict=True,
@@ -143,7 +143,7 @@ class Stability(Settings):
 
 
 class Limits(Settings):
-    """What can be made."""
+    """Limits of manufacture."""
 
     directions: tuple[Axis, ...] | None = Field(
         default=None,
@@ -247,7 +247,7 @@ class StudyFile(Settings):
         return self
 
     def _of_the_match(self) -> tuple[str, str, Key] | None:
-        """What `match`, `insertion` and `schedule` lack of each other."""
+        """Fault in the combination of `match`, `insertion` and `schedule`, which need each other."""
         listed = not isinstance(self.match, Match)
         path = isinstance(self.match, Match) and self.match.path is not None
         if self.insertion is not None and not path:

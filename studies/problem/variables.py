@@ -107,7 +107,7 @@ class VaryOrder(Settings):
 
 
 class Vary(Settings):
-    """What the study may change."""
+    """Variables that the study may change."""
 
     magnetization: VaryMagnetization | None = Field(
         default=None, description="The direction of each magnetized segment: {}.", examples=["{}"]

@@ -1,6 +1,6 @@
 """Rods that follow one another: each begins from the one before, as a body does that is pushed out of a guide, or whose field changes.
 
-A design has several equilibria at most of its depths. Which of them a body takes is decided by where it comes from, so designs are judged
+A design has several equilibria at most of its depths. Which one a body takes is decided by where it comes from, so designs are evaluated
 on the way: from each depth to the next the length grows and the field passes evenly, in small steps (as in studies.push). A design of
 rods that only hold their shapes (RodTrajectory.grown) may not be reached on it. Where a rod leaves the design's shape, that depth's
 field is fitted anew in every step of the way, and then the whole design from there.
@@ -42,13 +42,13 @@ class Stop:
     squares: float
 
     def shape(self, directions: Array) -> RodShape:
-        """What the body's solve begins from. directions (k, 3): of all segments."""
+        """Rod shape from which the body's solve begins. directions (k, 3): of all segments."""
         return self.depth.rod.shape(self.q, directions[self.depth.segments], self.field)
 
 
 @dataclass(frozen=True)
 class RodPath:
-    """The places where a design is judged (rods), and for each of them the rods on the way to it, itself the last."""
+    """The places where a design is evaluated (rods), and for each of them the rods on the way to it, itself the last."""
 
     rods: RodTrajectory
     ways: tuple[tuple[Depth, ...], ...]
@@ -169,7 +169,7 @@ def _longer(last: Stop, depth: Depth) -> Array:
 
 
 def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:
-    """Designs that grew from random starts, best first, judged on the way. May be empty.
+    """Designs that grew from random starts, best first, evaluated on the way. May be empty.
 
     Ends once `wanted` are within `enough` (m). A design whose way comes near the end of a branch counts RISKY times as much: the body,
     or a slightly other design, may fall there; it ends the search only with one more of its kind.

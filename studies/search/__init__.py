@@ -1,1 +1,1 @@
-"""What is searched: parameters, limits of manufacture, and the checks of a study against its scene."""
+"""Search of a study: parameters, limits of manufacture, and the checks of a study against its scene."""

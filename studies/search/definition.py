@@ -1,7 +1,7 @@
-"""What a study file says: the scene, what is varied, what it must match, and how it is searched.
+"""Definition of a study in its file: the scene, what is varied, what it must match, and how it is searched.
 
 `load_study(path)` reads a file and all it names. A study's *definition* is everything that decides which trials are
-made and how they are judged; the length of the study (`trials`, `stop`) is not part of it, so a study can be
+made and how they are evaluated; the length of the study (`trials`, `stop`) is not part of it, so a study can be
 extended, but is never silently continued as a different one.
 """
 
@@ -57,7 +57,7 @@ def load_study(path: Path | str) -> Study:
         raise named_in(error, place(document, "scene")) from None
     check_scene(scene, file, document)
     asked = None
-    if scene.resolution.asked:  # of the whole shape, which designs are judged by: a bound for the tip as well
+    if scene.resolution.asked:  # of the whole shape, which designs are evaluated by: a bound for the tip as well
         asked = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
     check_numbers(scene, file, document)
@@ -132,7 +132,7 @@ def definition_hash(definition: Mapping[str, Any]) -> str:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """What changed between two definitions, one line a key: `sampler: tpe -> random`."""
+    """Differences between two definitions, one line a key: `sampler: tpe -> random`."""
     was, now = dict(_flat(old)), dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]
     lines = [

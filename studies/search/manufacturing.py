@@ -1,6 +1,6 @@
-"""What can be made: directions from a set, at most k different ones. Every design is brought to one that can, before it is solved.
+"""Limits of manufacture: directions from a set, at most k different ones. Every design is brought within them before it is solved.
 
-A design's asked directions stay its parameters. Those that are made are the nearest that the limits allow, by the sum of cosines
+A design's requested directions stay its parameters. Those that are made are the nearest that the limits allow, by the sum of cosines
 sum_i d_i . m_i:
 
 * a set: each segment gets the direction of the set that is nearest to its own;
@@ -32,7 +32,7 @@ class Makeable:
     at_most: int | None
 
     def made(self, asked: Array) -> Array:
-        """The directions (n, 3) that are made where these unit vectors (n, 3) are asked for."""
+        """The directions (n, 3) that are made where these unit vectors (n, 3) are requested."""
         if len(asked) == 0:
             return asked
         if self.allowed is not None:
@@ -40,7 +40,7 @@ class Makeable:
         return self._shared(asked)[0]
 
     def derivative(self, asked: Array) -> Array:
-        """The derivatives (n, 3, n, 3) of the directions made by those asked for: zero of a set, and within each group of shared ones."""
+        """The derivatives (n, 3, n, 3) of the directions made by those requested: zero of a set, and within each group of shared ones."""
         n = len(asked)
         found = np.zeros((n, 3, n, 3))
         if self.allowed is not None or n == 0:

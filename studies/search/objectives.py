@@ -1,4 +1,4 @@
-"""What a trial's values are: its distance from the target, and of two objectives also the largest field or the magnetized volume.
+"""Values of a trial: its distance from the target, and of two objectives also the largest field or the magnetized volume.
 
 A design is on the Pareto front if no other is better in one objective and no worse in the other. A trial that failed has the worst values
 that any design can have, the penalty and the greatest field or volume within the bounds, so it never is on the front and samplers avoid it.

@@ -88,7 +88,7 @@ def _ending(segment: int) -> str:
 
 
 def own_material(name: str, segment: int) -> str:
-    """What a segment's own material is called."""
+    """Name of a segment's own material."""
     return name + _ending(segment)
 
 
@@ -120,7 +120,7 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
 
 
 def kept_total(asked: Array, low: float, high: float, total: float) -> tuple[Array, Array]:
-    """The lengths (k,) within low and high that sum to `total` and are nearest to those asked for, and their derivatives (k, k).
+    """The lengths (k,) within low and high that sum to `total` and are nearest to those requested, and their derivatives (k, k).
 
     The projection on the sum and the bounds: all are shifted by one amount, and stop at their bounds. That amount is found exactly: the
     sum is piecewise linear in it, with corners where a length meets a bound. low k <= total <= high k.

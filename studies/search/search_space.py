@@ -1,4 +1,4 @@
-"""What a study searches, and the scene that each design stands for.
+"""Search space of a study, and the scene that each design stands for.
 
 A design is made of blocks (blocks.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each depth
 or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
@@ -52,7 +52,7 @@ __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
 
 class VariableLike(Protocol):
-    """What the chain rule asks of a variable of magmpm.sensitivities."""
+    """Interface of a variable of magmpm.sensitivities, as far as the chain rule needs it."""
 
     @property
     def kind(self) -> str: ...
@@ -63,7 +63,7 @@ class VariableLike(Protocol):
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """What is varied in a scene.
+    """Space of what is varied in a scene.
 
     segments: the magnetized segments whose directions are (numbers from 0, base first); field_max: T, None for a fixed field; fields: how
     many fields there are, one at each depth or time; numbers: quantities within bounds; keeps_length: whether segments that vary their
@@ -81,7 +81,7 @@ class SearchSpace:
 
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
-        """The space a study asks for."""
+        """The space a study requests."""
         vary, scene = study.vary, study.scene
         return cls(
             scene=scene,
@@ -109,18 +109,18 @@ class SearchSpace:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where each block's embedded coordinates stand."""
+        """Slices of each block's embedded coordinates."""
         ends = np.cumsum([block.size for block in self.blocks]).tolist()
         return tuple(slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True))
 
     @property
     def size(self) -> int:
-        """How many embedded coordinates a design has."""
+        """Number of embedded coordinates of a design."""
         return sum(block.size for block in self.blocks)
 
     @property
     def freedom(self) -> int:
-        """How many numbers can change independently: two a direction, three a field, one a number (one less for a kept length).
+        """Count of numbers that can change independently: two a direction, three a field, one a number (one less for a kept length).
 
         Limits aside.
         """
@@ -158,7 +158,7 @@ class SearchSpace:
         return [(stem + a, stem + b, stem + c) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        """The parameters as Optuna asks for them."""
+        """The parameters as Optuna requests them."""
         return distributions(self.blocks)
 
     # parameters <-> embedded coordinates
@@ -268,7 +268,7 @@ class SearchSpace:
             edits.order(arrangement(self.scene, order))
 
     def _lengths(self, asked: Array) -> Array:
-        """Lengths (k,) m of the segments, of those asked for; shifted alike to sum to the body's length if that is kept."""
+        """Lengths (k,) m of the segments, of those requested; shifted alike to sum to the body's length if that is kept."""
         if not self.keeps_length:
             return asked
         numbers = [number for number in self.numbers_within if number.what == "length"]
@@ -309,7 +309,7 @@ class SearchSpace:
 
     @property
     def sensitivities(self) -> list[str]:
-        """What to ask `magmpm.sensitivities` for: its `of`."""
+        """Kinds of variables to request of `magmpm.sensitivities`: its `of`."""
         named = [("magnetization", bool(self.segments)), ("field", self.field_max is not None)]
         named += [(what, any(n.what == what for n in self.numbers_within)) for what in ("length", "diameter", "remanence", "shear_modulus")]
         return [what for what, wanted in named if wanted]

@@ -1,4 +1,4 @@
-"""What must hold before the first trial between a study file, its scene and its target."""
+"""Checks of a study file against its scene and its target, before the first trial."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def named_in(error: InputError, where: str) -> InputError:
 
 
 def place(document: Document, *key: str | int) -> str:
-    """Where a key stands: file, line and key."""
+    """Place of a key: file, line and key."""
     line = next((document.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.lines), 1)
     return f"{document.path}:{line}: {dotted(key)}"
 
@@ -89,7 +89,7 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
 
 
 def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
-    """What is outside the guide is at least as long as it is thick: Scene.inserted."""
+    """Check that the part outside the guide is at least as long as it is thick: Scene.inserted."""
     depths = file.insertion.depths if file.insertion is not None else ()
     if isinstance(depths, tuple) and depths and depths[0] < scene.thickness * (1 - 1e-9):
         rule = f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm: a shorter piece is no rod"
@@ -100,7 +100,7 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
 def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named: str) -> None:
     """The target must belong to a catheter of this length that starts at the origin.
 
-    A silicone catheter bends but hardly stretches. Points farther apart than the length of catheter between them show a mistake in
+    A silicone catheter bends but hardly stretches. Points at a larger distance than the length of catheter between them show a mistake in
     the table (units, columns, another catheter), which a search would never reveal.
     """
     length, where = _greatest_length(scene, file), f"{csv} (named in {named})"
@@ -139,7 +139,7 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
     """A path begins where the guide ends and as it points, bends no sharper than the catheter can, and is as long as the depths.
 
     The catheter's inner side is shortened by thickness / (2 radius): half of it, at a radius of its thickness, is what a solid body may
-    be asked for. The radius at a point of the table is that of the circle that touches both of its chords there, no farther away than the
+    be requested. The radius at a point of the table is that of the circle that touches both of its chords there, no farther away than the
     middle of the shorter one: that one's length over 2 tan(turn / 2).
     """
     thickness = scene.thickness
@@ -184,7 +184,7 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
 
 
 def _greatest_length(scene: Scene, file: StudyFile) -> float:
-    """How long the body can be, m."""
+    """Greatest length of the body, m."""
     bounds = file.vary.length
     return scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())
 

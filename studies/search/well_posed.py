@@ -1,6 +1,6 @@
-"""Whether a search can have an answer: what moves the shape at all, and how many variables the target can tell apart.
+"""Check that a search can have an answer: what moves the shape at all, and how many variables the target can distinguish.
 
-Judged before the first trial, by the rod at a few random designs: a millisecond each. The derivatives are differences in steps along the
+Evaluated before the first trial, by the rod at a few random designs: a millisecond each. The derivatives are differences in steps along the
 embedded coordinates, in which each block's step of 1 is a whole one: a radian, the greatest field, a range from bound to bound.
 """
 
@@ -26,7 +26,7 @@ SEEN = 1e-5  # of the length: what a whole step must move the shape by (rms), to
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the rod says of a study.
+    """Result of the check of a study by the rod.
 
     moves (n,) m: by how much (rms over the target's points) a whole step of each of the n variables moves the shape, at the design where
     it moves it most; freedom: how many numbers vary; seen: how many of their combinations move the shape, at the design where most do.
@@ -38,7 +38,7 @@ class Judgement:
 
 
 def check_search(study: Study, space: SearchSpace) -> list[str]:
-    """What a search should know before its first trial, one sentence each. Raises InputError where no variable moves the shape."""
+    """Warnings about a search before its first trial, one sentence each. Raises InputError where no variable moves the shape."""
     found = judge(study, space)
     if found is None:
         return []
@@ -60,7 +60,7 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
 
 
 def _told(study: Study) -> str:
-    """What a study compares shapes with."""
+    """Describe what a study compares shapes with."""
     if study.depths:
         return f"the path at {len(study.depths)} depths"
     if study.keyframes:
@@ -98,7 +98,7 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
 
 
 def judge(study: Study, space: SearchSpace) -> Judgement | None:
-    """By the rod at random designs; None where it finds no equilibrium, or there are only choices."""
+    """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
     rng, space = np.random.default_rng(SEED), replace(space, limits=None)  # directions of a set have no derivatives
     moves, seen, shapes = [], [], _shapes(study, space)
     for _ in range(4 * DESIGNS):

@@ -1,4 +1,4 @@
-"""What a report says of a study, gathered from its folder and its storage: plain data, which viz.sheet draws and writes."""
+"""Content of a report of a study, gathered from its folder and its storage: plain data, which viz.sheet draws and writes."""
 
 from magmpm.studies.sheet.facts import gather
 

@@ -47,9 +47,9 @@ def gather(
     quick: bool = False,
     motion: bool = False,
 ) -> dict[str, Any]:
-    """What is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
+    """Gather what is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
 
-    run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is judged again, unless quick. storage: the URL of
+    run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of
     the trials where the report's lacks a password. motion: run the best design of an insertion or a schedule in time, too.
     """
     notes: list[str] = []
@@ -94,7 +94,7 @@ def _optuna_version() -> dict[str, str]:
 
 
 def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]) -> dict[str, Any]:
-    """What the storage says; a note where it can't be read."""
+    """Facts in the storage; a note where it can't be read."""
     url = storage or report["storage"]
     try:
         must_exist(url, folder)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.rod.cosserat import RodShape
 
-SAME = 0.05  # of the length: farther apart, two answers are two equilibria
+SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
 MOST_MEMORY = 0.25  # of the machine's: that a finer grid may take
 STATIONS = 41
 
@@ -46,7 +46,7 @@ class Again:
 
 
 def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | None) -> Again:
-    """How the equilibrium of a saved result is found again. Raises SolveError where the rod does not get there.
+    """Find out how to solve for the equilibrium of a saved result again. Raises SolveError where the rod does not get there.
 
     design: what is stored of it (params, magnetization of each segment of the whole body).
     """
@@ -64,7 +64,7 @@ def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | N
 
 
 def judged(result: Result, again: Again, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
-    """What is known of a best design by solving it again: `tolerances` (rows) and `finer`, or in their place why not (texts)."""
+    """Verify a best design by solving it again: `tolerances` (rows) and `finer`, or in their place why not (texts)."""
     found: dict[str, Any] = {}
     for name, ask in (("tolerances", lambda: _tolerances(result, again, differentiate)), ("finer", lambda: finer(result, again, run))):
         try:

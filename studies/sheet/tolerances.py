@@ -1,4 +1,4 @@
-"""How exactly a design has to be made: the error of each of its numbers that alone moves the tip by a given distance, to first order.
+"""Tolerances of a design's numbers: the error of each that alone moves the tip by a given distance, to first order.
 
 From the derivatives of the equilibrium (magmpm.sensitivities). A direction may be wrong by a turn about any axis across it: what counts is
 the turn that moves the tip most, the largest singular value of the tip's derivatives (3, 2) by two perpendicular turns. Materials, field,
@@ -17,7 +17,7 @@ from magmpm.scene import Scene
 
 SHARE = 0.01  # of the length: how far the tip may move
 LARGEST = {"deg": 30.0, "%": 30.0, "mm": float("inf")}  # beyond which the first order says no more than that
-USUAL = {"deg": 5.0, "%": 5.0}  # errors of manufacture by which a design is judged where its study names none
+USUAL = {"deg": 5.0, "%": 5.0}  # errors of manufacture by which a design is evaluated where its study names none
 
 
 class Derived(Protocol):
@@ -46,7 +46,7 @@ def tolerances(scene: Scene, found: Derived, hidden: int = 0) -> list[dict[str, 
 
 
 def _whose(variable: Any) -> Any:
-    """What a variable belongs to: a segment's number, a material, or nothing."""
+    """Owner of a variable: a segment's number, a material, or nothing."""
     return variable.region if variable.region is not None else variable.material
 
 

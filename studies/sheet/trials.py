@@ -1,4 +1,4 @@
-"""What the trials of a study say: which were best, which parameters mattered, and when it ran. Read from its storage."""
+"""Statistics of the trials of a study: which were best, which parameters mattered, and when it ran. Read from its storage."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
 
 
 def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
-    """Why trials failed or were refused: which of the two, the reason, and how many trials, most first."""
+    """Reasons why trials failed or were refused: which of the two, the reason, and how many trials, most first."""
     counted: dict[tuple[str, str], int] = {}
     for trial in trials:
         if not feasible(trial):

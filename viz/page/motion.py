@@ -1,4 +1,4 @@
-"""What the page draws of a motion: the surface at each frame, its arrows, what moves around it, and the curves below."""
+"""Data for the page of a motion: the surface at each frame, its arrows, what moves around it, and the curves below."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class MotionStage:
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def told(self) -> dict[str, Any]:
-        """Of all frames so far: times (s), the box they fill (m), the path of the tip or middle (m), energies (J), jumps (s)."""
+        """Data of all frames so far: times (s), the box they fill (m), the path of the tip or middle (m), energies (J), jumps (s)."""
         for number in range(len(self._trace), len(self.motion)):
             position = self.motion.position(number)
             whole = position[np.isfinite(position).all(axis=1)]

@@ -1,4 +1,4 @@
-"""What the page draws of a scene: the body's surface as it moves, its magnetization's arrows, and what stands around it."""
+"""Data for the page of a scene: the body's surface as it moves, its magnetization's arrows, and what stands around it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KEPT = 24  # surfaces of bodies: one for each length outside a guide that was se
 
 
 class DeformedBody(Protocol):
-    """What is drawn of a shape: see studies.live.preview.Shape."""
+    """Interface of a shape to draw: see studies.live.preview.Shape."""
 
     @property
     def reference(self) -> np.ndarray: ...
@@ -96,7 +96,7 @@ def _remanence(scene: Scene, shape: DeformedBody) -> np.ndarray:
 
 
 class _Places:
-    """Particles as a body's magnetization asks for them."""
+    """Particles as a body's magnetization requires them."""
 
     def __init__(self, position: np.ndarray, segment: np.ndarray) -> None:
         self.position, self.segment = position, segment
@@ -110,7 +110,7 @@ def surface_arrays(body: Body) -> dict[str, np.ndarray]:
 
 
 def obstacles_of(scene: Scene, time: float | None = None) -> list[Obstacle]:
-    """What stands around: clamps, walls and guides, and the field's sources at a time (s) or the end of their schedule."""
+    """Obstacles around the body: clamps, walls and guides, and the field's sources at a time (s) or the end of their schedule."""
     return [*standing(scene), *sources(scene, time)]
 
 
@@ -131,7 +131,7 @@ def _region_colors(scene: Scene) -> dict[str, str]:
 
 
 def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> dict[str, Any]:
-    """What the page is told of a scene once: its size, what holds, and the colors of marks; target (q, 3) m or None."""
+    """Data of a scene that the page gets once: its size, what holds, and the colors of marks; target (q, 3) m or None."""
     plane = ground(scene)
     gravity = gravity_of(scene)
     low, high = np.array(scene.box())

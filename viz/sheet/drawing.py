@@ -17,7 +17,7 @@ from magmpm.viz import style
 
 WIDTH, LEFT, RIGHT = 860.0, 96.0, 150.0  # of the drawing and its margins, px
 LEAST, MOST = 44.0, 120.0  # height of the body, px
-OUT = 0.35  # share of a direction along the line of sight from which a dot or a cross stands beside its arrow
+OUT = 0.35  # share of a direction along the line of sight from which a dot or a cross stands next to its arrow
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (("side", "x", "z", (0, 2), 1), ("top", "x", "y", (0, 1), 2))  # name, axes, their indices, the one along the line of sight
@@ -47,7 +47,7 @@ def drawing(body: Mapping[str, Any]) -> str:
 
 
 def _sizes(body: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """What is seen across the body from the side and from above: its name, and its size in m."""
+    """Sizes across the body as seen from the side and from above: the name and the size in m of each."""
     section = body["section_m"]
     if "diameter" in section:
         return [("\u00d8", section["diameter"])] * 2
@@ -55,7 +55,7 @@ def _sizes(body: Mapping[str, Any]) -> list[tuple[str, float]]:
 
 
 def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[dict[str, float], float]:
-    """How tall each view is, px, and how many times thicker than to scale the thinnest is drawn."""
+    """Height of each view, px, and how many times thicker than to scale the thinnest is drawn."""
     true = [scale * across for _, across in sizes]
     heights = [min(max(px, LEAST), MOST) for px in true]
     return dict(zip((view[0] for view in VIEWS), heights, strict=True)), max(h / px for h, px in zip(heights, true, strict=True))

@@ -46,7 +46,7 @@ def answer(facts: Mapping[str, Any]) -> Markup:
 
 
 def alarms(facts: Mapping[str, Any]) -> Markup:
-    """What a reader must not overlook: no design at all, a target that was missed, warnings of the search and of the best solve."""
+    """Alarms that a reader must not overlook: no design at all, a target that was missed, warnings of the search and of the best solve."""
     says = []
     if not facts.get("best"):
         says.append("This study has no feasible design: no trial was solved and accepted, so there is nothing to make.")
@@ -86,7 +86,7 @@ def search(facts: Mapping[str, Any]) -> Markup:
 
 
 def _why(facts: Mapping[str, Any]) -> str:
-    """Why the study ended."""
+    """Reason why the study ended."""
     ended = facts.get("ended")
     if ended == "stop":
         return f"stopped at trial {facts['first_trial_below_stop']}, the first within its stop of {length(facts['stop_rms_m'])}"
@@ -163,7 +163,7 @@ def motion(facts: Mapping[str, Any]) -> Markup:
 
 
 def settings(facts: Mapping[str, Any]) -> Markup:
-    """What was searched, by what, and with which versions."""
+    """Settings of the search: what was searched, by what, and with which versions."""
     best = facts.get("best") or {}
     solved = (facts.get("result") or {}).get("versions") or {}
     rows: list[tuple[Any, Any]] = [

@@ -53,7 +53,7 @@ class PerTrial(BaseSampler):
         self._inner.before_trial(study, trial)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
-        """What the sampler chooses together; nothing where the design is given."""
+        """Search space that the sampler chooses from together; nothing where the design is given."""
         assert self._inner is not None
         return {} if self._given else self._inner.infer_relative_search_space(study, trial)
 
@@ -69,14 +69,14 @@ class PerTrial(BaseSampler):
         return found
 
     def sample_independent(self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
-        """What the sampler chooses by itself."""
+        """Value that the sampler chooses by itself."""
         assert self._inner is not None
         if not self._given and trial.number < len(self._starts) and param_name in self._starts[trial.number]:
             return self._starts[trial.number][param_name]
         return self._inner.sample_independent(study, trial, param_name, param_distribution)
 
     def after_trial(self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None) -> None:
-        """What the sampler notes of a trial that has ended."""
+        """Pass a trial that has ended to the sampler, which takes notes of it."""
         self._make(trial.number).after_trial(study, trial, state, values)
 
 

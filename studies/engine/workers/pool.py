@@ -45,7 +45,7 @@ class Pool:
 
     @property
     def idle(self) -> int:
-        """How many processes have nothing to do."""
+        """Number of processes that have nothing to do."""
         return sum(worker.job is None for worker in self._workers)
 
     @property

@@ -1,4 +1,4 @@
-"""Who works on a study: one session alone, or several that share its storage; and what is done with the trials of one that died.
+"""Sessions that work on a study: one alone, or several that share its storage; and what is done with the trials of one that died.
 
 A session is one `magmpm design`, with all its workers. Each trial of a shared study says which session runs it, and each session writes
 a beat into the storage every BEAT seconds. A session is dead if its process is gone, as far as this machine can see it; of another machine
@@ -84,7 +84,7 @@ class Session:
             by = trial.user_attrs.get(SESSION)
             if trial.number in mine:
                 continue
-            if by == self.name:  # asked for, but the answer was lost
+            if by == self.name:  # requested, but the answer was lost
                 self.put_back(trial_id(trial))
             elif self._is_dead(by, trial, records):
                 self._take_up(trial)
@@ -100,7 +100,7 @@ class Session:
         self.store(back)
 
     def put_all_back(self) -> None:
-        """Puts back every trial that this session has asked for and not finished."""
+        """Puts back every trial that this session has requested and not finished."""
         from optuna.trial import TrialState
 
         for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
@@ -120,7 +120,7 @@ class Session:
         self.store(end)
 
     def _is_dead(self, by: str | None, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
-        """Whether the session that runs a trial is gone."""
+        """True if the session that runs a trial is gone."""
         owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
         if owner.get("host") == here() or (owner and "beat" not in owner):
             return not alive(owner, self.out, _age(trial))
@@ -179,7 +179,7 @@ class Session:
 
 
 def this_process(out: Path) -> dict[str, Any]:
-    """Who this process is: its number means something on its own host alone, and there until the number is given to another."""
+    """Identity of this process: its number means something on its own host alone, and there until the number is given to another."""
     return {"host": here(), "pid": os.getpid(), "started": _started(os.getpid()), "out": str(out.resolve())}
 
 
@@ -192,7 +192,7 @@ def here() -> str:
 
 
 def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
-    """Whether the process that last took up a study may still be running its trial, begun `age` seconds ago."""
+    """True if the process that last took up a study may still be running its trial, begun `age` seconds ago."""
     mine = this_process(out)
     if owner.get("host") not in (mine["host"], socket.gethostname()):  # without a number of a namespace: by an earlier version
         return bool(owner) and age < STALE
@@ -208,7 +208,7 @@ def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
 
 
 def _started(pid: int) -> int | None:
-    """When a process was started, in clock ticks since the machine was (proc(5), field 22); None where that can't be told."""
+    """Time when a process was started, in clock ticks since the machine was (proc(5), field 22); None where that can't be found."""
     try:
         return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
     except (OSError, ValueError, IndexError):

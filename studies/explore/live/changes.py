@@ -132,7 +132,7 @@ def _put_directions(body: Data, scene: Scene, new: Values, write: Any) -> None:
 
 
 def _put_inserted(content: Data, shown: Scene) -> None:
-    """What is outside the guide, in place of the whole catheter; it is clamped at the exit."""
+    """Put the part outside the guide in place of the whole catheter; it is clamped at the exit."""
     catheter = shown.body.catheter
     assert catheter is not None  # only catheters are inserted
     lengths = catheter.segment_lengths()
@@ -145,11 +145,11 @@ def _put_inserted(content: Data, shown: Scene) -> None:
     content["solver"] = {key: value for key, value in (content.get("solver") or {}).items() if key in ("anti_locking", "static")}
 
 
-USUAL = 4  # cells across, where the scene asks for an error instead
+USUAL = 4  # cells across, where the scene requests an error instead
 
 
 def ready(scene: Scene, cells: int | None = None) -> Scene:
-    """The scene with `effects: auto` chosen, and in `cells` cells across, or its own; USUAL where it asks for an error or a time.
+    """The scene with `effects: auto` chosen, and in `cells` cells across, or its own; USUAL where it requests an error or a time.
 
     Raises InputError where nothing holds its body, or the cells don't fit it.
     """

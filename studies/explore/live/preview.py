@@ -44,7 +44,7 @@ class Shape:
 
     @classmethod
     def of(cls, result: Result) -> Shape:
-        """Of a result."""
+        """Shape of a result."""
         return cls(
             result.particle_reference,
             result.particle_position,

@@ -1,4 +1,4 @@
-"""What of a scene can be turned while one looks: a number each, with its unit and its range, for a slider."""
+"""Sliders of a scene that can be changed while one looks: a number each, with its unit and its range."""
 
 from __future__ import annotations
 
@@ -105,14 +105,14 @@ def _field(scene: Scene) -> Iterator[Control]:
 
 
 def _uniform_counts(scene: Scene) -> bool:
-    """Whether the key `uniform` decides the field at the end of the schedule: keyframes may have their own."""
+    """True if the key `uniform` decides the field at the end of the schedule: keyframes may have their own."""
     plain = scene.with_field([0.0, 0.0, 0.0])
     other = scene.with_field([1e-3, 1e-3, 1e-3])
     return bool(np.any(places(plain.field)["uniform"] != places(other.field)["uniform"]))
 
 
 def _inserted(scene: Scene) -> Iterator[Control]:
-    """How much of a catheter is outside its guide."""
+    """Slider for the length of a catheter outside its guide."""
     catheter = scene.body.catheter
     if catheter is None or catheter.clamp != "base" or scene.effects.feed is not None:
         return
@@ -123,7 +123,7 @@ def _inserted(scene: Scene) -> Iterator[Control]:
 
 
 def _sources(scene: Scene) -> Iterator[Control]:
-    """Where magnets, dipoles and coils are."""
+    """Sliders for the positions of magnets, dipoles and coils."""
     way = 1e3 * max(WAY, scene.length)
     for kind in SOURCES:
         for k, source in enumerate(getattr(scene.field, kind) or ()):

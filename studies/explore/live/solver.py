@@ -28,7 +28,7 @@ class Overtaken(Exception):
 
 @dataclass(frozen=True)
 class Solved:
-    """What came of a scene: its result and rms (m) from the target, or `failure`, in words; seconds it took."""
+    """Outcome of a scene: its result and rms (m) from the target, or `failure`, as text; seconds it took."""
 
     result: Result | None
     rms: float | None
@@ -46,7 +46,7 @@ class Solver:
         self.process = Process(_begin, target, quiet=False)
 
     def solved(self, scene: Scene) -> Solved:
-        """Solve a scene. Raises Overtaken when a newer one was asked for meanwhile."""
+        """Solve a scene. Raises Overtaken when a newer one was requested meanwhile."""
         with self._counting:
             self._newest += 1
             ticket = self._newest
@@ -64,7 +64,7 @@ class Solver:
             return Solved(answer, rms, "", seconds) if kind == "result" else Solved(None, None, answer, seconds)
 
     def _answer(self, ticket: int) -> tuple[str, Any, float | None]:
-        """What the process says of the scene that it was given. Raises Overtaken, Died."""
+        """Answer of the process to the scene that it was given. Raises Overtaken, Died."""
         begun = time.perf_counter()
         while True:
             if self.process.pipe.poll(0.02):
@@ -86,7 +86,7 @@ class Solver:
 
 
 def _begin(pipe: Any, target: Array | None) -> Callable[[Scene | None], Any]:
-    """What the process does: solve the scenes that come; None only ends the solve before it."""
+    """Begin the process: it solves the scenes that come; None only ends the solve before it."""
     neighbors = Neighbors(MOST)
     following = Following(neighbors.expected)
 

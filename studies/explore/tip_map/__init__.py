@@ -1,4 +1,4 @@
-"""Where a body's tip goes over many uniform fields, and where it would not be sure to go: `magmpm map`."""
+"""Map of a body's tip over many uniform fields, and of the fields where its position is not certain: `magmpm map`."""
 
 from magmpm.studies.explore.tip_map.fields import Fields, in_plane, on_rays
 from magmpm.studies.explore.tip_map.tips import MARKS, TipMap, map_tips

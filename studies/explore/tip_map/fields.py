@@ -10,7 +10,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 
-STRENGTHS = 8  # along a ray, unless asked otherwise
+STRENGTHS = 8  # along a ray, unless requested otherwise
 MOST = 100_000
 PATHS = 8  # as many processes can share the work; longer paths learn more. Their number is fixed, so that a map is the same on any machine
 AXES = "xyz"
@@ -29,7 +29,7 @@ class Fields:
 
     @property
     def rays(self) -> int:
-        """How many rays there are, each with as many fields in a row; fields of a plane have one each."""
+        """Number of rays, each with as many fields in a row; fields of a plane have one each."""
         return self.shape[0] if self.kind == "rays" else len(self.values)
 
 

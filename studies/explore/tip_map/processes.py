@@ -29,7 +29,7 @@ Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
 
 @dataclass(frozen=True)
 class Tip:
-    """Of a field: its index; tip (3,) m, stability and Newton steps; or why there is none."""
+    """Tip in one field: its index; tip (3,) m, stability and Newton steps; or why there is none."""
 
     index: int
     tip: tuple[float, float, float] | None
@@ -58,7 +58,7 @@ def solved(scene: Scene, paths: Sequence[Path_], processes: int) -> Iterator[Tip
 
 
 def _begin(pipe: Any, scene: Scene) -> Callable[[Path_], None]:
-    """What a process does: follow a path, and send each tip."""
+    """Begin a process: it follows a path, and sends each tip."""
     model = static_model(build(scene))
 
     def follow(path: Path_) -> None:

@@ -1,4 +1,4 @@
-"""What rods tell of a map's fields: which shapes snap while the field grows, and which fields have another stable shape.
+"""Rods in a map's fields: which shapes snap while the field grows, and which fields have another stable shape.
 
 A thousand rods take a second or two. Each begins in no field (under its weight) and follows its field as that grows. A step in which the
 tip moves as far however finely it is cut is a snap. A shape that neighbors' rods settle in, away from the rod's own, is another one.
@@ -16,7 +16,7 @@ from magmpm.rod.cosserat import RodModel, rod_model
 from magmpm.rod.derivative_kernels import relax_all
 from magmpm.scene import Scene
 
-ELEMENTS = 60  # deflections to 1e-3: enough to tell shapes apart
+ELEMENTS = 60  # deflections to 1e-3: enough to distinguish shapes
 STEPS, FINER = 16, 8  # of a field's growth; and how much finer where it is not smooth
 JUMP = 0.02  # of the length: a shorter move of the tip in a step is no snap
 LASTING = 0.6  # of a step's move that is left in the longest of FINER parts of it: 1/8 where smooth, 0.35 at a buckling load, 1 at a snap
@@ -27,7 +27,7 @@ AGAIN = 3  # times that a rod which found no rest is tried
 
 @dataclass(frozen=True)
 class RodTips:
-    """Of each field: tip (m, 3) m; snapped (m,): on the way to it; other (m, 3) m: tip of another stable shape, or NaN."""
+    """Tips of rods in each field: tip (m, 3) m; snapped (m,): on the way to it; other (m, 3) m: tip of another stable shape, or NaN."""
 
     tip: Array
     snapped: NDArray[np.bool_]
@@ -35,7 +35,7 @@ class RodTips:
 
 
 def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
-    """What the scene's rods do in fields (m, 3) T; `rays` of them: each m / rays in a row, of one direction and growing strength, in equal
+    """Follow the scene's rods in fields (m, 3) T; `rays` of them: each m / rays in a row, of one direction and growing strength, in equal
     steps from the first. A rod that finds no equilibrium has a tip of NaN."""
     rod = rod_model(scene.with_field([0.0, 0.0, 0.0]), ELEMENTS)
     apart, jump = APART * float(rod.length.sum()), JUMP * float(rod.length.sum())
@@ -105,7 +105,7 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, apart: floa
     while fresh.any():
         now = np.zeros(m, dtype=bool)
         for of in near.T:
-            # Near shapes that go over into each other smoothly lead to the same rest: only those farther apart are tried.
+            # Near shapes that go over into each other smoothly lead to the same rest: only those at a larger distance are tried.
             tried = np.flatnonzero(fresh[of] & np.isnan(other[:, 0]) & (np.linalg.norm(place[of] - tip, axis=1) > apart))
             if not len(tried):
                 continue

@@ -52,7 +52,7 @@ class TipMap:
     files: list[str] = field(default_factory=list)
 
     def counts(self) -> dict[str, int]:
-        """How many fields have each mark."""
+        """Number of fields with each mark."""
         return {mark: int(np.count_nonzero(self.mark == mark)) for mark in MARKS}
 
     def summary(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How the next trial is chosen, so that a study can be interrupted anywhere and still be the same study.
+"""Choice of the next trial, made so that a study can be interrupted anywhere and still be the same study.
 
 A sampler is created anew for every trial, seeded by the study's seed and the number of finished trials. It reads earlier trials from the
 storage, so nothing depends on which process ran which trial.
@@ -50,7 +50,7 @@ def check_available(name: str) -> None:
 
 
 def check_suits(study: Study) -> None:
-    """Raises InputError when a study, as the command line has changed it, asks for what its sampler can't do."""
+    """Raises InputError when a study, as the command line has changed it, requests what its sampler can't do."""
     if (found := _unsuited(study)) is not None:
         rule, remedy = found
         raise InputError(report(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy))
@@ -60,7 +60,7 @@ def check_suits(study: Study) -> None:
 
 
 def _unsuited(study: Study) -> tuple[str, str] | None:
-    """Rule and remedy where a study asks for what its sampler can't do."""
+    """Rule and remedy where a study requests what its sampler can't do."""
     name = study.sampler
     if name == "gauss-newton" and not study.scene.static:
         rule = "gauss-newton differentiates equilibria, and the scene is a motion"
@@ -77,7 +77,7 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
 
 
 def best_suited(study: Study) -> Study:
-    """The study with the sampler that suits what it asks, and the reason: gauss-newton, or tpe where there is no derivative to follow."""
+    """The study with the sampler that suits what it requests, and the reason: gauss-newton, or tpe where there is no derivative."""
     newton = study.changed(sampler="gauss-newton")
     found = _unsuited(newton)
     if found is None:

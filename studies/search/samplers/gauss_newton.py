@@ -55,7 +55,7 @@ LOOKED_AT = 3  # given designs that are tried before the best of them is improve
 
 @dataclass(frozen=True)
 class _Plan:
-    """What the trial that is asked for shall be: its parameters, and what is kept with it."""
+    """Plan for the requested trial: its parameters, and what is kept with it."""
 
     params: dict[str, float]
     kept: dict[str, Any]
@@ -123,7 +123,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return _Plan(params, {"start": index, "from": None})
 
     def used_up(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> bool:
-        """Whether the given designs and the descents from them are, so that a point of the sequence comes next."""
+        """True if the given designs and the descents from them are used up, so that a point of the sequence comes next."""
         return bool(self._plan(trials, running).kept["start"] >= len(self._starts))
 
     def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
@@ -145,7 +145,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return best, RADIUS
 
     def _curvature(self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array) -> float:
-        """By how much residuals leave the linear model, over a step's length squared: as the last step showed, or a guess."""
+        """Deviation of the residuals from the linear model, over a step's length squared: as the last step showed, or a guess."""
         guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
         if plan is None or plan["from"] is None or _model_of(last) is None:
             return guess
@@ -163,7 +163,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         residuals: Array,
         jacobian: Array,
     ) -> bool:
-        """Whether this descent is better left."""
+        """True if this descent should be left."""
         cost = float(residuals @ residuals)
         if radius < LEAST_RADIUS or step.promised <= 0.0:
             return True
@@ -191,7 +191,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return self._space.write(self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0))
 
     def _seen(self, params: Mapping[str, float], trials: Sequence[FrozenTrial]) -> bool:
-        """Whether a finished trial had this design."""
+        """True if a finished trial had this design."""
         return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
 
 

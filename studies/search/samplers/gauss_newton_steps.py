@@ -210,7 +210,7 @@ class Coordinates:
         return np.split(p, ends[:-1])
 
     def moved(self, x: Array, p: Array) -> Array:
-        """Where a step leads."""
+        """Point to which a step leads."""
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
 

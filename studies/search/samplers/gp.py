@@ -88,12 +88,12 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         return self._space.parameters_at(chosen * self._scale, order)
 
     def _stuck(self, trials: list[FrozenTrial]) -> bool:
-        """Whether two trials have brought little. Every other trial then looks elsewhere: a model of designs that are alike is too sure."""
+        """True if two trials have brought little. Every other trial then looks elsewhere: a model of similar designs is too sure."""
         values = [float("inf") if t.value is None else t.value for t in trials]
         return len(values) > ALIKE + 1 and len(values) % 2 == 0 and min(values[-2:]) > LITTLE * min(values[:-2])
 
     def _farthest(self, model: ShapeModel) -> Array:
-        """Of random designs the one that the model knows least of."""
+        """Design of several random ones that the model knows least of."""
         drawn = [self._drawn() for _ in range(DRAWN)]
         return drawn[int(np.argmax([model.predicted(x)[1] for x in drawn]))]
 
@@ -157,7 +157,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
 
 
 def _improved(trials: list[FrozenTrial]) -> bool:
-    """Whether the last trial is the best so far. If not, what is uncertain is no reason against the next design."""
+    """True if the last trial is the best so far. If not, what is uncertain is no reason against the next design."""
     values = [float("inf") if t.value is None else t.value for t in trials]
     return values[-1] <= min(values)
 

@@ -1,7 +1,7 @@
-"""What Optuna 5 has no public name for: a study's storage, and the numbers by which storages know studies and trials.
+"""Names that Optuna 5 keeps private: a study's storage, and the numbers by which storages know studies and trials.
 
 Trials that another process left running are put back, ended or copied by the storage's own calls with these numbers; so are a sampler's
-notes on the trial that it is asked for, of which it gets a copy without methods. All private names of Optuna stand here.
+notes on the requested trial, of which it gets a copy without methods. All private names of Optuna stand here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a sampler should know of the trials that are being solved while it chooses another one."""
+"""Knowledge for a sampler of the trials that are being solved while it chooses another one."""
 
 from __future__ import annotations
 

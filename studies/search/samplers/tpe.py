@@ -62,7 +62,7 @@ class Designs:
         return Designs(self.directions[index], self.numbers[index])
 
 
-PRIOR_OF_CHOICES, GOOD_OF_CHOICES = 1.0, 0.25  # weight of any choice beside the good trials', and their share of all
+PRIOR_OF_CHOICES, GOOD_OF_CHOICES = 1.0, 0.25  # weight of any choice next to the good trials', and their share of all
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / math.sqrt(3)
 
 
@@ -104,7 +104,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     def _with_choices(self, parameters: dict[str, Any], ordered: Sequence[FrozenTrial]) -> dict[str, Any]:
         """The parameters with a value of each choice: that of a good trial, or any.
 
-        Any has the weight PRIOR_OF_CHOICES beside the good trials' weight of 1 each; `ordered`: the trials, best first. A choice has no
+        Any has the weight PRIOR_OF_CHOICES next to the good trials' weight of 1 each; `ordered`: the trials, best first. A choice has no
         neighbors, so there is nothing to learn from trials of another.
         """
         for choice in self._space.choices:
@@ -197,5 +197,5 @@ def _unit(vectors: Array) -> Array:
 
 
 def _violation(trial: FrozenTrial) -> float:
-    """By how much a trial violates its constraints: those that do are worse than all others, by how far (as in Optuna's TPE)."""
+    """Violation of a trial's constraints: trials with one are worse than all others, by how far (as in Optuna's TPE)."""
     return sum(max(value, 0.0) for value in trial.constraints.values())
