@@ -24,8 +24,8 @@ DASHPOT = 1.0  # of the critical damping, which just keeps a particle on its con
 
 @compiled
 def push(depth, n0, n1, n2, v, mass, stiffness, friction, f):
-    """f += mass stiffness depth n and the grip that goes with it. n: unit normal out of the obstacle; v (3,) m/s; stiffness 1/s^2; depth > 0
-    m."""
+    """f += mass stiffness depth n and the grip that goes with it. n: unit normal out of the obstacle; v (3,) m/s; stiffness 1/s^2;
+    depth > 0 m."""
     rigidity = mass * stiffness
     normal = rigidity * depth
     if friction > 0.0:

@@ -69,7 +69,7 @@ class Interrupted(Exception):
 def test_a_shortened_step_is_resumed(tmp_path: Path) -> None:
     """A step near the bound, shortened where the body is deformed: a run resumed after that equals an uninterrupted one bit for bit."""
     path = tmp_path / "scene.yaml"
-    heavy = SCENE.replace("effects: {{", "effects: {{gravity: {{acceleration: [1000 m/s^2, 0 m/s^2, 0 m/s^2]}}, ")
+    heavy = SCENE.replace("effects: {{", "effects: {{gravity: {{acceleration: [3000 m/s^2, 0 m/s^2, 0 m/s^2]}}, ")
     path.write_text(heavy.format(dynamic="duration: 5.97 ms, output_every: 1.99 ms, safety: 0.97"), encoding="utf-8")
     loaded = load_scene(path)
     begun = begin(build(loaded))

@@ -41,7 +41,9 @@ def sloped(angle: float, formulation: str) -> Scene:
         ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95), ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.8),
     ],
 )  # fmt: skip
-def test_an_undamped_block_sticks_on_a_slope(size: tuple[float, float, float], friction: float, duration: float, cells: int, share: float) -> None:
+def test_an_undamped_block_sticks_on_a_slope(
+    size: tuple[float, float, float], friction: float, duration: float, cells: int, share: float
+) -> None:
     """Weight that acts at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. Without the dashpot it slides by 1 to 8 mm.
 
     Nearer to the cone, and on 3 cells above 0.8 of it, undamped blocks still slide (docs/effects.md).

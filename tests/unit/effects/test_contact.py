@@ -165,8 +165,8 @@ def test_friction_gives_back_no_more_than_it_took(rng: np.random.Generator) -> N
 
 
 def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
-    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with friction, and so
-    with a dashpot of critical damping, at 0.58 / w."""
+    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with friction, and
+    so with a dashpot of critical damping, at 0.58 / w."""
     slippery, rough = (ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=mu, stiffness=STIFFNESS) for mu in (0.0, 0.3))
     step = contact.stable_step(STIFFNESS, 0.0)
     assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
