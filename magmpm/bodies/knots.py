@@ -50,7 +50,7 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
         return along, length / along, ()
     faces = [0.0, *ends[joints].tolist(), length]
     widths = np.diff(faces)
-    counts = [_count(width / h, knots.at_rest or from_tip) for width in widths] if like is None else _counts(like.runs)
+    counts = [_count(width / h, from_tip) for width in widths] if like is None else _counts(like.runs)
     runs: list[Run] = []
     for start, width, count, after in zip(faces, widths.tolist(), counts, [None, *joints], strict=False):
         rest = width - (count - 1) * h
@@ -61,11 +61,10 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
     return sum(counts), min(run.width for run in runs), tuple(runs)
 
 
-def _count(width: float, at_most: bool) -> int:
-    """Cells in a run that is `width` cells wide. at_most: none is wider than requested (by more than THIN), at rest and from the tip, where
-    the first one takes THIN to 1 + THIN: a new cell begins with a width of almost nothing, and changes the answer by as little. In motion
-    the nearest number: thinner cells would need shorter steps."""
-    return max(1, math.ceil(width - THIN) if at_most else round(width))
+def _count(width: float, from_tip: bool) -> int:
+    """Cells in a run that is `width` cells wide. From the tip, the first one takes THIN to 1 + THIN: so a new cell begins with a width of
+    almost nothing, and changes the answer by as little."""
+    return max(1, math.ceil(width - THIN) if from_tip else round(width))
 
 
 def _kept(ends: Array, least: float, joints: tuple[int, ...]) -> list[int]:
