@@ -36,9 +36,9 @@ class Knots:
 EVEN = Knots()
 
 
-def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[Run, ...]]:
-    """Cells of about h m along a body whose segments end at `ends` (k,) m: their number, the least width (m), and their runs (none if all
-    are equal)."""
+def runs_along(ends: Array, h: float, across: int, knots: Knots) -> tuple[int, float, tuple[Run, ...]]:
+    """Cells of about h m along a body whose segments end at `ends` (k,) m, `across` of which make its thickness: their number, the least
+    width (m), and their runs (none if all are equal)."""
     like, length = knots.like, float(ends[-1])
     if like is None:
         joints = _kept(ends, (THIN if knots.from_tip or knots.at_rest else SHORT) * h, knots.joints)
@@ -50,7 +50,7 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
         return along, length / along, ()
     faces = [0.0, *ends[joints].tolist(), length]
     widths = np.diff(faces)
-    counts = [_count(width / h, from_tip) for width in widths] if like is None else _counts(like.runs)
+    counts = [_count(width / h, across, from_tip) for width in widths] if like is None else _counts(like.runs)
     runs: list[Run] = []
     for start, width, count, after in zip(faces, widths.tolist(), counts, [None, *joints], strict=False):
         rest = width - (count - 1) * h
@@ -61,10 +61,14 @@ def runs_along(ends: Array, h: float, knots: Knots) -> tuple[int, float, tuple[R
     return sum(counts), min(run.width for run in runs), tuple(runs)
 
 
-def _count(width: float, from_tip: bool) -> int:
-    """Cells in a run that is `width` cells wide. From the tip, the first one takes THIN to 1 + THIN: so a new cell begins with a width of
-    almost nothing, and changes the answer by as little."""
-    return max(1, math.ceil(width - THIN) if from_tip else round(width))
+def _count(width: float, across: int, from_tip: bool) -> int:
+    """Cells in a run that is `width` cells wide, where `across` make the body's thickness: none is wider than requested by more than THIN.
+    From the tip, the first one takes THIN to 1 + THIN: so a new cell begins with a width of almost nothing, and changes the answer by as
+    little. Else twice as many cells across are twice as many in each run: grids that tell each other's error are nested, and do not agree
+    by chance because a short run has nearly the same cells in both."""
+    if across > 2 and across % 2 == 0 and not from_tip:
+        return 2 * _count(width / 2, across // 2, from_tip)
+    return max(1, math.ceil(width - THIN))
 
 
 def _kept(ends: Array, least: float, joints: tuple[int, ...]) -> list[int]:

@@ -93,7 +93,7 @@ def tube_grid(ends: Array, outer: float, inner: float, cells_across: int, knots:
     else:
         around = 2 * max(FEWEST, round(AROUND * (cells_across * (outer + inner) / (2 * wall)) ** (1 / 3)))
         through = math.ceil(wall / (FLAT * h) - 1e-9)
-    along, width, runs = runs_along(ends, h, knots)
+    along, width, runs = runs_along(ends, h, cells_across, knots)
     spacing = np.array([width, 2 * np.pi / around, wall / through])
     even = Grid(np.array([0.0, turn * spacing[1], inner]), spacing, (along, around, through), runs)
     fine = _finer_at_base(runs or (Run(0.0, width, along),))

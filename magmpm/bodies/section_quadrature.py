@@ -159,7 +159,7 @@ def rod_grid(
     h = diameter / cells_across
     origin = np.array([0.0, -diameter / 2 - shift[0] * h, -diameter / 2 - shift[1] * h])
     across, high = (cells_across + int(part > 0.0) for part in shift)
-    along, width, runs = runs_along(ends, h, knots)
+    along, width, runs = runs_along(ends, h, cells_across, knots)
     return Grid(origin, np.array([width, h, h]), (along, across, high), runs)
 
 
@@ -226,7 +226,7 @@ def strip_grid(base: Array, size: Array, ends: Array, cells_across: int, *, one_
     varies fast along the length and the thickness, not across. one_wide: a single cell across the width (plane strain).
     """
     h = size[2] / cells_across
-    along, width, runs = runs_along(ends, h, knots)
+    along, width, runs = runs_along(ends, h, cells_across, knots)
     wide = 1 if one_wide else max(round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2)
     cells = (along, wide, cells_across) if knots.like is None else knots.like.cells
     spacing = np.array([width, *(size[1:] / np.array(cells[1:]))])

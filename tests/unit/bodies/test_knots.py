@@ -12,9 +12,11 @@ from magmpm.bodies.knots import EVEN, THIN, Knots, runs_along
 H = 1e-3
 
 
-def grid(ends: list[float], knots: Knots = EVEN) -> Grid:
-    cells, width, runs = runs_along(np.array(ends), H, knots)
-    return Grid(np.zeros(3), np.array([width, H, H]), (cells, 4, 4), runs)
+def grid(ends: list[float], knots: Knots = EVEN, across: int = 4) -> Grid:
+    """The grid of a body 4 H thick."""
+    h = 4 * H / across
+    cells, width, runs = runs_along(np.array(ends), h, across, knots)
+    return Grid(np.zeros(3), np.array([width, h, h]), (cells, across, across), runs)
 
 
 def by_scipy(made: Grid, repeated: list[float]) -> list[BSpline]:
@@ -33,7 +35,7 @@ def by_scipy(made: Grid, repeated: list[float]) -> list[BSpline]:
         ([8.2e-3], Knots(from_tip=True), []),
         ([3.3e-3, 5.1e-3, 9e-3], Knots((0, 1)), [3.3e-3, 5.1e-3]),
         ([3.3e-3, 5.1e-3, 9e-3], Knots((0, 1), from_tip=True), [3.3e-3, 5.1e-3]),
-        ([3.3e-3, 4.1e-3, 9e-3], Knots((0, 1)), [3.3e-3, 4.1e-3]),  # a segment of a single cell
+        ([3.3e-3, 4.1e-3, 9e-3], Knots((0, 1)), [3.3e-3, 4.1e-3]),  # a segment of less than a cell
     ],
 )
 def test_splines_are_those_of_the_knot_vector(ends: list[float], knots: Knots, repeated: list[float]) -> None:
@@ -56,6 +58,17 @@ def test_joints_too_near_to_another_or_to_an_end_get_no_knot() -> None:
     """Chosen from the tip on, so that what is in the guide changes nothing beyond it."""
     starts = [run.start for run in grid([0.4e-3, 3e-3, 3.3e-3, 6e-3, 6.4e-3], Knots((0, 1, 2, 3))).runs]
     assert starts == pytest.approx([0.0, 3.3e-3])
+
+
+def test_twice_as_many_cells_across_are_twice_as_many_in_each_run(rng: np.random.Generator) -> None:
+    """And no cell is wider than requested, by more than THIN of it."""
+    for _ in range(50):
+        ends = np.cumsum(rng.uniform(0.5e-3, 9e-3, 3)).tolist()
+        for cells in (2, 3, 5):
+            one, two = (grid(ends, Knots((0, 1), at_rest=True), across) for across in (cells, 2 * cells))
+            assert [2 * run.cells for run in one.runs] == [run.cells for run in two.runs]
+            for made, across in ((one, cells), (two, 2 * cells)):
+                assert max(run.width for run in made.runs) <= (1 + THIN) * 4 * H / across
 
 
 @pytest.mark.parametrize("joints", [(), (0,)])
