@@ -63,9 +63,8 @@ def runs_along(ends: Array, h: float, across: int, knots: Knots) -> tuple[int, f
 
 def _count(width: float, across: int, from_tip: bool) -> int:
     """Cells in a run that is `width` cells wide, where `across` make the body's thickness: none is wider than requested by more than THIN.
-    From the tip, the first one takes THIN to 1 + THIN: so a new cell begins with a width of almost nothing, and changes the answer by as
-    little. Else twice as many cells across are twice as many in each run: grids that tell each other's error are nested, and do not agree
-    by chance because a short run has nearly the same cells in both."""
+    From the tip, the first one takes THIN to 1 + THIN: a new cell begins with almost no width, and changes the answer by as little. Else
+    twice as many cells across are twice as many in each run: nested grids tell each other's error, and do not agree by chance."""
     if across > 2 and across % 2 == 0 and not from_tip:
         return 2 * _count(width / 2, across // 2, from_tip)
     return max(1, math.ceil(width - THIN))

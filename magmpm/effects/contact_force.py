@@ -7,8 +7,7 @@ Friction has a memory: the anchor, the place (3,) m at which the obstacle holds 
 particle toward it, along the obstacle. Where the spring would pull more than the grip, the particle slides and draws the anchor along. So a
 body sticks without creeping, within friction times the depth of contact, micrometers; friction never adds energy; and the answer does not
 depend on the time step, as it does where friction may at most stop a particle within a step (in a violent motion by a tenth).
-Where there is friction, a dashpot along the normal takes the energy of particles that touch: without
-loss, an undamped body chatters, and slips whenever its weight is off the ground. A slippery contact keeps all energy.
+A dashpot along the normal, where there is friction, keeps undamped bodies from chattering and slipping when their weight is off the ground.
 Source: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider, and the contact dashpot.
 """
 
@@ -24,8 +23,7 @@ DASHPOT = 1.0  # of the critical damping, which just keeps a particle on its con
 
 @compiled
 def push(depth, n0, n1, n2, v, mass, stiffness, friction, f):
-    """f += mass stiffness depth n and the grip that goes with it. n: unit normal out of the obstacle; v (3,) m/s; stiffness 1/s^2;
-    depth > 0 m."""
+    """f += mass stiffness depth n and its grip. n: unit normal out of the obstacle; v (3,) m/s; stiffness 1/s^2; depth > 0 m."""
     rigidity = mass * stiffness
     normal = rigidity * depth
     if friction > 0.0:
