@@ -10,6 +10,7 @@ from magmpm import materials
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects import acting
+from magmpm.effects.base import BodyEffect
 from magmpm.effects.hooks import add_energy, add_stress, has_hook, pairs
 from magmpm.model import Model
 
@@ -49,7 +50,7 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
     found = {}
     for key, effect in model.scene.effects.named().items():
         named = effect.records(model.scene, 1.0, np.array([time]))
-        if named and effect.REFRESHED is not None:
+        if named and isinstance(effect, BodyEffect):
             found[key] = acting.shared_energy(named, model, x, F)
         elif named and has_hook("energy", named):
             each = np.empty(len(x))

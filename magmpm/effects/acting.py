@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import PHASES, BodyChange, Effect, MarkedParticles, Records, SceneLike
+from magmpm.effects.base import PHASES, BodyChange, BodyEffect, Effect, MarkedParticles, Records, SceneLike
 from magmpm.effects.damping import Damping
 from magmpm.effects.feed import Feed
 from magmpm.effects.gravity import Gravity
@@ -158,15 +158,17 @@ def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange
 
 def shared_energy(named: Records, body: Any, x: Array, F: Array) -> float:
     """Energy (J) of effects in which every particle feels all others; their energy hooks count loads that do not follow the shape."""
-    refreshed = {kind.REFRESHED: kind for kind in every().values() if kind.REFRESHED is not None}
-    records = [record for record, _ in pairs(named) if record.dtype in refreshed]
-    return sum(float(record["share"][0]) * refreshed[record.dtype].shared_energy(_particles(body), x, F) for record in records)
+    kinds = [(kind, record) for kind in _body_effects() for record, _ in pairs(named) if record.dtype == kind.REFRESHED]
+    return sum(float(record["share"][0]) * kind.shared_energy(_particles(body), x, F) for kind, record in kinds)
 
 
-def _refreshed(named: Records) -> list[tuple[type[Effect], NDArray[Any]]]:
+def _body_effects() -> list[type[BodyEffect]]:
+    return [kind for kind in every().values() if issubclass(kind, BodyEffect)]
+
+
+def _refreshed(named: Records) -> list[tuple[type[BodyEffect], NDArray[Any]]]:
     """Effects whose table depends on the body's shape, and the table."""
-    kinds = [kind for kind in every().values() if kind.REFRESHED is not None]
-    return [(kind, data) for record, data in pairs(named) for kind in kinds if record.dtype == kind.REFRESHED]
+    return [(kind, data) for record, data in pairs(named) for kind in _body_effects() if record.dtype == kind.REFRESHED]
 
 
 def _particles(body: Any) -> MarkedParticles:
@@ -175,4 +177,4 @@ def _particles(body: Any) -> MarkedParticles:
 
 def feels_itself(scene: SceneLike) -> bool:
     """True if an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
-    return any(effect.REFRESHED is not None and effect.records(scene) for effect in scene.effects.named().values())
+    return any(isinstance(effect, BodyEffect) and effect.records(scene) for effect in scene.effects.named().values())

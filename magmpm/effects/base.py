@@ -136,9 +136,6 @@ class Effect(Settings):
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
     ALONG_TIME: ClassVar[bool] = False  # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it too
     IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
-    # Of an effect that depends on the shape of the whole body: the dtype of its records, whose table `refresh` keeps up to date. Its
-    # field `share` is the part of the load, 0 to 1, that acts: of the table and of `shared_energy`.
-    REFRESHED: ClassVar[np.dtype[Any] | None] = None
 
     @abstractmethod
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
@@ -179,25 +176,34 @@ class Effect(Settings):
         """A number (n,) by which hooks distinguish particles (bodies.Particles); remanence (n, 3) T."""
         return None
 
-    @staticmethod
-    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
-        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Only requested of an effect that names REFRESHED."""
-        raise NotImplementedError("an effect that names REFRESHED needs `refresh`")
+    @classmethod
+    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
+        """Estimate how much the effect matters to a scene, whether the scene names it or not."""
+        return Advice(None, "no estimate for this effect")
+
+
+class BodyEffect(Effect):
+    """An effect that depends on the shape of the whole body, by a table that `refresh` keeps up to date.
+
+    REFRESHED: the dtype of its records; their field `share` is the part of the load, 0 to 1, of the table and of `shared_energy`.
+    """
+
+    REFRESHED: ClassVar[np.dtype[Any]]
 
     @staticmethod
+    @abstractmethod
+    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
+        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3)."""
+
+    @staticmethod
+    @abstractmethod
     def refresh_change(change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange) -> None:
         """Write to `change` how the table changes with the body, to first order, in place; other arguments as of `refresh`.
 
         Stress and force of such an effect are linear in its table: with the change in its place, its hooks give their change.
         """
-        raise NotImplementedError("an effect that names REFRESHED needs `refresh_change`")
 
     @staticmethod
+    @abstractmethod
     def shared_energy(particles: MarkedParticles, x: Array, F: Array) -> float:
-        """Energy (J) of all particles in each other's presence; arguments as of `refresh`, and requested of the same effects."""
-        raise NotImplementedError("an effect that names REFRESHED needs `shared_energy`")
-
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate how much the effect matters to a scene, whether the scene names it or not."""
-        return Advice(None, "no estimate for this effect")
+        """Energy (J) of all particles in each other's presence; arguments as of `refresh`."""

@@ -18,17 +18,16 @@ import math
 from magmpm.compiled.jit import compiled
 
 PARTS = 7  # numbers in f
-DASHPOT = 1.0  # of the critical damping, which just keeps a particle on its contact's spring from rebounding
 
 
 @compiled
-def push(depth, n0, n1, n2, v, mass, stiffness, friction, f):
-    """f += mass stiffness depth n and its grip. n: unit normal out of the obstacle; v (3,) m/s; stiffness 1/s^2; depth > 0 m."""
+def push(depth, n0, n1, n2, leaving, mass, stiffness, friction, f):
+    """f += mass stiffness depth n and its grip. n: unit normal out of the obstacle; leaving: speed along n, m/s; stiffness 1/s^2; depth m.
+    The dashpot's damping is critical: a particle on its contact's spring just does not rebound."""
     rigidity = mass * stiffness
     normal = rigidity * depth
     if friction > 0.0:
-        leaving = v[0] * n0 + v[1] * n1 + v[2] * n2
-        normal = max(normal - 2.0 * DASHPOT * mass * math.sqrt(stiffness) * leaving, 0.0)
+        normal = max(normal - 2.0 * mass * math.sqrt(stiffness) * leaving, 0.0)
     grip = friction * normal
     f[0] += normal * n0
     f[1] += normal * n1

@@ -20,7 +20,7 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Effect, Records, SceneLike
-from magmpm.effects.contact_force import DASHPOT, PARTS, hold
+from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import add_contact, near_of
 from magmpm.errors import SceneError, dotted
 
@@ -70,10 +70,10 @@ def penalty(scene: SceneLike, factor: float) -> float:
 
 
 def stable_step(stiffness: float, friction: float) -> float:
-    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), together with a body at its own limit; a dashpot of z times the
-    critical damping, which contact with friction has, shortens it to sqrt(1 + z^2) - z of that without (Belytschko, section 6.6)."""
-    z = DASHPOT if friction > 0 else 0.0
-    return SHARE * (math.sqrt(1.0 + z * z) - z) * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
+    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), together with a body at its own limit; with friction, times
+    sqrt(1 + z^2) - z for a dashpot of z = 1 times the critical damping (Belytschko, section 6.6)."""
+    damped = math.sqrt(2.0) - 1.0 if friction > 0 else 1.0
+    return damped * SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
 
 
 def place(model: Any, particle: int) -> str:

@@ -105,7 +105,8 @@ def contact(effect, data, x, v, mass, dt, f):
     below = near(effect, data, x)
     if below > 0.0:
         n = effect.ground_normal
-        push(below, n[0], n[1], n[2], v, mass, effect.ground_stiffness, effect.ground_friction, f)
+        leaving = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
+        push(below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_friction, f)
 
 
 register(DTYPE, wide=("near",), contact=contact, near=near)

@@ -26,7 +26,7 @@ from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects.base import (
     Advice,
     BodyChange,
-    Effect,
+    BodyEffect,
     MarkedParticles,
     Records,
     RestEstimate,
@@ -46,7 +46,7 @@ SIZE = 6  # floats per block: B/mu0 (3) A/m, force per volume (3) N/m^3
 DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
 
-class MagneticInteraction(Effect):
+class MagneticInteraction(BodyEffect):
     """The magnetized segments turn and pull each other."""
 
     PHASE = "force"

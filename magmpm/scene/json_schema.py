@@ -6,17 +6,11 @@ python -m magmpm.scene.json_schema             # rewrites magmpm/scene.schema.js
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-from magmpm.inputs.settings import json_schema, write_json_schema
+from magmpm.inputs.settings import write_json_schema
 from magmpm.scene import Scene
 
 PATH = Path(__file__).parents[1] / "scene.schema.json"
-
-
-def scene_schema() -> dict[str, Any]:
-    """JSON schema of scene files, made from the models."""
-    return json_schema(Scene)
 
 
 if __name__ == "__main__":

@@ -305,29 +305,6 @@ def _solve_columns(panels, split, x, fortran):
                 _reduce_columns(panels, x, j, j - 1, j - 2, True, fortran, sizes, letters, work)
 
 
-@compiled
-def multiply(panels, split, x, out):
-    """out = A x with the unfactored panels; x, out (planes, m). A plain reference for the factors, and a check of their residual."""
-    planes = panels.shape[0] - 2
-    m = panels.shape[1]
-    out[:] = 0.0
-    for j in range(planes):
-        step = 1 if j < split + 2 else -1
-        for k in range(3):
-            row = j + step * k
-            if row < 0 or row >= planes or (split <= j < split + 2 and row >= split + 2):
-                continue
-            for a in range(m):
-                total = 0.0
-                for b in range(a + 1 if k == 0 else 0, m):
-                    value = panels[j, a, k * m + b]
-                    out[row, b] += value * x[j, a]
-                    total += value * x[row, b]
-                if k == 0:
-                    total += panels[j, a, a] * x[j, a]
-                out[j, a] += total
-
-
 def _routines(panels: Array | Single) -> tuple[int, ...]:
     return addresses("d" if panels.dtype == np.float64 else "s")
 

@@ -6,17 +6,11 @@ python -m magmpm.studies.problem.schema             # rewrites studies/study.sch
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-from magmpm.inputs.settings import json_schema, write_json_schema
+from magmpm.inputs.settings import write_json_schema
 from magmpm.studies.problem.study_file import StudyFile
 
 PATH = Path(__file__).parents[1] / "study.schema.json"
-
-
-def study_schema() -> dict[str, Any]:
-    """JSON schema of study files, made from the models."""
-    return json_schema(StudyFile)
 
 
 if __name__ == "__main__":

@@ -16,9 +16,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
-from magmpm.fields.dipole import MU0
 from magmpm.inputs.csv_tables import read_centreline
-from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 
 SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that are made here
@@ -92,30 +90,3 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
     rows = case["centreline"]  # a table's name, or the rows themselves in mm
     centreline = read_centreline(folder / rows) if isinstance(rows, str) else 1e-3 * np.array(rows)
     return Problem(name, content, centreline, error, "data/references/SOURCES.md")
-
-
-def elastica_problem(load: float, field_angle: float, slenderness: float, centreline: Array) -> Problem:
-    """A rod magnetized along its axis in a field at field_angle (rad) to it, G = 120 kPa, 1 mm thick.
-
-    load: M B A L^2/(E I) of Wang et al., JMPS 142 (2020) 104045; slenderness: length over diameter; centreline (m, 4): the elastica's,
-    over its length.
-    """
-    diameter = 1e-3
-    length = slenderness * diameter
-    stiffness = young_modulus(SHEAR, RATIO * SHEAR) * np.pi * diameter**4 / 64
-    field = load * stiffness * MU0 / (REMANENCE * np.pi * diameter**2 / 4 * length**2)
-    content = {
-        "name": f"elastica, load {load:g}",
-        "materials": {"magnetic": {"shear_modulus": SHEAR, "bulk_to_shear": RATIO, "remanence": REMANENCE}},
-        "body": {
-            "catheter": {
-                "length": length,
-                "diameter": diameter,
-                "material": "magnetic",
-                "segments": [{"magnetization": [1.0, 0.0, 0.0]}],
-            }
-        },
-        "field": {"uniform": [field * np.cos(field_angle), 0.0, field * np.sin(field_angle)]},
-        "effects": {"magnetic_torque": {}},
-    }
-    return Problem(content["name"], content, length * centreline, 1e-6, "Wang et al., JMPS 142 (2020)")  # type: ignore[arg-type]

@@ -12,9 +12,9 @@ from rod_solve import SCENE, STUDY, solve, write_study
 
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.inputs.csv_tables import write_centreline
+from magmpm.inputs.settings import json_schema
 from magmpm.results.measures import rms_distance
 from magmpm.scene import Scene, load_scene
-from magmpm.scene.json_schema import scene_schema
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.search.definition import load_study
@@ -90,7 +90,7 @@ def test_every_key_that_names_a_file_is_known() -> None:
             for item in part:
                 look(item, key)
 
-    look(scene_schema())
+    look(json_schema(Scene))
     assert named == PATHS
 
 

@@ -9,9 +9,10 @@ from jsonschema import Draft202012Validator
 from rod_solve import SCENE, STUDY, solve, write_study
 
 from magmpm.errors import InputError
-from magmpm.inputs.settings import read_yaml
+from magmpm.inputs.settings import json_schema, read_yaml
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem import schema
+from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.search.definition import definition_hash, differences, load_study
 
 ROOT = Path(__file__).parents[2]
@@ -23,18 +24,18 @@ def test_shipped_studies_load_and_fit_the_schema(path: Path) -> None:
     study = load_study(path)
     assert study.sampler == "gauss-newton", "named, or the best for it"
     assert study.name == path.stem
-    Draft202012Validator(schema.study_schema()).validate(dict(read_yaml(path)))
+    Draft202012Validator(json_schema(StudyFile)).validate(dict(read_yaml(path)))
 
 
 def test_schema_file_is_current() -> None:
     """`python -m magmpm.studies.problem.schema` rewrites it."""
     import json
 
-    assert json.loads(schema.PATH.read_text()) == schema.study_schema()
+    assert json.loads(schema.PATH.read_text()) == json_schema(StudyFile)
 
 
 def test_schema_knows_what_is_wrong() -> None:
-    validator = Draft202012Validator(schema.study_schema())
+    validator = Draft202012Validator(json_schema(StudyFile))
     good = {"scene": "a.yaml", "vary": {"magnetization": {}}, "match": {"centreline": "b.csv"}}
     assert validator.is_valid(good)
     assert not validator.is_valid({**good, "trails": 3})

@@ -2,7 +2,7 @@
 
 Required: a largest distance of 0.4 % of L at 2 cells and 0.1 % at 4 cells for catheters whose segments differ in stiffness, and of
 0.1 % at 4 cells for tubes of one stiffness (walls of 0.1 to 0.4 of the radius, K/G 20 and 200). The stated error of the finite elements
-is not added to the bounds. One body misses them: see MISSED.
+is not added to the bounds.
 """
 
 from __future__ import annotations

@@ -104,8 +104,8 @@ def test_going_back_gives_the_same_bits(kind: type[TotalMotion] | type[UpdatedMo
 
 @FORMULATIONS
 def test_a_body_let_go_from_a_large_strain_takes_short_steps_and_long_ones_again(formulation: str) -> None:
-    """Released at det F = 0.25, it would invert particles in its first steps; with damping it comes to rest with the initial steps."""
-    moved = crushed(formulation, to=0.25)
+    """Released at det F = 0.2, it would invert particles in its first steps; with damping it comes to rest with the initial steps."""
+    moved = crushed(formulation)
     first = moved.control.step
     interval(moved, 4 * first)
     assert moved.control.shortest <= first / 8

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from magmpm.errors import NotThereYet
-from magmpm.studies.problem.schema import study_schema
+from magmpm.inputs.settings import json_schema
+from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.search.definition import SAMPLERS, load_study
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -30,7 +31,8 @@ def leaves(part: dict[str, Any], schema: dict[str, Any], at: str = "") -> Iterat
         yield from below.items() if below else [(name, item)]
 
 
-KEYS = dict(leaves(study_schema(), study_schema()))
+SCHEMA = json_schema(StudyFile)
+KEYS = dict(leaves(SCHEMA, SCHEMA))
 
 
 def test_the_schema_has_its_keys() -> None:

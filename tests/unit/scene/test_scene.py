@@ -17,7 +17,7 @@ from magmpm.errors import InputError
 from magmpm.fields.measured_map import _BOUNDS
 from magmpm.fields.over_time import Keyframe
 from magmpm.inputs.csv_tables import read_centreline, write_centreline
-from magmpm.inputs.settings import read_yaml
+from magmpm.inputs.settings import json_schema, read_yaml
 from magmpm.scene import (
     Body,
     Catheter,
@@ -68,7 +68,7 @@ def test_five_segments_is_the_contracts(five: Scene) -> None:
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_shipped_scenes_load_without_warnings_and_fit_the_schema(path: Path) -> None:
     assert load_scene(path).warnings() == []
-    Draft202012Validator(schema.scene_schema()).validate(dict(read_yaml(path)))
+    Draft202012Validator(json_schema(Scene)).validate(dict(read_yaml(path)))
 
 
 @pytest.mark.parametrize("name", ["axial_transverse_5mT", "three_segments_3d"])
@@ -295,7 +295,7 @@ def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
 
 def test_the_committed_schema_is_current() -> None:
     committed = json.loads(schema.PATH.read_text())
-    assert essence(committed) == essence(schema.scene_schema()), "run python -m magmpm.scene.json_schema"
+    assert essence(committed) == essence(json_schema(Scene)), "run python -m magmpm.scene.json_schema"
     assert (
         "/$defs/Catheter/properties/length",
         'description = "Length of the undeformed catheter."',
@@ -310,7 +310,7 @@ def test_the_schema_explains_every_key() -> None:
             assert value.get("description"), f"{at}.{key} has no description"
             assert value.get("examples"), f"{at}.{key} has no example"
 
-    whole = schema.scene_schema()
+    whole = json_schema(Scene)
     Draft202012Validator.check_schema(whole)
     keys(whole, "scene")
     for name, part in whole["$defs"].items():
@@ -318,7 +318,7 @@ def test_the_schema_explains_every_key() -> None:
 
 
 def test_the_schemas_examples_fit_the_schema() -> None:
-    whole = schema.scene_schema()
+    whole = json_schema(Scene)
     for part in (whole, *whole["$defs"].values()):
         for value in part.get("properties", {}).values():
             validator = Draft202012Validator({**value, "$defs": whole["$defs"]})
@@ -327,7 +327,7 @@ def test_the_schemas_examples_fit_the_schema() -> None:
 
 
 def test_the_schema_wants_units_and_knows_no_other_keys() -> None:
-    validator = Draft202012Validator(schema.scene_schema())
+    validator = Draft202012Validator(json_schema(Scene))
     data = json.loads(json.dumps(read_yaml(FIVE)))
     data["body"]["catheter"]["length"] = 0.04
     data["body"]["catheter"]["lenght"] = "40 mm"

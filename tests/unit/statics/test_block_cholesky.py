@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference.panels import multiply
 from reference.plain_forms import to_dense
 
 from magmpm.statics.block_cholesky import (
     factor,
-    multiply,
     new_panels,
     rounded,
     solve,

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.panels import multiply
 from reference.plain_forms import to_dense
 from reference.scenes import G, rod_scene
 from reference.taylor import slopes
@@ -15,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from magmpm.fields.dipole import MU0
 from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.statics.block_cholesky import multiply
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
