@@ -257,7 +257,7 @@ def _table(path: Path) -> list[dict[str, str]]:
 
 
 def write_index(root: Path, scenes: dict[str, Path]) -> Path:
-    """Write docs/gallery/README.md: every existing page, with its poster."""
+    """Write docs/gallery/README.md: every existing page that has a poster, with it."""
     lines = [
         "# Gallery",
         "",
@@ -267,7 +267,7 @@ def write_index(root: Path, scenes: dict[str, Path]) -> Path:
     others = [page.stem for page in sorted((root / "docs/gallery").glob("*.md")) if page.stem != "README"]
     for name in dict.fromkeys([*scenes, *others]):
         page = root / "docs/gallery" / f"{name}.md"
-        if page.exists():
+        if page.exists() and (root / "docs/images/gallery" / f"{name}.png").exists():
             title = page.read_text(encoding="utf-8").split("\n", 1)[0].lstrip("# ")
             lines += [
                 f"## [{title}]({name}.md)",

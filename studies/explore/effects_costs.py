@@ -22,7 +22,7 @@ from numba.core.extending import _Intrinsic
 from magmpm.compiled.arrays import Array
 from magmpm.effects import hooks
 from magmpm.effects.acting import Effects
-from magmpm.effects.base import Effect, Records
+from magmpm.effects.base import BodyEffect, Effect, Records
 from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import pairs
 from magmpm.errors import MagmpmError
@@ -245,7 +245,7 @@ def _solve(model: Model, named: Records, kind: type[Effect]) -> float:
         for hook in ("energy", "stress", "force"):
             each = [operations(records, data, hook, *_given(model, p, hook)) for p in chosen]
             total += 100 * PASSES * sum(each) / len(chosen) / SOLVE
-    if kind.REFRESHED is not None:
+    if issubclass(kind, BodyEffect):
         blocks = float(model.remanence[:, -1].max() + 1) if model.remanence.shape[1] > 3 else 0.0
         total += 100 * TOGETHER * (PAIR * blocks**2 / len(model.density) + SOLVE / 60) / SOLVE
     return total

@@ -50,6 +50,7 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     assert "rod.mp4" in page
     assert "## [Rod let go](rod.md)" in (root / "docs/gallery/README.md").read_text()
 
+    (root / "docs/gallery/costs.md").write_text("# A page of no scene\n")
     # Second build: nothing is run, text written by hand stays, and the numbers are restored.
     written = root / "docs/gallery/rod.md"
     before, after = page.split("| particles |")[0], "\n<!-- /measured -->\n\nBy hand, below.\n"
@@ -58,6 +59,7 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     stamp = result.stat().st_mtime_ns
     assert build.main(["rod"], root) == 0
     assert result.stat().st_mtime_ns == stamp
+    assert "costs" not in (root / "docs/gallery/README.md").read_text(), "there is no poster of it"
     again = written.read_text()
     assert again == page.replace("A short rod", "By hand: a short rod") + "\nBy hand, below.\n"
 
