@@ -156,13 +156,13 @@ def mirror_of(what: Scene) -> Scene:
 def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(
     measure: ModuleType, tmp_path: Path
 ) -> None:
-    # 0.027 measured between the second and the third cycle
-    walks(measure, tmp_path, 3, 0.05, body__strip__plane_strain=True)
+    # 0.004 measured; on 2 and 3 cells steps differ by 6 and 7 %: chance decides when a coarse foot lets go (lumped mass: 3 and 10 %)
+    walks(measure, tmp_path, 4, 0.01, body__strip__plane_strain=True, resolution__cells_across=4)
 
 
 @pytest.mark.slow
 def test_the_walking_strip_of_the_gallery(measure: ModuleType, tmp_path: Path) -> None:
-    walks(measure, tmp_path, 6, 0.01)  # 0.0098 measured, with steps that still grow from the second cycle to the third
+    walks(measure, tmp_path, 6, 0.02)  # 0.015 measured on 2 cells, where chance decides when a foot lets go; 0.0098 with lumped mass
 
 
 def test_the_walking_field_is_what_its_script_writes(tmp_path: Path) -> None:
