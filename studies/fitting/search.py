@@ -79,13 +79,13 @@ class Fit:
     warnings: tuple[str, ...]
     solves: int
     seconds: float
+    ratios: tuple[float, ...] = (1.0,)
+    suspects: tuple[Suspect, ...] | None = None
+    by_diameter: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         found = ", ".join(f"{one.constant.name} = {one.value:.4g}" for one in self.constants)
         return f"Fit({self.scene.name!r}: {found} in SI, rms {1e3 * self.rms_m:.3g} mm over {len(self.residuals)} numbers)"
-    ratios: tuple[float, ...] = (1.0,)
-    suspects: tuple[Suspect, ...] | None = None
-    by_diameter: Mapping[str, float] = field(default_factory=dict)
 
     def sigma_of(self, label: Label) -> float:
         """Standard deviation of a residual, m or rad."""
