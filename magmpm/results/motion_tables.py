@@ -12,6 +12,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
+from magmpm.results.path_tables import read_rows
 from magmpm.results.whole_file import whole_file
 
 
@@ -75,7 +76,7 @@ def contact_row(time: float, effect: str, contact: Any) -> dict[str, Any]:
 def read_energies(path: Path) -> dict[str, Array]:
     """Column -> (rows,). Raises InputError where the file holds something else."""
     with _as_written(path):
-        rows = _whole_rows(path)
+        rows = read_rows(path)
         return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
 
 
@@ -83,7 +84,7 @@ def read_contacts(path: Path) -> dict[str, dict[str, Array]]:
     """Effect -> column -> (rows,). Raises InputError where the file holds something else."""
     found: dict[str, dict[str, Array]] = {}
     with _as_written(path):
-        rows = _whole_rows(path)
+        rows = read_rows(path)
         for effect in dict.fromkeys(row["effect"] for row in rows):
             of = [row for row in rows if row["effect"] == effect]
             found[effect] = {name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"}
@@ -115,14 +116,6 @@ def _as_written(path: Path) -> Iterator[None]:
         raise
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise _damaged(path, f"what can't be read as one ({error})") from None
-
-
-def _whole_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a table; the last may be cut off by a kill, and is then left out."""
-    if not path.exists():
-        return []
-    text = path.read_text(encoding="utf-8")
-    return list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
 
 
 def _of_object(contact: Any) -> dict[str, Any]:

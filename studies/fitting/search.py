@@ -12,19 +12,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, MagmpmError, report
+from magmpm.errors import InputError, MagmpmError, SolveError, report
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import coarsest_cells
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
 from magmpm.studies.fitting.misfit import DOUBTED, Suspect, odd_readings, suspects_of, unequal_tables
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import Interval, interval_of
-from magmpm.studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.solve import Minimum, Model, least_squares
 from magmpm.studies.fitting.table import Measured
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
@@ -95,6 +97,12 @@ class Fit:
     def rms_m(self) -> float:
         """Root mean square of the residuals that are lengths, m."""
         return _rms(self.residuals, self.labels)
+
+
+def _differ(one: Minimum, other: Minimum, noise: float) -> bool:
+    """True if the constants of two minima differ, and the data can see it: by more than one standard deviation (refuse_twins wants six)."""
+    change = one.x - other.x
+    return bool(np.max(np.abs(change)) > 1e-3 and np.linalg.norm(other.slopes @ change) > noise)
 
 
 def _rms(residuals: Array, labels: Sequence[Label]) -> float:
@@ -235,14 +243,18 @@ class _Search:
     def say(self) -> None:
         self._say(f"{self.prediction.solves} solves")
 
-    def whitened(self, sigmas: _Noise) -> Callable[[Array, bool], tuple[Array, Array]]:
-        """Residuals in standard errors, and those of what is known beforehand after them."""
+    def whitened(self, sigmas: _Noise, on: Prediction | None = None) -> Callable[[Array, bool], tuple[Array, Array]]:
+        """Residuals in standard errors, and those of what is known beforehand after them; on: the prediction, if on another grid."""
         beforehand = [(k, c.known) for k, c in enumerate(self.constants) if c.known is not None]
+        prediction = on or self.prediction
 
         def model(x: Array, slopes: bool) -> tuple[Array, Array]:
-            residuals, jacobian = self.prediction.at(x, slopes=slopes)
+            before = prediction.solves
+            residuals, jacobian = prediction.at(x, slopes=slopes)
+            if prediction is not self.prediction:
+                self.prediction.solves += prediction.solves - before
             self.say()
-            weight = 1.0 / sigmas.of(self.prediction.labels)
+            weight = 1.0 / sigmas.of(prediction.labels)
             extra = np.zeros((len(beforehand), jacobian.shape[1]))
             for row, (k, deviation) in enumerate(beforehand):
                 if slopes:
@@ -274,26 +286,36 @@ class _Search:
         return found[0], sigmas, found[1:]
 
     def _descents(self, sigmas: _Noise, thorough: bool) -> list[Minimum]:
-        model, found, trouble = self.whitened(sigmas), [], None
+        """Minima that differ by more than the noise, the least first: of the coarsest grid, and from each of these of the scene's own."""
         stiff = np.array([float(c.kind == "shear_modulus") for c in self.constants])
         if not stiff.any():
             stiff = np.array([-float(c.kind == "remanence") for c in self.constants])
-        starts = STARTS if thorough and stiff.any() else STARTS[:1]
-        for shift in starts:
-            try:
-                found.append(least_squares(model, shift * stiff, scale=1.0 if sigmas.given else None))
-            except MagmpmError as error:
-                trouble = trouble or error
-                if shift == 0.0 and isinstance(error, InputError):
-                    raise
-        if not found:
-            assert trouble is not None
-            raise trouble
-        found.sort(key=lambda minimum: minimum.cost)
-        found = [m for k, m in enumerate(found) if all(np.max(np.abs(m.x - other.x)) > 1e-3 for other in found[:k])]
+        starts = [shift * stiff for shift in (STARTS if thorough and stiff.any() else STARTS[:1])]
+        scene = self.prediction.scene
+        if not scene.in_time and (cells := coarsest_cells(scene)) < scene.resolution.cells_across:
+            coarse = Prediction(scene.with_cells(cells), self.prediction.measured, self.constants)
+            with suppress(SolveError):  # the scene's own grid may hold what that one can't
+                starts = [minimum.x for minimum in self._minima(self.whitened(sigmas, coarse), starts, sigmas)]
+        found = self._minima(self.whitened(sigmas), starts, sigmas)
         if len(starts) > 1:
             self.prediction.at(found[0].x)  # its shapes are what further solves start from
         return found
+
+    def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[Minimum]:
+        """Minima that descents from the starts reach. Raises an InputError at the first start, and where none is found its first error."""
+        found, trouble = [], None
+        for k, start in enumerate(starts):
+            try:
+                found.append(least_squares(model, start, scale=1.0 if sigmas.given else None))
+            except MagmpmError as error:
+                trouble = trouble or error
+                if k == 0 and isinstance(error, InputError):
+                    raise
+        if trouble is not None and not found:
+            raise trouble
+        found.sort(key=lambda minimum: minimum.cost)
+        noise = 1.0 if sigmas.given else float(np.sqrt(found[0].cost / max(len(found[0].residuals) - len(self.constants), 1)))
+        return [m for k, m in enumerate(found) if all(_differ(m, other, noise) for other in found[:k])]
 
     def _estimated(self, best: Minimum, sigmas: _Noise) -> float:
         """Standard deviation (m) of lengths from their residuals and leverages."""

@@ -17,7 +17,8 @@ def _mm(values: Any) -> list[str]:
     return [f"{1e3 * x:.9g} mm" for x in values]
 
 
-def _unit(rng: np.random.Generator) -> np.ndarray:
+def unit(rng: np.random.Generator) -> np.ndarray:
+    """A direction (3,), evenly drawn."""
     v = rng.standard_normal(3)
     return np.asarray(v / np.linalg.norm(v))
 
@@ -26,7 +27,7 @@ def drawn_field(rng: np.random.Generator, sizes: Any, flux: float, kind: str, en
     """A field of about this size (T) at the body's center, and whether it varies in space. end: s, of its schedule; effects: of motion,
     which say whether it varies, since kernels differ.
     """
-    way = _unit(rng)
+    way = unit(rng)
     if rng.random() < 0.15:  # exactly along the undeformed axis, or against it
         way = np.array([rng.choice([-1.0, 1.0]), 0.0, 0.0])
     shares = [0.72, 0.17, 0.07, 0.04]
@@ -46,7 +47,7 @@ def drawn_field(rng: np.random.Generator, sizes: Any, flux: float, kind: str, en
 def _source(rng: np.random.Generator, source: str, sizes: Any, flux: float, way: np.ndarray) -> Content:
     """A dipole, magnet or coil whose field at the body's center is about `flux`, outside of the undeformed body."""
     center, half = sizes.box.mean(axis=0), float(np.linalg.norm(sizes.box[1] - sizes.box[0])) / 2
-    toward = _unit(rng)
+    toward = unit(rng)
     r = half * float(10 ** rng.uniform(0.3, 0.8)) + 2 * sizes.across
     place = center + r * toward
     if source == "dipole":
@@ -78,7 +79,7 @@ def _schedule(rng: np.random.Generator, source: str, found: Content, flux: float
         return {"ramp": {"duration": ms}}
     if way == "rotation":
         turns = float(f"{rng.uniform(0.1, 1.0):.6g}")
-        return {"rotation": {"axis": [float(x) for x in _unit(rng)], "frequency": f"{turns / end:.9g} Hz", "turns": turns}}
+        return {"rotation": {"axis": [float(x) for x in unit(rng)], "frequency": f"{turns / end:.9g} Hz", "turns": turns}}
     if way == "oscillation":
         return {"oscillation": {"frequency": f"{0.75 / end:.9g} Hz", "cycles": 0.75}}
     times = [0.0, *sorted(float(x) for x in rng.uniform(0.2, 0.8, int(rng.integers(1, 4))) * end), end]
@@ -86,9 +87,9 @@ def _schedule(rng: np.random.Generator, source: str, found: Content, flux: float
         strengths = [0.0, *(float(f"{x:.6g}") for x in rng.uniform(-0.5, 1.0, len(times) - 2)), 1.0]
         return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "strength": s} for t, s in zip(times, strengths, strict=True)]}
     if way == "move":
-        away = 0.3 * sizes.across * _unit(rng)
+        away = 0.3 * sizes.across * unit(rng)
         return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "move": _mm(away * k)} for k, t in enumerate(times)]}
-    return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "uniform": [f"{1e3 * flux * x:.9g} mT" for x in _unit(rng)]} for t in times]}
+    return {"keyframes": [{"time": f"{1e3 * t:.9g} ms", "uniform": [f"{1e3 * flux * x:.9g} mT" for x in unit(rng)]} for t in times]}
 
 
 def moving_effects(rng: np.random.Generator, named: list[str], sizes: Any, severity: float, end: float, catheter: bool) -> Content:
@@ -96,7 +97,7 @@ def moving_effects(rng: np.random.Generator, named: list[str], sizes: Any, sever
     found: Content = {}
     if "gravity" in named:
         size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
-        found["gravity"] = {"acceleration": [f"{size * x:.6g} m/s^2" for x in _unit(rng)]}
+        found["gravity"] = {"acceleration": [f"{size * x:.6g} m/s^2" for x in unit(rng)]}
     if "damping" in named:
         found["damping"] = {"rate": f"{min(2 * math.pi / sizes.period * 10 ** rng.uniform(-1, 0.6), 1e6):.6g} 1/s"}
     if "viscosity" in named:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-Content = dict[str, Any]
+from magmpm.studies.hard_cases.drawn_fields import Content, unit
+
 STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
 MODERATE = 20.0  # length over thickness, up to which several grids are solved within a scene's time
 SETTLING = (1.5, 4.0)  # of the time of a schedule: a motion that goes on
@@ -96,7 +97,7 @@ def _field(rng: np.random.Generator, field: Content, sizes: Any, end: float) -> 
     if "dipole" in field and rng.random() < 0.3:
         field["dipole"]["diameter"] = f"{1e3 * 0.2 * sizes.length:.9g} mm"
     if "magnet" in field and rng.random() < 0.3:
-        field["magnet"]["magnetization"] = _unit(rng)
+        field["magnet"]["magnetization"] = unit(rng).tolist()
     over = field.get("over_time", {})
     if "ramp" in over and rng.random() < 0.4:
         begin = float(rng.uniform(0.0, 0.3)) * end
@@ -113,8 +114,3 @@ def _directions(rng: np.random.Generator, content: Content) -> None:
         if "magnetization" in segment and rng.random() < 0.1:
             angles = {"azimuth": f"{rng.uniform(-180, 180):.6g} deg", "elevation": f"{rng.uniform(-90, 90):.6g} deg"}
             segment["magnetization"] = angles
-
-
-def _unit(rng: np.random.Generator) -> list[float]:
-    v = rng.standard_normal(3)
-    return [float(x) for x in v / np.linalg.norm(v)]

@@ -53,15 +53,6 @@ class Path:
             quaternions[k + 1] = _unit(_product(np.array([1.0 + cosines[k], *axes[k]]), quaternions[k]))
         return s, quaternions
 
-    def quaternions_at(self, s: Array) -> Array:
-        """Frames at arc lengths s (n,) as unit quaternions, scalar first, (n, 4); neighbors have the same sign.
-
-        A frame's columns are the tangent, and the axes that are y and z at the exit.
-        """
-        fine, quaternions = self._fine
-        found = np.stack([np.interp(s, fine, column) for column in quaternions.T], axis=1)
-        return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
-
     def flattened(self, share: float) -> Path:
         """The path with this share (0 to 1) of its curvature everywhere: 0 is straight, 1 this path."""
         from scipy.spatial.transform import Rotation  # 0.2 s to import, and only insertions have paths

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import MagmpmError, SolveError
-from magmpm.results.measures import centreline_at
+from magmpm.results.frames import frames_of
 from magmpm.scene import Scene, memory
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.grids import operations
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
 MOST_MEMORY = 0.25  # of the machine's: that a finer grid may take
-STATIONS = 41
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def judged(result: Result, again: Again, run: Callable[..., Result], differentia
 
 def _tolerances(result: Result, again: Again, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
     found = differentiate(again.scene, start=again.start)
-    if _apart(result, found.result) > SAME * again.scene.length:
+    if max(frames_of(result).distances(frames_of(found.result)).values()) > SAME * again.scene.length:
         return "not known: solved again, the design has another equilibrium than the one that the study found"
     return tolerances(again.scene, found, again.hidden)
 
@@ -97,7 +96,7 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
     if operations(fine)[1] > MOST_MEMORY * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=again.start)
-    moved = _apart(result, found)
+    moved = max(frames_of(result).distances(frames_of(found)).values())
     if moved > SAME * again.scene.length:
         return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
     rms = [None if again.gaps is None else float(root_mean_square(again.gaps(one))) for one in (result, found)]
@@ -110,10 +109,3 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
         "rms_m": rms[0],
         "finer_rms_m": rms[1],
     }
-
-
-def _apart(one: Result, other: Result) -> float:
-    """The largest distance between two axes at equal arc length, m."""
-    end = min(one.centreline[-1, 0], other.centreline[-1, 0])
-    s = np.linspace(0.0, end, STATIONS)
-    return float(np.linalg.norm(centreline_at(one, s) - centreline_at(other, s), axis=1).max())

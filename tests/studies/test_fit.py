@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from magmpm import load_scene, run
+from magmpm import load_scene, run, sensitivities
 from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
@@ -18,6 +18,7 @@ from magmpm.studies.fitting import (
     Refused,
     doubtful_fields,
     fit,
+    prediction,
     read_measured,
     read_tables,
     residuals_table,
@@ -149,6 +150,20 @@ def test_constants_of_exact_tips_are_found(tmp_path: Path) -> None:
     found = fit(read_measured(tips(tmp_path), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
     assert found.constants[0].value == pytest.approx(100e3, rel=1e-4)
     assert found.rms_m < 1e-6 * SCENE.length
+
+
+def test_further_descents_run_on_the_coarsest_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene's own grid descends from their minimum alone, in at most two steps; its minimum is that of a descent on it from afar."""
+    scene, solved = SCENE.with_cells(4), []
+    measured = read_measured(tips(tmp_path, noise=1e-4), scene)
+    monkeypatch.setattr(prediction, "sensitivities", lambda at, **k: solved.append(at.resolution.cells_across) or sensitivities(at, **k))
+    found = fit(measured, scene, vary=["shear_modulus"], noise=1e-4)
+    assert solved == sorted(solved)
+    assert solved.count(2) > 12
+    assert solved.count(4) <= 2 * 3 + 2, "of the two fields, and to free the suspects"
+    alone = Prediction(scene, measured, constants_of(scene, ["shear_modulus"]))
+    far = least_squares(lambda x, slopes: tuple(1e4 * part for part in alone.at(x, slopes=slopes)), np.array([np.log(4.0)]), scale=1.0)
+    assert found.x == pytest.approx(far.x, abs=2e-3 * found.constants[0].error / found.constants[0].value)  # each search ends 1e-3 away
 
 
 def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:

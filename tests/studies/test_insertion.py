@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from magmpm import Scene
 from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, STATIONS, Insertion
@@ -57,18 +56,9 @@ def test_a_path_follows_its_rows_and_leaves_along_x():
     assert path.smallest_radius() == pytest.approx(RADIUS, rel=1e-3)
 
 
-def test_frames_do_not_turn_about_the_path():
-    """In the plane, y stays y; the tangent is the path's."""
-    path = Path(arc())
-    frames = Rotation.from_quat(path.quaternions_at(np.array([0.0, 15e-3])), scalar_first=True).as_matrix()
-    np.testing.assert_allclose(frames[0], np.eye(3), atol=1e-9)
-    angle = 15e-3 / RADIUS
-    expected = [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
-    np.testing.assert_allclose(frames[1], expected, atol=1e-4)
-
-
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_a_flattened_path_has_that_share_of_the_curvature(share):
+    """In its plane: frames that turned about the path would lead out of it."""
     flat = Path(arc()).flattened(share)
     assert flat.length == pytest.approx(30e-3)
     angle = share * 30e-3 / RADIUS

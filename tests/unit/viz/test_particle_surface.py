@@ -5,15 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference import motions
+from test_meshes import volume
 
-from magmpm.viz.meshes import Surface
 from magmpm.viz.particle_surface import around_particles, spacing, surface_nets
-
-
-def volume(surface: Surface) -> float:
-    """By the divergence theorem: positive where the triangles look outward."""
-    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
 
 
 def test_surface_nets_find_a_ball() -> None:
