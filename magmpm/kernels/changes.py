@@ -4,6 +4,7 @@ Slots are kinds of change that a particle can see: its remanence, the field, its
 of a cell adds to depends on the cell's region, so a hundred directions of magnetization take two slots.
 Cells, colors and the order of sums are those of kernels.equilibrium. In each cell, the way from its nodes to its particles and back is a
 matrix product, done by BLAS: rows are the gradients and values of the splines, columns those of the answer.
+Loops around loops over columns run to `len` of an array, which is 3: known to the compiler, they would be unrolled, and take it seconds.
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ def stress_per_shear(cells, particles, F, P):
 
 
 class _Room(NamedTuple):
-    """Work space of one cell, k columns: rows G (rows, 27) of its splines; coefficients and forces C (27, 3, k) of its nodes; D, T
-    (rows, 3, k) of its particles; A, H, M, cof of one particle; moments c of the volume part, and their changes s (modes, k); arguments
+    """Work space of one cell, k columns: rows G (rows, 27) of its splines; coefficients and forces C (9, 9 k) of its nodes, three nodes
+    and their three axes in a row; D, T (rows, 3, k) of its particles; A, H, M, cof of one particle; moments c of the volume part, and their changes s (modes, k); arguments
     of BLAS."""
 
     G: Array
@@ -95,7 +96,7 @@ def _room(most, k, modes):
     rows = ROWS * most
     sizes = np.array([3 * k, STENCIL, 0, 3 * k * ROWS, STENCIL * ROWS], np.int32)
     return _Room(
-        np.empty((rows, STENCIL)), np.empty((STENCIL, 3, k)), np.empty((rows, 3, k)), np.empty((rows, 3, k)), np.empty((9, 9)),
+        np.empty((rows, STENCIL)), np.empty((STENCIL // 3, 9 * k)), np.empty((rows, 3, k)), np.empty((rows, 3, k)), np.empty((9, 9)),
         np.empty((3, 3)), np.empty((3, 9)), np.empty((3, 3)), np.empty(modes), np.empty((modes, k)),
         np.array([78, 84], np.uint8), sizes, np.array([1.0, 0.0]),
     )  # fmt: skip
@@ -186,26 +187,28 @@ def _particle_splines(weights, N):
 
 @compiled
 def _scatter_column(plane, rows, r, slot, column, out):
-    """Add a slot of a cell's forces r (27, 3, slots) to one column of out (planes, columns, 3 nodes)."""
+    """Add a slot of a cell's forces r (9, 9 slots) to one column of out (planes, columns, 3 nodes)."""
+    slots = r.shape[1] // 9
     for a in range(3):
         for b in range(3):
             first = 3 * rows[b]
             for c in range(3):
                 for k in range(3):
-                    out[plane + a, column, first + 3 * c + k] += r[9 * a + 3 * b + c, k, slot]
+                    out[plane + a, column, first + 3 * c + k] += r[3 * a + b, (3 * c + k) * slots + slot]
 
 
 @kernel
-def tangent_products(cells, particles, effects, x, F, fortran, columns, stiff, heavy):
-    """Add the tangent times columns to stiff, N, and the mass matrix of unit density times them to heavy; all (planes, 3 nodes, k).
+def tangent_products(cells, particles, effects, x, F, fortran, count, columns, stiff, heavy):
+    """Add the tangent times `count` columns to stiff, N, and the mass matrix of unit density times them to heavy.
 
+    All three (planes, 3 nodes count): the columns' values at a node, axis by axis, are neighbors.
     The tangent is that of kernels.equilibrium.particles_to_grid_with_tangent at x (n, 3) m, F (n, 3, 3), without its matrix.
     """
     slabs = len(cells.slab_first) - 1
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            room = _room(cells.most, columns.shape[2], particles.modes.shape[1])
+            room = _room(cells.most, count, particles.modes.shape[1])
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 first, last = cells.first[cell], cells.first[cell + 1]
                 _rows(first, last, particles, room)
@@ -221,26 +224,24 @@ def tangent_products(cells, particles, effects, x, F, fortran, columns, stiff, h
 
 @compiled
 def _gather(plane, rows, columns, C):
-    """Write a cell's coefficients to C (27, 3, k)."""
-    for a in range(3):
-        for b in range(3):
-            for c in range(3):
-                for i in range(3):
-                    source, target = columns[plane + a, 3 * (rows[b] + c) + i], C[9 * a + 3 * b + c, i]
-                    for k in range(len(target)):
-                        target[k] = source[k]
+    """Write a cell's coefficients to C (9, 9 k)."""
+    wide = C.shape[1]
+    for a in range(len(rows)):
+        for b in range(len(rows)):
+            source, target = columns[plane + a], C[3 * a + b]
+            for k in range(wide):
+                target[k] = source[rows[b] * (wide // 3) + k]
 
 
 @compiled
 def _scatter_all(plane, rows, C, out):
-    """Add a cell's C (27, 3, k) to out (planes, 3 nodes, k)."""
-    for a in range(3):
-        for b in range(3):
-            for c in range(3):
-                for i in range(3):
-                    target, source = out[plane + a, 3 * (rows[b] + c) + i], C[9 * a + 3 * b + c, i]
-                    for k in range(len(source)):
-                        target[k] += source[k]
+    """Add a cell's C (9, 9 k) to out (planes, 3 nodes k)."""
+    wide = C.shape[1]
+    for a in range(len(rows)):
+        for b in range(len(rows)):
+            target, source = out[plane + a], C[3 * a + b]
+            for k in range(wide):
+                target[rows[b] * (wide // 3) + k] += source[k]
 
 
 @compiled
@@ -280,8 +281,8 @@ def _stress_changes(first, last, particles, effects, x, F, room):
         cofactor(F[p], cof)
         for mode in range(len(c)):
             scale = volume[p] * bulk[first] * modes[p, mode]
-            for i in range(3):
-                for j in range(3):
+            for i in range(len(cof)):
+                for j in range(len(cof)):
                     for k in range(s.shape[1]):
                         T[q + j, i, k] += scale * cof[i, j] * s[mode, k]
 
@@ -289,8 +290,8 @@ def _stress_changes(first, last, particles, effects, x, F, room):
 @compiled
 def _multiply_rows(q, volume, A, D, T):
     """Rows q .. q + 2 of T: volume A_iJkL D_kL."""
-    for i in range(3):
-        for j in range(3):
+    for i in range(len(A) // 3):
+        for j in range(len(A) // 3):
             out, row = T[q + j, i], A[3 * i + j]
             out[:] = 0.0
             for k in range(3):
@@ -302,8 +303,8 @@ def _multiply_rows(q, volume, A, D, T):
 @compiled
 def _soften_rows(q, volume, H, M, D, T):
     """The terms of an energy that also depends on position (kernels.equilibrium): row q + 3 of T, and additions to rows q .. q + 2."""
-    for i in range(3):
-        for k in range(3):
+    for i in range(len(H)):
+        for k in range(len(H)):
             for n in range(T.shape[2]):
                 T[q + 3, i, n] += volume * H[i, k] * D[q + 3, k, n]
                 for j in range(3):
@@ -314,7 +315,7 @@ def _soften_rows(q, volume, H, M, D, T):
 @compiled
 def _add_product(scale, cof, D, q, s):
     """s (k,) += scale cof : D, the change of det F."""
-    for i in range(3):
-        for j in range(3):
+    for i in range(len(cof)):
+        for j in range(len(cof)):
             for n in range(len(s)):
                 s[n] += scale * cof[i, j] * D[q + j, i, n]

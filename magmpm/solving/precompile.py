@@ -44,7 +44,7 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest
 from magmpm.scene.variables import variables
 from magmpm.statics.axis_order import arranged
-from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve, solve_columns
+from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
@@ -269,7 +269,6 @@ def _factorization(small: Scene) -> None:
     panels[:4] = np.eye(3, 9)
     factor(panels, 2)
     solve(panels, 2, np.ones((4, 3)))
-    solve_columns(panels, 2, np.ones((4, 1, 3)))
 
 
 def _single(small: Scene) -> None:

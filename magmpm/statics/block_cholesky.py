@@ -98,7 +98,7 @@ def _signs(panels):
 
 @compiled
 def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
-    """Factor panel j in place and update panels `one` and `two` (its next two planes; -1: none). Returns LAPACK's info."""
+    """Factor panel j in place and update panels `one` and `two` (its next two planes; negative: none). Returns LAPACK's info."""
     potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
     byte = panels.itemsize
     n, ld, two_n, info = (
@@ -166,143 +166,81 @@ def _factor(panels, split, fortran):
     sizes = np.array([m, panels.shape[2], 2 * m, 0], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)
     work = _signs(panels)
-    if _eliminate(panels, split, split + 1, -1, m, fortran, work, sizes, letters) != 0:
+    none = -m  # as in _solve
+    if _eliminate(panels, split, split + 1, none, m, fortran, work, sizes, letters) != 0:
         return split
-    if _eliminate(panels, split + 1, -1, -1, m, fortran, work, sizes, letters) != 0:
+    if _eliminate(panels, split + 1, none, none, m, fortran, work, sizes, letters) != 0:
         return split + 1
     return -1
 
 
 @compiled
-def _reduce(panels, x, j, one, two, m, transpose, fortran, work, sizes, letters):
-    """One step of the substitution with panel j: forward (transpose False) or back. x (planes, m) in place."""
-    trsv, gemv = fortran[4], fortran[5]
-    n, ld, inc = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[4:].ctypes.data
-    lower, trans, plain = letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
+def _words(panels, x):
+    """Arguments of BLAS: sizes, letters and signs."""
+    sizes, letters = np.array([x.shape[2], panels.shape[2], 1, x.shape[1]], np.int32), np.array([76, 84, 78], np.uint8)  # L T N
+    return sizes, letters, _signs(panels)
+
+
+@compiled
+def _reduce(panels, x, j, one, two, back, fortran, words):
+    """One step of the substitution with panel j, forward or back: x (planes, columns, m) in place."""
+    sizes, letters, work = words
+    trsm, gemm, trsv, gemv = fortran[1], fortran[3], fortran[4], fortran[5]
+    m, columns = x.shape[2], x.shape[1]
+    n, ld, inc, count = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    lower, plain = letters[0:].ctypes.data, letters[2:].ctypes.data
+    way = letters[1:].ctypes.data if back else plain
     plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
     top, xj = panels[j].ctypes.data, x[j].ctypes.data
-    if transpose:
-        for k in range(2):
-            other = one if k == 0 else two
-            if other >= 0:
-                block = top + panels.itemsize * m * (k + 1)
-                call(gemv, (trans, n, n, minus, block, ld, x[other].ctypes.data, inc, plus, xj, inc))
-        call(trsv, (lower, trans, plain, n, top, ld, xj, inc))
-    else:
-        call(trsv, (lower, plain, plain, n, top, ld, xj, inc))
-        for k in range(2):
-            other = one if k == 0 else two
-            if other >= 0:
-                block = top + panels.itemsize * m * (k + 1)
-                call(gemv, (plain, n, n, minus, block, ld, xj, inc, plus, x[other].ctypes.data, inc))
+    for turn in range(2):
+        if (turn == 0) == back:  # what the next two planes have to do with this one: before its own triangle on the way back, else after
+            for k in range(2):
+                other = one if k == 0 else two
+                if other >= 0:
+                    block, there = top + panels.itemsize * m * (k + 1), x[other].ctypes.data
+                    source, target = (there, xj) if back else (xj, there)
+                    if columns == 1:
+                        call(gemv, (way, n, n, minus, block, ld, source, inc, plus, target, inc))
+                    else:
+                        call(gemm, (way, plain, n, count, n, minus, block, ld, source, n, plus, target, n))
+        elif columns == 1:
+            call(trsv, (lower, way, plain, n, top, ld, xj, inc))
+        else:
+            call(trsm, (lower, lower, way, plain, n, count, plus, top, ld, xj, n))  # the first L: from the left
+
+
+@compiled
+def _reduce_half(panels, x, half, back, split, fortran):
+    """Substitute in one half: from its end to the middle, or back. Rows of x past `planes` are the second half's copy of the middle."""
+    planes, words = panels.shape[0] - 2, _words(panels, x)
+    count, ahead = (split, 1) if half == 0 else (planes - split - 2, -1)
+    for step in range(count):
+        far = count - 1 - step if back else step
+        j = far if half == 0 else planes - 1 - far
+        one, two = j + ahead, j + 2 * ahead
+        if half == 1 and not back:
+            one = planes if one == split + 1 else one
+            two = planes + split + 1 - two if two <= split + 1 else two
+        _reduce(panels, x, j, one, two, back, fortran, words)
 
 
 @kernel
 def _solve(panels, split, x, fortran):
-    """x (planes + 1, m) in place: right-hand side -> solution. Rows past `planes` are the copy of the middle for the backward half."""
-    planes = panels.shape[0] - 2
-    m = panels.shape[1]
+    """x (planes + 2, columns, m) in place: right-hand sides -> solutions."""
+    planes, columns, m = panels.shape[0] - 2, x.shape[1], x.shape[2]
     x[planes:] = 0.0
-    for half in prange(2):
-        sizes = np.array([m, panels.shape[2], 2 * m, 0, 1], np.int32)
-        letters = np.array([82, 76, 84, 78], np.uint8)
-        work = _signs(panels)
-        if half == 0:
-            for j in range(split):
-                _reduce(panels, x, j, j + 1, j + 2, m, False, fortran, work, sizes, letters)
-        else:
-            for step in range(planes - split - 2):
-                j = planes - 1 - step
-                one, two = j - 1, j - 2
-                one = planes if one == split + 1 else one
-                two = planes + (split + 1 - two) if two <= split + 1 else two
-                _reduce(panels, x, j, one, two, m, False, fortran, work, sizes, letters)
-    for a in range(m):
-        x[split + 1, a] += x[planes, a]
-        x[split, a] += x[planes + 1, a]
-    sizes = np.array([m, panels.shape[2], 2 * m, 0, 1], np.int32)
-    letters = np.array([82, 76, 84, 78], np.uint8)
-    work = _signs(panels)
-    _reduce(panels, x, split, split + 1, -1, m, False, fortran, work, sizes, letters)
-    _reduce(panels, x, split + 1, -1, -1, m, False, fortran, work, sizes, letters)
-    _reduce(panels, x, split + 1, -1, -1, m, True, fortran, work, sizes, letters)
-    _reduce(panels, x, split, split + 1, -1, m, True, fortran, work, sizes, letters)
-    for half in prange(2):
-        sizes = np.array([m, panels.shape[2], 2 * m, 0, 1], np.int32)
-        letters = np.array([82, 76, 84, 78], np.uint8)
-        work = _signs(panels)
-        if half == 0:
-            for j in range(split - 1, -1, -1):
-                _reduce(panels, x, j, j + 1, j + 2, m, True, fortran, work, sizes, letters)
-        else:
-            for j in range(split + 2, planes):
-                _reduce(panels, x, j, j - 1, j - 2, m, True, fortran, work, sizes, letters)
-
-
-@compiled
-def _reduce_columns(panels, x, j, one, two, transpose, fortran, sizes, letters, work):
-    """_reduce of many columns at once: x (planes, columns, m) in place."""
-    trsm, gemm = fortran[1], fortran[3]
-    m = panels.shape[1]
-    n, ld, columns = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[5:].ctypes.data
-    left, lower, trans, plain = letters[4:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
-    plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
-    top, xj = panels[j].ctypes.data, x[j].ctypes.data
-    if transpose:
-        for k in range(2):
-            other = one if k == 0 else two
-            if other >= 0:
-                block = top + 8 * m * (k + 1)
-                call(gemm, (trans, plain, n, columns, n, minus, block, ld, x[other].ctypes.data, n, plus, xj, n))
-        call(trsm, (left, lower, trans, plain, n, columns, plus, top, ld, xj, n))
-    else:
-        call(trsm, (left, lower, plain, plain, n, columns, plus, top, ld, xj, n))
-        for k in range(2):
-            other = one if k == 0 else two
-            if other >= 0:
-                block = top + 8 * m * (k + 1)
-                call(gemm, (plain, plain, n, columns, n, minus, block, ld, xj, n, plus, x[other].ctypes.data, n))
-
-
-@kernel
-def _solve_columns(panels, split, x, fortran):
-    """_solve of many columns at once: x (planes + 2, columns, m) in place."""
-    planes, m, columns = panels.shape[0] - 2, panels.shape[1], x.shape[1]
-    x[planes:] = 0.0
-    for half in prange(2):
-        sizes, letters = np.array([m, 3 * m, 2 * m, 0, 1, columns], np.int32), np.array([82, 76, 84, 78, 76], np.uint8)  # R L T N L
-        work = np.array([1.0, -1.0])
-        if half == 0:
-            for j in range(split):
-                _reduce_columns(panels, x, j, j + 1, j + 2, False, fortran, sizes, letters, work)
-        else:
-            for step in range(planes - split - 2):
-                j = planes - 1 - step
-                one, two = j - 1, j - 2
-                one = planes if one == split + 1 else one
-                two = planes + (split + 1 - two) if two <= split + 1 else two
-                _reduce_columns(panels, x, j, one, two, False, fortran, sizes, letters, work)
-    for column in range(columns):
-        for a in range(m):
-            x[split + 1, column, a] += x[planes, column, a]
-            x[split, column, a] += x[planes + 1, column, a]
-    sizes, letters = np.array([m, 3 * m, 2 * m, 0, 1, columns], np.int32), np.array([82, 76, 84, 78, 76], np.uint8)
-    work = np.array([1.0, -1.0])
+    none, words = -m, _words(panels, x)  # none: not a number known to the compiler, for each of which it would make a function of its own
     for back in (False, True):
-        for step in range(2):
-            if (step == 0) != back:
-                _reduce_columns(panels, x, split, split + 1, -1, back, fortran, sizes, letters, work)
-            else:
-                _reduce_columns(panels, x, split + 1, -1, -1, back, fortran, sizes, letters, work)
-    for half in prange(2):
-        sizes, letters = np.array([m, 3 * m, 2 * m, 0, 1, columns], np.int32), np.array([82, 76, 84, 78, 76], np.uint8)
-        work = np.array([1.0, -1.0])
-        if half == 0:
-            for j in range(split - 1, -1, -1):
-                _reduce_columns(panels, x, j, j + 1, j + 2, True, fortran, sizes, letters, work)
-        else:
-            for j in range(split + 2, planes):
-                _reduce_columns(panels, x, j, j - 1, j - 2, True, fortran, sizes, letters, work)
+        if back:
+            for column in range(columns):
+                for a in range(m):
+                    x[split + 1, column, a] += x[planes, column, a]
+                    x[split, column, a] += x[planes + 1, column, a]
+            for turn in range(4):
+                first = turn == 0 or turn == 3
+                _reduce(panels, x, split if first else split + 1, split + 1 if first else none, none, turn > 1, fortran, words)
+        for half in prange(2):
+            _reduce_half(panels, x, half, back, split, fortran)
 
 
 def _routines(panels: Array | Single) -> tuple[int, ...]:
@@ -321,17 +259,14 @@ def solve(panels: Array | Single, split: int, right: Array) -> Array:
     """Solution (planes, m) for a right-hand side (planes, m), from factored panels."""
     single = panels.dtype == np.float32
     size = (float(np.abs(right).max()) or 1.0) if single else 1.0  # single precision ends at 1e-38
-    x = np.zeros((len(right) + 2, right.shape[1]), panels.dtype)
-    x[: len(right)] = right / size
-    _solve(panels, split, x, _routines(panels))
-    return np.asarray(x[: len(right)], float) * size
+    return solve_columns(panels, split, right[:, None] / size)[:, 0] * size
 
 
-def solve_columns(panels: Array, split: int, right: Array) -> Array:
+def solve_columns(panels: Array | Single, split: int, right: Array) -> Array:
     """Solutions (planes, k, m) for k right-hand sides at once (planes, k, m), from factored panels."""
     planes, columns, m = right.shape
-    x = np.zeros((planes + 2, columns, m))
+    x = np.zeros((planes + 2, columns, m), panels.dtype)
     x[:planes] = right
     if columns:
-        _solve_columns(panels, split, x, addresses())
-    return x[:planes]
+        _solve(panels, split, x, _routines(panels))
+    return np.asarray(x[:planes], float)

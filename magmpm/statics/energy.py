@@ -111,11 +111,12 @@ class Energy:
 
     def products(self, point: Point, columns: Array) -> tuple[Array, Array]:
         """The second derivative (N), and the mass matrix of unit density, times columns (planes, k, m)."""
-        right = np.ascontiguousarray(columns.transpose(0, 2, 1))
+        planes, count, _ = columns.shape
+        right = columns.transpose(0, 2, 1).reshape(planes, -1)
         stiff, heavy = np.zeros_like(right), np.zeros_like(right)
         effects = self.model.effects
-        tangent_products(self.cells, self.particles, effects, point.position, point.F, self._fortran, right, stiff, heavy)
-        stiff, heavy = (np.ascontiguousarray(one.transpose(0, 2, 1)) for one in (stiff, heavy))
+        tangent_products(self.cells, self.particles, effects, point.position, point.F, self._fortran, count, right, stiff, heavy)
+        stiff, heavy = (np.ascontiguousarray(one.reshape(planes, -1, count).transpose(0, 2, 1)) for one in (stiff, heavy))
         return self.free_columns(stiff), self.free_columns(heavy)
 
     def tangent(self, point: Point) -> tuple[Array, Array]:
