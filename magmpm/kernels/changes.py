@@ -72,8 +72,8 @@ def stress_per_shear(cells, particles, F, P):
 
 class _Room(NamedTuple):
     """Work space of one cell, k columns: rows G (rows, 27) of its splines; coefficients and forces C (9, 9 k) of its nodes, three nodes
-    and their three axes in a row; D, T (rows, 3, k) of its particles; A, H, M, cof of one particle; moments c of the volume part, and their changes s (modes, k); arguments
-    of BLAS."""
+    and their three axes in a row; D, T (rows, 3, k) of its particles; A, H, M, cof of one particle; moments c of the volume part, and their
+    changes s (modes, k); arguments of BLAS."""
 
     G: Array
     C: Array
