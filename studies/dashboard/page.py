@@ -59,6 +59,8 @@ def page(app: Application, write: bool) -> Application:
 
 # What isn't the page itself, such as a trial's files, is shown without scripts; the page, in no other page.
 SANDBOX = "sandbox; default-src 'none'; img-src 'self' data:; media-src 'self'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+# Browsers send a cookie to all ports of a host: to those paths alone that show a study. The dashboard's own script and icon are public.
+SECRET, PUBLIC = ("/api", "/artifacts", "/csv", "/dashboard"), ("/static/", "/favicon.ico")
 ALONE = "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
 
 
@@ -66,7 +68,7 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
     """The dashboard for who has the secret: the printed address, ?secret=..., gives it to the browser as a cookie. `write`: it may edit."""
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
-        cookie = f"magmpm-{environ.get('SERVER_PORT')}"  # browsers send cookies to all ports of a host
+        cookie = f"magmpm-{environ.get('SERVER_PORT')}"
         asked, method = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1], environ.get("REQUEST_METHOD")
 
         def refuse(words: str) -> Iterable[bytes]:
@@ -83,16 +85,18 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
         if not guard.admits(environ.get("HTTP_HOST"), environ.get("HTTP_ORIGIN")):
             return refuse("This name, or this page, is not the dashboard's own.")
         if method == "GET" and guard.knows(asked):
-            kept = ("Set-Cookie", f"{cookie}={guard.secret}; HttpOnly; SameSite=Strict; Path=/")
-            start("303 See Other", [("Location", start_page), kept, ("Cache-Control", "no-store"), *HEADERS.items()])
+            kept = [("Set-Cookie", f"{cookie}={guard.secret}; HttpOnly; SameSite=Strict; Path={path}") for path in SECRET]
+            start("303 See Other", [("Location", start_page), *kept, ("Cache-Control", "no-store"), *HEADERS.items()])
             return []
+        if method == "GET" and environ.get("PATH_INFO") in ("", "/"):  # to where the browser sends the cookie
+            start("302 Found", [("Location", start_page), *HEADERS.items()])
+            return []
+        if method == "GET" and environ["PATH_INFO"].startswith(PUBLIC):
+            return app(environ, begin)
         if not guard.knows(_cookie(environ.get("HTTP_COOKIE", ""), cookie)):
             return refuse("This address is incomplete: open the whole address that `magmpm dashboard` printed.")
         if method not in ("GET", "HEAD") and not write:
             return refuse("Nothing is edited or deleted here unless the dashboard was begun with --write.")
-        if environ.get("PATH_INFO") in ("", "/"):
-            start("302 Found", [("Location", start_page), *HEADERS.items()])
-            return []
         return app(environ, begin)
 
     return serve

@@ -48,9 +48,10 @@ class Path:
         axes, cosines = np.cross(tangent[:-1], tangent[1:]), np.sum(tangent[:-1] * tangent[1:], axis=1)
         quaternions = np.empty((FINE + 1, 4))
         begin, axis = 1.0 + tangent[0, 0], np.cross([1.0, 0.0, 0.0], tangent[0])
-        quaternions[0] = _unit(np.array([begin, *axis]))
+        quaternions[0] = np.array([begin, *axis]) / np.linalg.norm([begin, *axis])
         for k in range(FINE):
-            quaternions[k + 1] = _unit(_product(np.array([1.0 + cosines[k], *axes[k]]), quaternions[k]))
+            q = _product(np.array([1.0 + cosines[k], *axes[k]]), quaternions[k])
+            quaternions[k + 1] = q / np.linalg.norm(q)
         return s, quaternions
 
     def flattened(self, share: float) -> Path:
@@ -85,7 +86,3 @@ class Path:
 def _product(a: Array, b: Array) -> Array:
     """Product of quaternions, scalar first."""
     return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
-
-
-def _unit(q: Array) -> Array:
-    return np.asarray(q / np.linalg.norm(q))

@@ -21,7 +21,7 @@ from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.search.parameters import Direction, FieldVector
+from magmpm.studies.search.parameters import Direction, FieldVector, unit
 from magmpm.studies.search.search_space import SearchSpace
 
 STARTS = 64
@@ -213,7 +213,7 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
 
 def _apart(one: RodDesign, other: RodDesign) -> float:
     """Root mean square angle between two designs' directions, and the field's."""
-    a, b = (np.vstack([d.directions, _unit(d.field[None])]) for d in (one, other))
+    a, b = (np.vstack([d.directions, unit(d.field[None])]) for d in (one, other))
     return float(np.sqrt(np.mean(np.arccos(np.clip(np.sum(a * b, axis=1), -1.0, 1.0)) ** 2)))
 
 
@@ -221,7 +221,7 @@ def _along_target(scene: Scene, target: Array, s: Array) -> Array:
     """Places (n + 1, 3) m of the rod's frames if it has the target's shape; beyond the target's end it goes on straight."""
     rows = target if target[0, 0] == 0.0 else np.vstack([np.zeros(4), target])
     places = np.stack([np.interp(s, rows[:, 0], rows[:, i]) for i in (1, 2, 3)], axis=1)
-    end = _unit(rows[-1:, 1:] - rows[-2:-1, 1:])
+    end = unit(rows[-1:, 1:] - rows[-2:-1, 1:])
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
     return np.asarray(np.array(line.base) + places + np.maximum(s - rows[-1, 0], 0.0)[:, None] * end)
@@ -239,18 +239,14 @@ def _hold_at_the_bound(A: Array, g: Array, field: Array) -> None:
 def _across(units: Array) -> Array:
     """Two unit vectors across each of the unit vectors (..., 3), as columns (..., 3, 2)."""
     axis = np.eye(3)[np.argmin(np.abs(units), axis=-1)]
-    first = _unit(np.cross(units, axis))
+    first = unit(np.cross(units, axis))
     return np.stack([first, np.cross(units, first)], axis=-1)
 
 
 def _turned(units: Array, turns: Array) -> Array:
     """Unit vectors (..., 3) after turns (..., 3) across them, rad, along great circles."""
     angle = np.linalg.norm(turns, axis=-1, keepdims=True)
-    return _unit(np.cos(angle) * units + np.sinc(angle / np.pi) * turns)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+    return unit(np.cos(angle) * units + np.sinc(angle / np.pi) * turns)
 
 
 def _on_sphere(u: Array) -> Array:

@@ -34,6 +34,11 @@ def angles(vector: Array) -> tuple[float, float]:
     return float(np.rad2deg(np.arctan2(z, y))), float(np.rad2deg(np.arctan2(x, np.hypot(y, z))))
 
 
+def unit(vectors: Array) -> Array:
+    """Vectors (..., 3) of length 1."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+
+
 def from_azimuth(azimuth: float, elevation: float) -> Array:
     """Unit vector (3,) of a scene file's angles, in rad."""
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

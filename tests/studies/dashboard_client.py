@@ -34,7 +34,7 @@ class Dashboard:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         connection.request(method, path, body, {"Content-Type": "application/json", **headers})
         answer = connection.getresponse()
-        return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+        return answer.status, {name.lower(): ", ".join(answer.headers.get_all(name, [])) for name in answer.headers}, answer.read()
 
     @property
     def cookie(self) -> str:

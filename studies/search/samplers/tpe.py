@@ -26,6 +26,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.objectives import ranked
+from magmpm.studies.search.parameters import unit
 from magmpm.studies.search.samplers.pending_trials import others_running
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -140,12 +141,12 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         turn, _ = np.linalg.qr(np.random.default_rng([self._seed]).normal(size=(3, 3)))
         segments = len(self._space.segments)
         directions = np.tile(TETRAHEDRON[corner] @ turn, (segments, 1))
-        field = _unit(self._rng.normal(size=(self._space.count - segments, 3)))
+        field = unit(self._rng.normal(size=(self._space.count - segments, 3)))
         return np.vstack([directions, field]), self._rng.random(self._space.numbers)
 
     def _anywhere(self) -> tuple[Array, Array]:
         """Any directions, any numbers: while the first trials are being solved, nothing is known."""
-        return _unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
+        return unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
 
     def _read(self, trials: Sequence[FrozenTrial]) -> Designs:
         read = [self._space.design(trial.params) for trial in trials]
@@ -160,7 +161,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         numbers = around.numbers + settings.width / narrower * rng.normal(size=around.numbers.shape)
         numbers = 1 - np.abs(1 - np.abs(numbers) % 2)  # reflected into 0 to 1
         anywhere = rng.random(n) < settings.prior / (settings.prior + len(good))
-        directions[anywhere] = _unit(rng.normal(size=directions[anywhere].shape))
+        directions[anywhere] = unit(rng.normal(size=directions[anywhere].shape))
         numbers[anywhere] = rng.random(numbers[anywhere].shape)
         return Designs(directions, numbers)
 
@@ -188,12 +189,8 @@ def _near(rng: np.random.Generator, means: Array, K: float) -> Array:
     u = rng.random(means.shape[:-1])
     cosine = np.clip(1 + np.log(u + (1 - u) * math.exp(-2 * K)) / K, -1, 1)[..., None]
     across = rng.normal(size=means.shape)
-    across = _unit(across - np.sum(across * means, axis=-1, keepdims=True) * means)
-    return _unit(cosine * means + np.sqrt(1 - cosine**2) * across)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+    across = unit(across - np.sum(across * means, axis=-1, keepdims=True) * means)
+    return unit(cosine * means + np.sqrt(1 - cosine**2) * across)
 
 
 def _violation(trial: FrozenTrial) -> float:

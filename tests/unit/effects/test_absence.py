@@ -100,12 +100,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
     twin = __import__("plain_total")
     seen: list[tuple[Any, ...]] = []
-
-    def advance(*given: Any) -> int:
-        seen.append(given)
-        return 1
-
-    monkeypatch.setattr(steps, "advance", advance)
+    monkeypatch.setattr(steps, "advance", lambda *given: seen.append(given) or 1)
     for effects in ((), WEIGHT):
         TotalMotion(build(moving_scene(BODY, {}))).advance(1, 1e-9, effects)
     monkeypatch.undo()
@@ -123,12 +118,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
 def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.MonkeyPatch) -> None:
     """The ground adds 8 places where Numba counts a reference, to 105. It added 114 once, and half of a step."""
     seen: list[tuple[Any, ...]] = []
-
-    def advance(*given: Any) -> int:
-        seen.append(given)
-        return 1
-
-    monkeypatch.setattr(steps, "advance", advance)
+    monkeypatch.setattr(steps, "advance", lambda *given: seen.append(given) or 1)
     for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}}):
         model = build(moving_scene(BODY, effects))
         TotalMotion(model).advance(1, 1e-9, model.effects)
