@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -10,19 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
-from magmpm.bodies.grid import (
-    ClampPlane,
-    Grid,
-    clamp_first_node,
-    clamp_last_node,
-    clamp_low_node,
-)
+from magmpm.bodies.contact_surface import ContactSurface, cells_of, layer_mass
+from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, each_node
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
+from magmpm.effects.base import moves_in_space
+from magmpm.effects.hooks import has_hook
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
 
@@ -61,22 +59,48 @@ class Model:
     def splines(self) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that each particle sees along each axis, (n, 3, 3): axis, node.
 
-        Clamps are built into them. They are not kept: each solver stores them in its own order.
+        They are not kept: each solver stores them in its own order.
         """
-        cell = self.particles.cell
-        weights, slopes = self.grid.splines(self.particles.position, cell)
+        return self.splines_at(self.particles.position, self.particles.cell, self.held)
+
+    def splines_at(self, points: Array, cell: NDArray[np.int64], held: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """The same for any points (n, 3) m in cells (n, 3), some held (n,). Clamps are built into them."""
+        weights, slopes = self.grid.splines(points, cell)
         if self.clamped_face:
             first = cell[:, 0] == 0
             weights[first, 0], slopes[first, 0] = clamp_first_node(weights[first, 0], slopes[first, 0])
         if self.plane_strain:  # the middle node of the one cell across stands for all: nothing varies along y
             weights[:, 1], slopes[:, 1] = np.array([0.0, 1.0, 0.0]), 0.0
         for plane in self.planes:
-            row = (cell[:, plane.axis] == plane.cell) & ~self.held
+            row = (cell[:, plane.axis] == plane.cell) & ~held
             clamp = clamp_low_node if plane.lower else clamp_last_node
             weights[row, plane.axis], slopes[row, plane.axis] = clamp(weights[row, plane.axis], slopes[row, plane.axis])
         if self.planes:  # held particles see no node: they stay where they are, and the nodes beyond the plane carry nothing
-            weights[self.held], slopes[self.held] = 0.0, 0.0
+            weights[held], slopes[held] = 0.0, 0.0
         return weights, slopes
+
+    def first_nodes(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Grid index (n, 3) of the first node that points in these cells (n, 3) touch, along x one more in clamped cells."""
+        first = cell.astype(np.int64)
+        first[:, 0] = self.grid.along.node[first[:, 0]]
+        if self.clamped_face:
+            first[:, 0] = np.maximum(first[:, 0], 1)
+        return first
+
+    @cached_property
+    def surface(self) -> ContactSurface | None:
+        """Surface by which the body touches obstacles; None if there are none, or if its particles touch, where the grid stands in space."""
+        if not has_hook("contact", self.effects) or moves_in_space(self.scene):
+            return None
+        shape = self.scene.body.shape
+        points = shape.surface(self.grid, base=not self.clamped_face)
+        free = points.free_of(~np.array([region.held for region in shape.regions()])) if self.held.any() else points
+        cell = cells_of(free, self.grid, self.particles, shape.part_of(self.particles))
+        (weights, _), first = self.splines_at(free.position, cell, np.zeros(len(cell), bool)), self.first_nodes(cell)
+        mass = np.zeros(int(np.prod(self.grid.nodes)))
+        for node, share in each_node(self.first_nodes(self.particles.cell), self.grid.nodes, self.splines()[0]):
+            mass += np.bincount(node, self.density * self.particles.volume * share, len(mass))
+        return ContactSurface(free.position, first, weights, layer_mass(free.area, first, weights, mass, self.grid.nodes))
 
     def steepness(self) -> Array:
         """Sums (n, 3) 1/m^2 of slope^2 / weight over the nodes that a particle sees along each axis: how fast it may be strained."""
@@ -120,9 +144,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
 def knots_of(scene: Scene) -> Knots:
     """Layout of the cells in a straight body; equal cells where the grid stands in space, as in the updated formulation. Around a tube's
     axis in statics alone."""
-    dynamic = scene.solver.dynamic
-    updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
-    if scene.body.shape.line is None or updated:
+    if scene.body.shape.line is None or moves_in_space(scene):
         return EVEN
     used = [scene.materials[region.material_name] for region in scene.regions()]
     moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]

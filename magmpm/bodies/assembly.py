@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.connectivity import connected_components
+from magmpm.bodies.contact_surface import SurfacePoints, parts_surface
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
@@ -214,6 +215,9 @@ class Parts(BodyShape):
         All ways nothing, for parts are of any shape: obstacles let them in elsewhere, by up to a quarter of a cell.
         """
         return 0.0 if toward is None else _depth_toward(self, cells_across, particles_per_cell, tuple(map(float, toward)))
+
+    def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
+        return parts_surface(self.triangles(), float(grid.spacing.min()))
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
         """Distances of some of the particles (k,) from the undeformed surface of their part, (k,) m."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.bodies.contact_surface import SurfacePoints
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line, Region
@@ -108,6 +109,10 @@ class BodyShape(Settings):
         toward: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
         obstacle that the body just touches holds a particle already.
         """
+
+    @abstractmethod
+    def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
+        """Points on its surface, for its cells (bodies.contact_surface); base: whether the lower x face of a straight body counts, too."""
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
         """Assumed distances of some of the particles (k,) from the body's surface, in all directions, (k,) m."""

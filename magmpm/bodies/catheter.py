@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.contact_surface import SurfacePoints, rod_surface
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
@@ -163,6 +164,9 @@ class Catheter(StraightBody):
         turn = math.atan2(toward[2], toward[1]) % (2 * math.pi) if aside > 0 else 0.0
         around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
         return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
+
+    def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
+        return rod_surface(grid.origin[0] + grid.faces, **self.radii, cell=float(grid.spacing[1]), base=base)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
         return ring(**self.radii, G=shear, E=young, nu=poisson)

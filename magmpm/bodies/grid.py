@@ -8,8 +8,10 @@ Source: de Boor, A Practical Guide to Splines; for the role in MPM, Steffen, Kir
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +67,16 @@ def clamp_low_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
     zero = np.zeros_like(weights[..., 0])
     moved = [np.stack([zero, v[..., 1] - v[..., 0], v[..., 2]], axis=-1) for v in (weights, slopes)]
     return moved[0], moved[1]
+
+
+def each_node(first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    """The number (n,) in the whole grid, x slowest, of each of the 27 nodes that points see, and its weight (n,) there.
+
+    first (n, 3): of the first ones; nodes: of the grid along x, y, z; weights (n, 3, 3): of the splines along each axis.
+    """
+    for a, b, c in product(range(3), repeat=3):
+        node = np.ravel_multi_index((first + np.array([a, b, c])).T, nodes, mode="clip")
+        yield node, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
 
 
 @dataclass(frozen=True)
@@ -190,7 +202,7 @@ class Grid:
 
     def splines(self, points: Array, cell: NDArray[np.int64]) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
-        xi, first = self.locate(points, cell), cell[:, 0]
+        xi, first = self.within(points, cell), cell[:, 0]
         weights, slopes = np.empty((*xi.shape, 3)), np.empty((*xi.shape, 3))
         for axis in range(3):  # one at a time: all at once take the most memory of all that a model is built with
             ends, width = (0.5, self.spacing[axis]) if axis else (self.along.ends[first], self.along.width[first, None])
@@ -208,14 +220,18 @@ class Grid:
         """
         if np.any(cell < 0) or np.any(cell >= self.cells):
             raise ValueError("a particle lies outside the cell it was given: there is no such cell")
-        spans, first = self.along, cell[:, 0]
-        start, width, index = np.zeros(cell.shape), np.tile(self.spacing, (len(cell), 1)), cell.copy()
-        start[:, 0], width[:, 0], index[:, 0] = spans.start[first], spans.width[first], spans.index[first]
-        xi = (self.own(points, cell) - self.origin - start) / width - index
+        xi = self.within(points, cell)
         slack = 1e-9  # rounding of a point on a face
         if np.any(xi < -slack) or np.any(xi > 1 + slack):
             raise ValueError("a particle lies outside the cell it was given")
         return np.clip(xi, 0.0, 1.0)
+
+    def within(self, points: Array, cell: NDArray[np.int64]) -> Array:
+        """Position (n, 3) in units of given cells (n, 3): 0 to 1 within them, where their splines are meant; points (n, 3) m."""
+        spans, first = self.along, cell[:, 0]
+        start, width, index = np.zeros(cell.shape), np.tile(self.spacing, (len(cell), 1)), cell.copy()
+        start[:, 0], width[:, 0], index[:, 0] = spans.start[first], spans.width[first], spans.index[first]
+        return np.asarray((self.own(points, cell) - self.origin - start) / width - index)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.contact_surface import SurfacePoints, box_surface
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.magnetization_profile import REGIONS_A_PERIOD, Profile
@@ -180,6 +181,10 @@ class Strip(StraightBody):
         if self.plane_strain:
             deep[1] = 0.0  # one particle stands for the width
         return float(np.abs(toward) @ deep)
+
+    def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
+        across = [grid.origin[k] + grid.spacing[k] * np.arange(grid.cells[k] + 1) for k in (1, 2)]
+        return box_surface((grid.origin[0] + grid.faces, across[0], across[1]), one_wide=self.plane_strain, base=base)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
         return rectangle(self.width, self.thickness, shear, young, poisson, self.plane_strain)

@@ -15,6 +15,7 @@ from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.dynamics.tearing import Tearing
 from magmpm.effects import damping
+from magmpm.effects.base import Touching
 from magmpm.effects.hooks import has_hook
 from magmpm.errors import SolveError
 from magmpm.kernels import apic_step, multi_grid_contact
@@ -277,6 +278,11 @@ class UpdatedMotion:
         x = self._in_order(self.anchor if self.touches else self.x, 3)
         x[self.model.held] = self.model.particles.position[self.model.held]
         return x
+
+    def touching_points(self) -> Touching:
+        """The particles as what touches obstacles, in the model's order."""
+        x, v, _ = self.particles()
+        return Touching(x, v, self.model.density * self.model.particles.volume, self.anchors())
 
     def affine(self) -> Array:
         """APIC's C (n, 3, 3) 1/s, in the model's order: dv/dx averaged over a cell."""

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magmpm.bodies.grid import each_node
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
+from magmpm.kernels.surface_contact import Surface
 from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
 from magmpm.model import Model
 
@@ -17,7 +19,7 @@ ALIKE = 12  # decimals
 
 @dataclass(frozen=True)
 class Packed:
-    """Groups of eight particles of one cell and one material, with cells sorted by slab; nodes of the whole grid, x slowest.
+    """Groups of eight particles of one cell and one material, with cells sorted by slab; nodes of the whole grid, x slowest; the surface.
 
     If the last group of a cell is not full, its other lanes repeat its first particle with volume 0. particle (groups, 8): the model's
     particle in each lane, -1 for a repetition; mass: of the nodes.
@@ -28,6 +30,7 @@ class Packed:
     nodes: Nodes
     particle: Index
     mass: NodalMass
+    surface: Surface
 
     @property
     def node_place(self) -> Array:
@@ -45,22 +48,14 @@ def slab_edges(cells: int, least: int) -> Index:
     return np.linspace(0, cells, count + 1).astype(np.int64)
 
 
-def first_nodes(model: Model) -> Index:
-    """Grid index (n, 3) of the first node each particle touches, along x one more in clamped cells."""
-    first = model.particles.cell.astype(np.int64)
-    first[:, 0] = model.grid.along.node[first[:, 0]]
-    if model.clamped_face:
-        first[:, 0] = np.maximum(first[:, 0], 1)
-    return first
-
-
 def pack(model: Model) -> Packed:
     """The particles and nodes of a model, packed in groups of eight."""
     shape = np.array(model.grid.nodes)
-    first = first_nodes(model)
+    first = model.first_nodes(model.particles.cell)
     axis = int(np.argmax(shape))  # slabs across the longest side, to get as many as possible
     along = first[:, axis] - first[:, axis].min()
-    slab = np.searchsorted(slab_edges(int(along.max()) + 1, 2), along, side="right") - 1
+    slabs = slab_edges(int(along.max()) + 1, 2)
+    slab = np.searchsorted(slabs, along, side="right") - 1
     order = np.lexsort((np.arange(len(slab)), model.particles.segment, first[:, 2], first[:, 1], first[:, 0], slab))
     cell_key = np.column_stack([first, model.particles.segment, model.particles.cell[:, 0]])[order]
     starts = np.flatnonzero(np.any(np.diff(cell_key, axis=0, prepend=-1) != 0, axis=1))
@@ -82,12 +77,12 @@ def pack(model: Model) -> Packed:
     moments, modes = _alike(_lanes(model.modes, particle)) if count else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
     strides = (int(shape[1] * shape[2]), int(shape[2]))
     base = first @ np.array([*strides, 1])
-    lumped, inverse, place = _nodes(model, weights, base, strides)
+    lumped, inverse, place = _nodes(model, weights, first)
     active = np.flatnonzero(lumped > 0).astype(np.int64)
     mass = nodal_mass(model, weights, base, strides, (lumped, inverse, place), active)
     slab_of_cell = slab[order[starts]]
     cells = Cells(
-        slab_first=np.searchsorted(slab_of_cell, np.arange(slab_of_cell.max() + 2)).astype(np.int64),
+        slab_first=np.searchsorted(slab_of_cell, np.arange(len(slabs))).astype(np.int64),
         first_group=cell_group.astype(np.int64),
         first_node=base[order[starts]],
         shear=model.shear[order[starts]],
@@ -107,7 +102,28 @@ def pack(model: Model) -> Packed:
         reference=_lanes(model.particles.position, particle).ravel(),
     )
     nodes = Nodes(active=active, inverse_mass=inverse, place=place.ravel())
-    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass)
+    surface = _surface(model, axis, int(first[:, axis].min()), slabs, strides)
+    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass, surface)
+
+
+def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]) -> Surface:
+    """The contact surface of a model, empty where it has none, with its patches in slabs across an axis; least: its first node there;
+    slabs: first cell of each."""
+    found = model.surface
+    if found is None:
+        nothing = np.zeros(0)
+        return Surface(np.zeros(len(slabs), np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), nothing, nothing, nothing)
+    slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
+    order = np.lexsort((*found.first.T[::-1], slab))
+    starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))
+    return Surface(
+        first_patch=np.searchsorted(slab[order][starts], np.arange(len(slabs))).astype(np.int64),
+        first_point=np.append(starts, len(order)).astype(np.int64),
+        first_node=(found.first[order][starts] @ np.array([*strides, 1])).astype(np.int64),
+        weights=found.weights[order].ravel(),
+        place=found.place[order].ravel(),
+        mass=found.mass[order],
+    )
 
 
 def _lanes(values: Array, particle: Index) -> Array:
@@ -132,21 +148,17 @@ def _alike(groups: Array) -> tuple[Index, Array]:
     return kind * groups[0].size, groups[first]
 
 
-def _nodes(model: Model, w: Array, base: Index, strides: tuple[int, int]) -> tuple[Array, Array, Array]:
+def _nodes(model: Model, w: Array, first: Index) -> tuple[Array, Array, Array]:
     """Lumped mass (nodes,) kg, its inverse by component (3 nodes,) 1/kg, and place (nodes, 3) m of the grid's nodes.
 
-    w (n, 3, 3): values of the particles' splines.
+    w (n, 3, 3): values of the particles' splines; first (n, 3): their first nodes.
     """
     nodes = int(np.prod(model.grid.nodes))
     mass, held = np.zeros(nodes), np.zeros(nodes)
     weight = model.density * model.particles.volume
-    for a in range(3):
-        for b in range(3):
-            for c in range(3):
-                node = base + a * strides[0] + b * strides[1] + c
-                share = w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
-                mass += np.bincount(node, weight * share, nodes)
-                held += np.bincount(node, model.held * share, nodes)
+    for node, share in each_node(first, model.grid.nodes, w):
+        mass += np.bincount(node, weight * share, nodes)
+        held += np.bincount(node, model.held * share, nodes)
     inverse = np.zeros((nodes, 3))
     free = (mass > 0) & (held == 0)
     inverse[free] = 1.0 / mass[free, None]

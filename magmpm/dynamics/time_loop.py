@@ -23,7 +23,7 @@ from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Kinematics
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting
-from magmpm.effects.hooks import has_hook
+from magmpm.effects.base import moves_in_space
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
@@ -69,9 +69,8 @@ class SimulationState:
 
 def formulation(scene: Scene) -> str:
     """The formulation, total or updated: what the scene says, or else updated if the body may touch itself."""
-    options = _options(scene)
-    touching = scene.effects.self_contact is not None
-    return options.formulation or ("updated" if touching else "total")
+    _options(scene)
+    return "updated" if moves_in_space(scene) else "total"
 
 
 def _options(scene: Scene) -> DynamicOptions:
@@ -324,9 +323,9 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
         potentials = energies.effect_energies(model, now.x, now.F, state.time)
     state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
     state.contacts = {}
-    anchor = motion.anchors() if has_hook("contact", model.effects) else now.x
+    touching = motion.touching_points()
     for key, effect in model.scene.effects.named().items():
-        if (contact := effect.report(model, state.x, state.v, state.dt, anchor)) is not None:
+        if (contact := effect.report(model, state.x, touching, state.dt)) is not None:
             state.contacts[key] = contact
 
 

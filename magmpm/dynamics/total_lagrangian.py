@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
-from magmpm.effects.hooks import has_hook
+from magmpm.effects.base import Touching
 from magmpm.kernels import total_lagrangian_step
+from magmpm.kernels.surface_contact import ANCHOR, at_points
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
@@ -29,8 +29,8 @@ class TotalMotion:
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
-        touches = has_hook("contact", model.effects)
-        self.anchor = self.packed.particles.reference.copy() if touches else np.zeros(0)
+        on = self.packed.surface
+        self.anchor = np.zeros(ANCHOR * len(on.mass) + len(on.first_node))
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
         self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
@@ -53,7 +53,7 @@ class TotalMotion:
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
         state = total_lagrangian_step.State(u, v, force, stiffness, anchor)
-        body = p.cells, p.particles, p.nodes, p.mass.correction
+        body = p.cells, p.particles, p.nodes, p.mass.correction, p.surface
         return int(total_lagrangian_step.advance(steps, dt, *body, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
@@ -128,7 +128,7 @@ class TotalMotion:
     def state(self) -> dict[str, Array]:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
-        return kept | ({"anchor": self.anchors()} if self.anchor.size else {})
+        return kept | ({"anchor": self.anchor.copy()} if self.anchor.size else {})
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a `state`."""
@@ -136,20 +136,18 @@ class TotalMotion:
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
         if self.anchor.size:
-            self._hold_at(state["anchor"] if "anchor" in state else self._kinematics(self.v).x)
+            self.anchor[:] = state.get("anchor", 0.0)
 
-    def anchors(self) -> Array:
-        """Friction anchors of the particles (n, 3) m, in the model's order (effects.contact_force); without contact, their positions."""
-        if not self.anchor.size:
-            return self._kinematics(self.v).x
-        real, out = self.packed.particle >= 0, np.empty((len(self.model.density), 3))
-        out[self.packed.particle[real]] = self.anchor.reshape(-1, 3, WIDTH).transpose(0, 2, 1)[real]
-        return out
-
-    def _hold_at(self, places: Array) -> None:
-        real, held = self.packed.particle >= 0, np.zeros((*self.packed.particle.shape, 3))
-        held[real] = places[self.packed.particle[real]]
-        self.anchor[:] = held.transpose(0, 2, 1).reshape(-1)
+    def touching_points(self) -> Touching:
+        """The points of the surface, in the order of `packed`, at the time of their displacements."""
+        on, cells = self.packed.surface, self.packed.cells
+        if not len(on.mass):
+            return Touching(np.zeros((0, 3)), np.zeros((0, 3)), on.mass, np.zeros((0, 3)))
+        x, v = np.empty((len(on.mass), 3)), np.empty((len(on.mass), 3))
+        node = np.repeat(on.first_node, np.diff(on.first_point))
+        at_points(on, cells.along_x, cells.along_y, node, self.u, self.velocity(), x, v)
+        anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
+        return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x))
 
     def sort(self) -> None:
         """Do nothing: the particles stay in their cells."""

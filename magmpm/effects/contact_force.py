@@ -7,7 +7,8 @@ Friction has a memory: the anchor, the place (3,) m at which the obstacle holds 
 particle toward it, along the obstacle. Where the spring would pull more than the grip, the particle slides and draws the anchor along. So a
 body sticks without creeping, within friction times the depth of contact, micrometers; friction never adds energy; and the answer does not
 depend on the time step, as it does where friction may at most stop a particle within a step (in a violent motion by a tenth).
-A dashpot along the normal, where there is friction, keeps undamped bodies from chattering and slipping when their weight is off the ground.
+A dashpot along the normal, while the particle slides, keeps undamped bodies from chattering and slipping when their weight is off the
+ground.
 Source: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider, and the contact dashpot.
 """
 
@@ -21,13 +22,14 @@ PARTS = 7  # numbers in f
 
 
 @compiled
-def push(depth, n0, n1, n2, leaving, mass, stiffness, friction, f):
-    """f += mass stiffness depth n and its grip. n: unit normal out of the obstacle; leaving: speed along n, m/s; stiffness 1/s^2; depth m.
-    The dashpot's damping is critical: a particle on its contact's spring just does not rebound."""
+def push(depth, n0, n1, n2, leaving, mass, stiffness, soft, knee, damping, friction, f):
+    """f += the push along n and its grip. n: unit normal out of the obstacle; leaving: speed along it, m/s; depth m; damping 1/s.
+
+    The spring's stiffness over mass rises from `soft` times stiffness (1/s^2) at the surface to all of it at the depth `knee` (m).
+    """
     rigidity = mass * stiffness
-    normal = rigidity * depth
-    if friction > 0.0:
-        normal = max(normal - 2.0 * mass * math.sqrt(stiffness) * leaving, 0.0)
+    rest = depth * depth / (2.0 * knee) if depth < knee else depth - 0.5 * knee
+    normal = max(rigidity * (soft * depth + (1.0 - soft) * rest) - mass * damping * leaving, 0.0)
     grip = friction * normal
     f[0] += normal * n0
     f[1] += normal * n1
@@ -40,12 +42,13 @@ def push(depth, n0, n1, n2, leaving, mass, stiffness, friction, f):
 
 @compiled
 def hold(x, anchor, f):
-    """Add the friction of f's grip to f[:3], for a particle at x (3,) m, and move its anchor to where it is held next."""
+    """Add the friction of f's grip to f[:3], for a particle at x (3,) m, and move its anchor to where it is held next. True if it slides,
+    or nothing grips it."""
     grip = math.sqrt(f[3] * f[3] + f[4] * f[4] + f[5] * f[5])
     if not grip > 0.0:
         for i in range(3):
             anchor[i] = x[i]
-        return
+        return True
     n0, n1, n2 = f[3] / grip, f[4] / grip, f[5] / grip
     s0, s1, s2 = x[0] - anchor[0], x[1] - anchor[1], x[2] - anchor[2]
     away = s0 * n0 + s1 * n1 + s2 * n2
@@ -57,3 +60,4 @@ def hold(x, anchor, f):
     f[0] -= rigidity * s0
     f[1] -= rigidity * s1
     f[2] -= rigidity * s2
+    return pull > grip

@@ -4,9 +4,14 @@ A particle of mass m at a depth inside the obstacle is pushed back along the nor
 m w^2 depth^2 / 2. Friction holds it by a spring of the same stiffness, up to friction times that force (effects.contact_force).
 
 The frequency w of the penalty is that of a pressure wave through a cell of the stiffest material, w = sqrt((K + 4/3 G) / rho) / h, about
-a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by g / w^2 times the number
-of particles above each one in contact; a body that lands, by speed / w times the root of that number: micrometers. Source of the lumped
-bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
+a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by less than a
+thousandth of a cell. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
+
+With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, its weight
+comes off the ground, and it slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring
+as stiff as a cell does not feel these slow modes. So friction has a spring that begins softer, to give as much as SOFT thicknesses of the
+body, whatever the cells, beside a dashpot near the impedance of the pressure wave. The dashpot acts only where the body slides: what rolls
+loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do not sink in.
 """
 
 from __future__ import annotations
@@ -19,12 +24,14 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Contact, Effect, Records, SceneLike
+from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, moves_in_space
 from magmpm.effects.contact_force import PARTS, hold
-from magmpm.effects.hooks import add_contact, near_of
+from magmpm.effects.hooks import add_contact, deepest
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
+SOFT = 3.0  # thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4 blocks stick and balls roll
+KNEE = 0.02  # cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of slippery contact
 SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 
@@ -54,32 +61,54 @@ Stiffness = Annotated[
 
 
 def reach(scene: SceneLike, toward: Array | None = None) -> float:
-    """Distance of the outermost particles from the body's surface, m: the body touches when a particle is that near.
+    """Distance of what touches obstacles from the body's surface, m: nothing for the points of its surface; in the updated formulation, of
+    the outermost particles: the body touches when a particle is that near.
 
     toward: unit vector (3,) from the undeformed body to the obstacle, to get the depth in that direction. None: in all directions, so
     that an obstacle that just touches the body contains no particle yet (see bodies.body_shape).
     """
+    if not moves_in_space(scene):
+        return 0.0
     return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, toward)
 
 
-def penalty(scene: SceneLike, factor: float) -> float:
-    """w^2 in 1/s^2, times `factor`, for the stiffest material of the body's free regions."""
+def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
+    """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m) and
+    `damping` (1/s)."""
+    rate = _wave(scene) / scene.cell
+    if not friction > 0:
+        return {"stiffness": factor * rate**2}
+    return {"stiffness": factor * rate**2, "soft": scene.cell / (SOFT * scene.thickness), "knee": KNEE * scene.cell, "damping": rate}
+
+
+def _wave(scene: SceneLike) -> float:
+    """Fastest pressure wave of the body's free regions, m/s."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
-    return factor * max(squares, default=0.0) / scene.cell ** 2
+    return math.sqrt(max(squares, default=0.0))
 
 
-def stable_step(stiffness: float, friction: float) -> float:
-    """Largest stable step (s) of a penalty of this stiffness w^2 (1/s^2), together with a body at its own limit; with friction, times
-    sqrt(1 + z^2) - z for a dashpot of z = 1 times the critical damping (Belytschko, section 6.6)."""
-    damped = math.sqrt(2.0) - 1.0 if friction > 0 else 1.0
-    return damped * SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
+def stable_step(stiffness: float, damping: float = 0.0) -> float:
+    """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit; with a dashpot of this
+    rate (1/s), z = rate / 2 w times the critical one, shorter by sqrt(1 + z^2) - z (Belytschko, section 6.6)."""
+    if not stiffness > 0:
+        return math.inf
+    z = damping / (2.0 * math.sqrt(stiffness))
+    return (math.sqrt(1.0 + z * z) - z) * SHARE * 2.0 / math.sqrt(stiffness)
 
 
-def place(model: Any, particle: int) -> str:
-    """Region and position of a particle, in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
-    region = model.scene.regions()[model.particles.segment[particle]]
-    at = ", ".join(f"{c:.3g}" for c in 1e3 * model.particles.position[particle] + 0.0)
+def touching_at_start(model: Any) -> Touching:
+    """The points by which a model's undeformed body touches obstacles: of its surface, or else its particles."""
+    on = model.surface
+    x, mass = (model.particles.position, model.density * model.particles.volume) if on is None else (on.place, on.mass)
+    return Touching(x, np.zeros_like(x), mass, x.copy())
+
+
+def place(model: Any, point: Array) -> str:
+    """Region and position of a point (3,) m in words: "segment 2 (body.catheter.segments[1]), at (12, 0, -2) mm"."""
+    nearest = ((model.particles.position - point) ** 2).sum(axis=1).argmin()
+    region = model.scene.regions()[model.particles.segment[nearest]]
+    at = ", ".join(f"{c:.3g}" for c in 1e3 * point + 0.0)
     return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"
 
 
@@ -87,19 +116,19 @@ def place(model: Any, particle: int) -> str:
 def _touching(named, x, v, mass, dt, anchor, force):
     """Number in contact, the deepest one (-1: none) and how deep it is (m), sum of mass depth^2 (kg m^2); adds to force (3,) N and moves
     anchors (n, 3) m."""
-    count, worst, deepest, squares, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
+    count, worst, most, squares, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
     for p in range(len(mass)):
-        depth = near_of(named, x[p])
+        depth = deepest(named, 0, x[p])
         if depth > 0.0:
             f[:] = 0.0
             add_contact(named, 0, x[p], v[p], mass[p], dt, f)
             hold(x[p], anchor[p], f)
             force += f[:3]
             count += 1
-            if depth > deepest:
-                worst, deepest = p, depth
+            if depth > most:
+                worst, most = p, depth
             squares += mass[p] * depth**2
-    return count, worst, deepest, squares
+    return count, worst, most, squares
 
 
 def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, anchor: Array | None = None) -> Contact:
@@ -108,8 +137,8 @@ def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, ancho
     anchor (n, 3) m: where friction holds them; None: where they are, without friction.
     """
     force = np.zeros(3)
-    count, _, deepest, _ = _touching(named, x, v, mass, dt, np.array(x if anchor is None else anchor), force)
-    return Contact(force=force, count=count, depth=deepest)
+    count, _, depth, _ = _touching(named, x, v, mass, dt, np.array(x if anchor is None else anchor), force)
+    return Contact(force=force, count=count, depth=depth)
 
 
 class Obstacle(Effect):
@@ -126,22 +155,24 @@ class Obstacle(Effect):
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        return stable_step(penalty(model.scene, self.stiffness), self.friction)
+        found = law(model.scene, self.stiffness, self.friction)
+        return stable_step(found["stiffness"], found.get("damping", 0.0))
 
-    def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact:
-        """Contact of the model's particles at x (n, 3) m with velocities v (n, 3) m/s, in steps of dt (s), held at anchor (n, 3) m."""
-        return contact_of(self.records(model.scene), x, v, model.density * model.particles.volume, dt, anchor)
+    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
+        """Contact of a model, in steps of dt (s)."""
+        return contact_of(self.records(model.scene), touching.x, touching.v, touching.mass, dt, touching.anchor)
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
-        x, masses = model.particles.position, model.density * model.particles.volume
-        _, particle, depth, squares = _touching(self.records(model.scene), x, 0 * x, masses, 1.0, x.copy(), np.zeros(3))
-        energy, mass = 0.5 * penalty(model.scene, self.stiffness) * squares, float(model.density @ model.particles.volume)
+        x, v, masses, anchor = touching_at_start(model)
+        _, point, depth, squares = _touching(self.records(model.scene), x, v, masses, 1.0, anchor, np.zeros(3))
+        energy = 0.5 * law(model.scene, self.stiffness, self.friction)["stiffness"] * squares
+        mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:
             raise SceneError(
                 f"effects.{self.key()}",
-                found=f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with {place(model, particle)}, and would be "
+                found=f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with {place(model, x[point])}, and would be "
                 f"thrown out at {speed:.2g} m/s",
                 rule="a body must begin clear of it, or just touching",
                 remedy=f"{self.CLEAR}, by {1e3 * depth:.3g} mm or more",

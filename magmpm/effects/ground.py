@@ -15,7 +15,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, reach
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, law, reach
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
@@ -27,13 +27,19 @@ DTYPE = np.dtype(
         ("ground_normal", np.float64, (3,)),
         ("ground_friction", np.float64),
         ("ground_stiffness", np.float64),
+        ("ground_soft", np.float64),
+        ("ground_knee", np.float64),
+        ("ground_damping", np.float64),
         ("ground_reach", np.float64),
     ]
 )
 
 
-def parameters(*, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, reach: float = 0.0) -> Records:
-    """Parameters for the kernels. point (3,) m on the plane; normal (3,) into the free side, any length; stiffness w^2 1/s^2; reach m."""
+def parameters(
+    *, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0,
+    reach: float = 0.0,
+) -> Records:
+    """Parameters for the kernels. point (3,) m on the plane; normal (3,) into the free side, any length; reach m; others: as in `push`."""
     n = np.asarray(normal, dtype=float)
     return one_record(
         DTYPE,
@@ -41,6 +47,9 @@ def parameters(*, point: ArrayLike, normal: ArrayLike, friction: float, stiffnes
         ground_normal=n / np.linalg.norm(n),
         ground_friction=friction,
         ground_stiffness=stiffness,
+        ground_soft=soft,
+        ground_knee=knee,
+        ground_damping=damping,
         ground_reach=reach,
     )
 
@@ -72,7 +81,7 @@ class Ground(Obstacle):
             point=self.point,
             normal=self.normal,
             friction=self.friction,
-            stiffness=penalty(scene, self.stiffness),
+            **law(scene, self.stiffness, self.friction),
             reach=reach(scene, -np.array(self.normal)),
         )
 
@@ -106,7 +115,10 @@ def contact(effect, data, x, v, mass, dt, f):
     if below > 0.0:
         n = effect.ground_normal
         leaving = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
-        push(below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_friction, f)
+        push(
+            below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_soft, effect.ground_knee, effect.ground_damping,
+            effect.ground_friction, f,
+        )  # fmt: skip
 
 
-register(DTYPE, wide=("near",), contact=contact, near=near)
+register(DTYPE, contact=contact, near=near)

@@ -43,11 +43,10 @@ import numpy as np
 from numba.extending import overload
 
 from magmpm.compiled.jit import FASTMATH
-from magmpm.compiled.simd import larger, splat
 
 HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "rate_stress", "contact", "near", "node",
          "push")  # fmt: skip
-WIDE = ("stress", "force", "rate_stress", "near")
+WIDE = ("stress", "force", "rate_stress")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
 _wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hooks that serve eight particles at a time
@@ -56,7 +55,7 @@ _wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hook
 def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]) -> None:
     """Register the compiled functions of the effect whose parameters have this dtype.
 
-    wide: those of its hooks stress, force, rate_stress and near that are plain arithmetic (+ - * /, no branch on a particle's values, no
+    wide: those of its hooks stress, force and rate_stress that are plain arithmetic (+ - * /, no branch on a particle's values, no
     array of their own): motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction.
     The results are the same.
     Raises ValueError on an unknown hook, or if another effect has the same field names: they distinguish effects.
@@ -68,7 +67,7 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
             raise ValueError(f"unknown hook {name!r}; hooks are {', '.join(HOOKS)}")
     for name in wide:
         if name not in hooks or name not in WIDE:
-            raise ValueError(f"wide: {name!r} must be one of the effect's hooks stress, force, rate_stress or near")
+            raise ValueError(f"wide: {name!r} must be one of the effect's hooks stress, force or rate_stress")
         _wide[name].add(dtype.names)
     for name, function in hooks.items():
         _registry[name][dtype.names] = function
@@ -235,21 +234,21 @@ _walk_change(add_stress_change, "stress")
 _walk_change(add_force_change, "force")
 
 
-def any_near(effects, step, x):
-    """True if some effect's contact can push a particle at x, of effects whose `near` is not wide. Only within compiled code."""
+def deepest(effects, step, x):
+    """The largest `near` of the effects' contacts at x, m: infinite where one acts everywhere. Only within compiled code."""
 
 
-@overload(any_near, strict=False)
-def _any_near(effects, step, x):
+@overload(deepest, jit_options={"fastmath": FASTMATH}, strict=False)
+def _deepest(effects, step, x):
     if len(effects) == 0:
-        return lambda effects, step, x: False
-    if _find("contact", effects) is None or _find("near", effects, True) is not None:
-        return lambda effects, step, x: any_near(effects[2:], step, x)
+        return lambda effects, step, x: -np.inf
     hook = _find("near", effects)
-    if hook is None:  # it acts everywhere
-        return lambda effects, step, x: True
-    return lambda effects, step, x: (
-        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x) > 0.0 or any_near(effects[2:], step, x)
+    if _find("contact", effects) is None:
+        return lambda effects, step, x: deepest(effects[2:], step, x)
+    if hook is None:
+        return lambda effects, step, x: np.inf
+    return lambda effects, step, x: max(
+        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), deepest(effects[2:], step, x)
     )
 
 
@@ -266,32 +265,6 @@ def _push_time(effects, step, dt):
         return lambda effects, step, dt: push_time(effects[2:], step, dt)
     return lambda effects, step, dt: (
         hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], dt) * push_time(effects[2:], step, dt)
-    )
-
-
-def near_of(effects, x):
-    """`near` of the first effect at x. Only within compiled code."""
-
-
-@overload(near_of, strict=False)
-def _near_of(effects, x):
-    hook = _find("near", effects)
-    return lambda effects, x: hook(effects[0][0], effects[1], x)
-
-
-def wide_near(effects, step, x):
-    """The largest `near`, lane by lane, of effects whose `near` is wide; below 0 where there is none. Only within compiled code."""
-
-
-@overload(wide_near, jit_options={"fastmath": FASTMATH}, strict=False)
-def _wide_near(effects, step, x):
-    if len(effects) == 0:
-        return lambda effects, step, x: splat(-1.0)
-    hook = _find("near", effects, True)
-    if hook is None:
-        return lambda effects, step, x: wide_near(effects[2:], step, x)
-    return lambda effects, step, x: larger(
-        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), wide_near(effects[2:], step, x)
     )
 
 
@@ -357,14 +330,6 @@ def has_narrow(effects):
     """True if any effect's stress or force has to be called lane by lane. Only within compiled code."""
 
 
-def has_wide_near(effects):
-    """True if any effect's `near` is wide. Only within compiled code."""
-
-
-def has_other_contact(effects):
-    """True if any effect has a contact without a wide `near`. Only within compiled code."""
-
-
 def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = None) -> None:
     def build(effects):
         rest = [effects[i:] for i in range(0, len(effects), 2)]
@@ -381,12 +346,3 @@ _answer(has_rate_stress, ["rate_stress"])
 _answer(has_contact, ["contact"])
 _answer(has_node, ["node"])
 _answer(has_narrow, ["stress", "force", "rate_stress"], wide=False)
-_answer(has_wide_near, ["near"], wide=True)
-
-
-@overload(has_other_contact, strict=False)
-def _has_other_contact(effects):
-    each = [effects[i:] for i in range(0, len(effects), 2)]
-    if any(_find("contact", part) is not None and _find("near", part, True) is None for part in each):
-        return lambda effects: True
-    return lambda effects: False

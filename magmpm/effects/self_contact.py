@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import Advice, Contact, Effect, Records, RestEstimate, SceneLike
-from magmpm.effects.contact_law import reach
+from magmpm.effects.base import Advice, Contact, Effect, Records, RestEstimate, SceneLike, Touching
 from magmpm.effects.estimates import MEASURE, no_rest
 
 WITHIN = 1.5  # cells: a larger gap is reported as this
@@ -33,7 +32,7 @@ class SelfContact(Effect):
         """Nothing for the kernels: the formulation does it."""
         return ()
 
-    def report(self, model: Any, x: Array, v: Array, dt: float, anchor: Array) -> Contact:
+    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
         """The body's gap, as contact; see `observe`."""
         return observe(model, x)
 
@@ -91,7 +90,7 @@ def observe(model: Any, x: Array) -> Contact:
     """
     scene, rest = model.scene, model.particles.position
     shape, cell = scene.body.shape, scene.cell
-    within = WITHIN * cell + max(2 * reach(scene), cell)
+    within = WITHIN * cell + max(2 * shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell), cell)
     component, part = shape.components(model.particles), shape.part_of(model.particles)
     a, b = _near(x, rest, model.particles.cell, component, part, within=within, apart=3 * cell, in_part=3 * cell + 2 * scene.thickness)
     now = np.linalg.norm(x[a] - x[b], axis=1)

@@ -25,7 +25,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, penalty, place, reach
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, law, place, reach
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
@@ -40,6 +40,9 @@ DTYPE = np.dtype(
         ("walls_shape", np.int64, (3,)),
         ("walls_friction", np.float64),
         ("walls_stiffness", np.float64),
+        ("walls_soft", np.float64),
+        ("walls_knee", np.float64),
+        ("walls_damping", np.float64),
         ("walls_reach", np.float64),
     ]
 )
@@ -48,8 +51,10 @@ DTYPE = np.dtype(
 _PATH = {"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]}
 
 
-def parameters(table: Table, *, friction: float, stiffness: float, reach: float = 0.0) -> Records:
-    """Parameters for the kernels. stiffness w^2 1/s^2; reach m."""
+def parameters(
+    table: Table, *, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0, reach: float = 0.0
+) -> Records:
+    """Parameters for the kernels. reach m; others: as in contact_force.push."""
     return one_record(
         DTYPE,
         np.ascontiguousarray(table.coefficients).ravel(),
@@ -58,6 +63,9 @@ def parameters(table: Table, *, friction: float, stiffness: float, reach: float 
         walls_shape=table.coefficients.shape,
         walls_friction=friction,
         walls_stiffness=stiffness,
+        walls_soft=soft,
+        walls_knee=knee,
+        walls_damping=damping,
         walls_reach=reach,
     )
 
@@ -153,8 +161,12 @@ class Walls(Obstacle):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels."""
-        stiffness = penalty(scene, self.stiffness)
-        return parameters(self._table(scene), friction=self.friction, stiffness=stiffness, reach=reach(scene))
+        return parameters(
+            self._table(scene),
+            friction=self.friction,
+            **law(scene, self.stiffness, self.friction),
+            reach=reach(scene),
+        )
 
     def _table(self, scene: SceneLike) -> Table:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
@@ -189,7 +201,7 @@ class Walls(Obstacle):
             far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
             raise SceneError(
                 "effects.walls",
-                found=f"the body begins {far}outside the lumen, farthest with {place(model, int(out.argmax()))}",
+                found=f"the body begins {far}outside the lumen, farthest with {place(model, model.particles.position[out.argmax()])}",
                 rule="the body must begin within the lumen",
                 remedy="make the lumen wider, or move it to the body",
             )
@@ -261,7 +273,7 @@ def contact(effect, data, x, v, mass, dt, f):
         if size > 0.0:  # times the slope's size: the exact slope of the energy
             push(
                 beyond, sx / size, sy / size, sz / size, (v[0] * sx + v[1] * sy + v[2] * sz) / size, mass,
-                effect.walls_stiffness * size, effect.walls_friction, f,
+                effect.walls_stiffness * size, effect.walls_soft, effect.walls_knee, effect.walls_damping, effect.walls_friction, f,
             )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ from magmpm.compiled.simd_views import row, vector
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress, push_time
 from magmpm.kernels.apic_transfer import ROW, gather, locate, scatter
 from magmpm.kernels.multi_grid_contact import meet
-from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
+from magmpm.kernels.particle_group import add_contacts, add_effects, any_effect, group_room, touches
 from magmpm.kernels.watch import BROKEN, WHY, clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest_in_space
 
@@ -120,7 +120,7 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
     V = load(particles.volume, 8 * block)
     for i in range(3):
         store(f, 8 * i, splat(0.0))
-    if any_effect(effects):
+    if any_effect(effects) or has_contact(effects):
         for i in range(3):
             store(place, 8 * i, load(x, 24 * block + 8 * i))
             if has_contact(effects):
@@ -131,7 +131,8 @@ def _prepare(block, step, dt, particles, state, effects, work, out):
                     rate = rate + load(state.L, at + 8 * (3 * i + m)) * load(F, at + 8 * (3 * m + k))
                 store(dF, 8 * (3 * i + k), rate)
         touched = has_contact(effects) and touches(effects, step, block, place, particles.volume)
-        add_effects(effects, step, dt, block, at, touched, particles, vector(state.anchor, 24 * block), work)
+        add_effects(effects, step, block, at, particles, work)
+        add_contacts(effects, step, dt, block, touched, particles, vector(state.anchor, 24 * block), work)
     mass, zero = density * V, splat(0.0)
     push = V * dt
     p0 = mass * load(v, 24 * block) + push * load(f, 0)

@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
-from magmpm.compiled.simd import WIDTH, chosen, highest, load
+from magmpm.compiled.simd import WIDTH, chosen, load
 from magmpm.compiled.simd_views import lane_of, matrix, single, vector
 from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import (
@@ -22,33 +22,27 @@ from magmpm.effects.hooks import (
     add_wide_force,
     add_wide_rate_stress,
     add_wide_stress,
-    any_near,
+    deepest,
     has_contact,
     has_force,
     has_narrow,
-    has_other_contact,
     has_rate_stress,
     has_stress,
-    has_wide_near,
-    wide_near,
 )
 
 
 @compiled
 def any_effect(effects):
-    """True if any effect acts on particles. Known at compile time."""
-    return has_stress(effects) or has_force(effects) or has_rate_stress(effects) or has_contact(effects)
+    """True if any effect but contact acts on particles. Known at compile time."""
+    return has_stress(effects) or has_force(effects) or has_rate_stress(effects)
 
 
 @inlined
 def touches(effects, step, group, x, volume):
     """True if contact may push any particle of a group at x (3 8,) m."""
-    if has_wide_near(effects) and highest(wide_near(effects, step, vector(x, 0))) > 0.0:
-        return True
-    if has_other_contact(effects):
-        for lane in range(WIDTH):
-            if volume[WIDTH * group + lane] != 0.0 and any_near(effects, step, single(x, lane)):  # 0: a lane without a particle
-                return True
+    for lane in range(WIDTH):  # noqa: SIM110 (no generators in kernels)
+        if volume[WIDTH * group + lane] != 0.0 and deepest(effects, step, single(x, lane)) > 0.0:  # 0: a lane without a particle
+            return True
     return False
 
 
@@ -75,15 +69,14 @@ def group_room(F):
 
 
 @inlined
-def add_effects(effects, step, dt, group, at, touched, particles, held, work):
+def add_effects(effects, step, group, at, particles, work):
     """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
 
-    touched: whether contact may push the group (`touches`); particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an
-    effect marks particles (effects.marked), and density and volume (groups 8,); held: a view of where friction holds the group, m, changed
-    in place, and of nothing where no effect has contact.
+    particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an effect marks particles (effects.marked), and density and
+    volume (groups 8,).
     Flat arrays and views, no slices: counting references would cost as much as an effect, and did where an array met a branch.
     """
-    F, P, dF, x, v, f, spare = work
+    F, P, dF, x, _, f, _ = work
     remanence, density, volume = particles.remanence, particles.density, particles.volume
     rho = load(density, WIDTH * group)
     m, place, deformed, out = vector(remanence, WIDTH * (len(remanence) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
@@ -92,11 +85,18 @@ def add_effects(effects, step, dt, group, at, touched, particles, held, work):
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
     if has_narrow(effects):
         _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume)
+
+
+@inlined
+def add_contacts(effects, step, dt, group, touched, particles, held, work):
+    """Add contact to the load of a group in work, and move its anchors. touched: whether contact may push the group (`touches`);
+    held: a view of where friction holds it, m."""
+    _, _, _, x, v, f, spare = work
     if has_contact(effects):
         for i in range(3):
             held[i] = chosen(touched, held[i], load(x, WIDTH * i))
     if has_contact(effects) and touched:
-        _contacts(effects, step, dt, group, x, v, f, spare, density, volume, held)
+        _contacts(effects, step, dt, group, x, v, f, spare, particles.density, particles.volume, held)
 
 
 @compiled

@@ -29,10 +29,11 @@ from magmpm.compiled.simd import (
     sums,
     total,
 )
-from magmpm.compiled.simd_views import row, vector
+from magmpm.compiled.simd_views import row
 from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress, push_time
 from magmpm.kernels.mass_correction import added_at, correct, sum_plane
-from magmpm.kernels.particle_group import add_effects, any_effect, group_room, touches
+from magmpm.kernels.particle_group import add_effects, any_effect, group_room
+from magmpm.kernels.surface_contact import touch
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
 
@@ -194,8 +195,8 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """Arrays changed by a step. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2:
-    materials.stiffest over density in the last step, NaN before the first step; anchor (groups 3 8,) m: where friction holds the particles
-    (effects.contact_force), empty where no effect has contact."""
+    materials.stiffest over density in the last step, NaN before the first step; anchor (4 points + patches,): where friction holds the
+    surface (kernels.surface_contact)."""
 
     u: Array
     v: Array
@@ -236,7 +237,7 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
 
 
 @inlined
-def particles_to_grid(cell, step, push, cells, particles, state, effects, room, work, high, change):
+def particles_to_grid(cell, step, cells, particles, state, effects, room, work, high, change):
     """Add to state.force the force of a cell's particles on its nodes, from stress and loads.
 
     Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
@@ -261,12 +262,9 @@ def particles_to_grid(cell, step, push, cells, particles, state, effects, room, 
             for i in range(3):
                 store(f, 8 * i, splat(0.0))
                 store(x, 8 * i, load(room.u, at // 3 + 8 * i) + load(particles.reference, 24 * group + 8 * i))
-            touched = has_contact(effects) and touches(effects, step, group, x, particles.volume)
             if has_rate_stress(effects):
                 gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
-            elif touched:
-                gather_value(state.v, node, along_x, along_y, splines, pattern, rate)
-            add_effects(effects, step, push, group, at, touched, particles, vector(state.anchor, 24 * group), work)
+            add_effects(effects, step, group, at, particles, work)
             for i in range(3):
                 store(f, 8 * i, load(f, 8 * i) * V)
         for i in range(9):
@@ -290,8 +288,9 @@ def update_grid(k, step, dt, push, nodes, correction, state, effects):
 
 
 @kernel
-def advance(steps, dt, cells, particles, nodes, correction, state, effects, watch, slabs):
-    """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; watch, slabs: see kernels.watch.
+def advance(steps, dt, cells, particles, nodes, correction, surface, state, effects, watch, slabs):
+    """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
+    watch, slabs: see kernels.watch.
 
     Returns the number of steps taken; if fewer than `steps`, the watch says why.
     """
@@ -308,7 +307,9 @@ def advance(steps, dt, cells, particles, nodes, correction, state, effects, watc
                 least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                     least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                    high, change = particles_to_grid(cell, step, push, cells, particles, state, effects, room, work, high, change)
+                    high, change = particles_to_grid(cell, step, cells, particles, state, effects, room, work, high, change)
+                if has_contact(effects):
+                    touch(slab, step, push, surface, cells, nodes, state, effects)
                 see(slabs, slab, least, bad, high, change)
         if stops(watch, slabs):
             clear(state.force)

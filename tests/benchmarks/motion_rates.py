@@ -199,10 +199,9 @@ def effect_costs() -> dict[str, float]:
 
 
 def touching_share(touches: Scene, effect: str) -> float:
-    """Share of the particles of the undeformed body that are in contact."""
+    """Share of the points of the undeformed body's surface that are in contact."""
     from magmpm.effects.contact_law import contact_of
 
-    model = build(touches.with_effects(**{effect: None}))
-    named = touches.effects.named()[effect].records(touches)
-    x, mass = model.particles.position, model.density * model.particles.volume
-    return float(contact_of(named, x, 0 * x, mass, 1e-6)["count"]) / len(x)
+    named, model = touches.effects.named()[effect].records(touches), build(touches.with_effects(**{effect: None}))
+    x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
+    return float(contact_of(named, x, 0 * x, np.ones(len(x)), 1e-6)["count"]) / len(x)

@@ -51,9 +51,9 @@ field:
 SCENES = {
     "magnetic_torque": "field: {uniform: [2 mT, -3 mT, 5 mT]}",
     "magnetic_force": NEAR_A_MAGNET + "effects: {magnetic_torque: {}, magnetic_force: {}}",  # which counts its energy
-    # The body starts 0.01 mm inside: the most that the rules of scenes allow.
-    "ground": "effects: {ground: {point: [0 mm, 0 mm, -1.99 mm], normal: [0.1, 0.05, 1], friction: 0.3}}",
-    "walls": "effects: {walls: {tube: {radius: 1.99 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0 mm]]}, friction: 0.2}}",
+    # The body starts 2 um inside.
+    "ground": "effects: {ground: {point: [8 mm, 0 mm, -2.0005 mm], normal: [-0.1, 0.05, 1], friction: 0.3}}",
+    "walls": "effects: {walls: {tube: {radius: 1.998 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0 mm]]}, friction: 0.2}}",
     "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",  # so viscous that its time step is the shorter one
     "feed": """
 body: {catheter: {length: 8 mm, diameter: 4 mm, material: m, segments: [{}]}}
@@ -81,9 +81,11 @@ class Acting:
     all: tuple[np.ndarray, ...]
 
 
-def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
+def scene(key: str, settings: Mapping[str, Any] | None = None, formulation: str | None = None) -> Scene:
     """The scene in which an effect acts; given settings are added to those of the effect."""
     data = yaml.safe_load(USUAL) | yaml.safe_load(SCENES.get(key, "{}"))
+    if formulation is not None:
+        data["solver"]["dynamic"]["formulation"] = formulation
     named = data.setdefault("effects", {})
     named.setdefault(key, (Effects.model_fields[key].examples or [{}])[0])
     if settings:
@@ -95,9 +97,9 @@ def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
 
 
 @cache
-def acting(key: str) -> Acting:
+def acting(key: str, formulation: str | None = None) -> Acting:
     """The active effect on the undeformed body, with an up-to-date table of the shape of the body."""
-    model = build(scene(key))
+    model = build(scene(key, formulation=formulation))
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
     effects.refresh(model.effects, model, x, F)
     effect = model.scene.effects.named()[key]

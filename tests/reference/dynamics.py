@@ -94,20 +94,22 @@ def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, 
 
 
 def particle_forces(
-    model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0, anchor: np.ndarray | None = None
+    model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0, anchor: np.ndarray | None = None,
+    contact: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects. dF (n, 3, 3) 1/s: rate of F.
 
-    anchor (n, 3) m, changed in place: where friction holds them; None: where they are.
+    anchor (n, 3) m, changed in place: where friction holds them; None: where they are; contact: whether particles touch obstacles.
     """
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
-        rho, f, contact = model.density[p], np.zeros(3), np.zeros(7)
+        rho, f, pushed = model.density[p], np.zeros(3), np.zeros(7)
         call(model, "stress", model.remanence[p], rho, x[p], F[p], P[p], step=step)
         call(model, "rate_stress", rho, F[p], dF[p], P[p], step=step)
         call(model, "force", model.remanence[p], rho, x[p], F[p], f, step=step)
-        call(model, "contact", x[p], v[p], rho * volume, dt, contact, step=step)
-        push, there = held(x[p], x[p] if anchor is None else anchor[p], contact)
+        if contact:
+            call(model, "contact", x[p], v[p], rho * volume, dt, pushed, step=step)
+        push, there = held(x[p], x[p] if anchor is None else anchor[p], pushed)
         force[p] = volume * f + push
         if anchor is not None:
             anchor[p] = there
@@ -119,7 +121,8 @@ class Total:
     """The total formulation on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
-    anchor (n, 3) m: where friction holds the particles.
+    on (points, nodes): splines at the points of the surface; anchor (points, 4): where friction holds them, m, and 1 where they stick, 2
+    where they slide, 0 where they do not touch.
     """
 
     model: Model
@@ -128,14 +131,13 @@ class Total:
     X: np.ndarray
     mass: np.ndarray
     fixed: np.ndarray
+    on: np.ndarray
     anchor: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> Total:
-        shape = model.grid.nodes
-        first = model.particles.cell.copy()
-        if model.clamped_face:  # node 0 is eliminated, and the stencil of the first cell is moved up by one
-            first[:, 0] = np.maximum(first[:, 0], 1)
+        shape, surface = model.grid.nodes, model.surface
+        first = model.first_nodes(model.particles.cell)
         n = len(first)
         N, dN = np.zeros((n, np.prod(shape))), np.zeros((3, n, np.prod(shape)))
         (w, s), rows = model.splines(), np.arange(n)
@@ -148,7 +150,12 @@ class Total:
         axes = [model.grid.node_coordinates(axis) for axis in range(3)]
         X = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
         fixed = (N[model.held] > 0).any(axis=0)
-        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, model.particles.position.copy())
+        on = np.zeros((0 if surface is None else len(surface.mass), N.shape[1]))
+        for a, b, c in product(range(3), repeat=3) if surface is not None else ():
+            node = np.ravel_multi_index((surface.first + np.array([a, b, c])).T, shape)
+            w = surface.weights
+            on[np.arange(len(on)), node] += w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
+        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, on, np.zeros((len(on), 4)))
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
         """sum c_a (x) grad N_a (n, 3, 3)."""
@@ -157,10 +164,26 @@ class Total:
     def force(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
         """Force on every node, (nodes, 3) N."""
         V, x = self.model.particles.volume, self.model.particles.position + self.N @ c
-        P, force = particle_forces(
-            self.model, x, self.N @ v, np.eye(3) + self.gradient(c), self.gradient(v), dt, step, self.anchor
-        )
-        return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN)
+        P, force = particle_forces(self.model, x, self.N @ v, np.eye(3) + self.gradient(c), self.gradient(v), dt, step, contact=False)
+        return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN) + self.contact(c, v, dt, step)
+
+    def contact(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
+        """Contact of the surface's points on every node, (nodes, 3) N. The dashpot acts on those that did not stick before."""
+        forces = np.zeros((len(self.on), 3))
+        for p, (splines, held_at) in enumerate(zip(self.on, self.anchor, strict=True)):
+            x, f = self.model.surface.place[p] + splines @ c, np.zeros(7)
+            speed = splines @ v if held_at[3] != 1 else np.zeros(3)
+            call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
+            if not f.any():
+                held_at[3] = 0
+                continue
+            forces[p], there = held(x, held_at[:3] if held_at[3] else x, f)
+            stretch = (held_at[:3] if held_at[3] else x) - x
+            grip = f[3:6] / max(np.linalg.norm(f[3:6]), 1e-300)
+            sticks = f[6] * np.linalg.norm(stretch - grip * (grip @ stretch)) <= np.linalg.norm(f[3:6]) > 0
+            held_at[3] = 1 if sticks else 2
+            held_at[:3] = there
+        return self.on.T @ forces
 
     def fields(self) -> np.ndarray:
         """Nodal values (nodes, k) for which the mass is right: of each connected set of free nodes 1, x, y, z; of a straight body hats

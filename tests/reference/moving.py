@@ -112,5 +112,5 @@ def follow(
         contacts = {}
         for key in ("ground", "walls"):
             if getattr(model.scene.effects, key) is not None:
-                contacts[key] = model.scene.effects.named()[key].report(model, x, v, dt, motion.anchors())
+                contacts[key] = model.scene.effects.named()[key].report(model, x, motion.touching_points(), dt)
         yield Moment(time, x, v, contacts)

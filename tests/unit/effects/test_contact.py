@@ -105,11 +105,12 @@ def test_outside_the_table_nothing_touches() -> None:
 
 
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
-    """m w^2 depth - 2 m w v upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane. Without friction no
+    """m w^2 depth - m r v upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane. Without a dashpot no
     difference by the speed."""
 
-    def force(z: float, v: list[float], friction: float = 0.4) -> np.ndarray:
-        named = ground.parameters(point=[0, 0, 1e-3], normal=[0, 0, 2], friction=friction, stiffness=STIFFNESS, reach=1e-4)
+    def force(z: float, v: list[float], friction: float = 0.4, rate: float = 2 * np.sqrt(STIFFNESS)) -> np.ndarray:
+        law = {"friction": friction, "stiffness": STIFFNESS, "damping": rate}
+        named = ground.parameters(point=[0, 0, 1e-3], normal=[0, 0, 2], **law, reach=1e-4)
         f = np.zeros(PARTS)
         ground.contact(named[0][0], named[1], np.array([5.0, -3.0, z]), np.array(v), MASS, 1e-6, f)
         return f
@@ -119,7 +120,21 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
     slow = 0.1 * np.sqrt(STIFFNESS) * 3e-4  # m/s: the dashpot takes a fifth of the push
     for v, push in (([3.0, 4.0, 0.0], normal), ([3.0, 4.0, slow], 0.8 * normal), ([0, 0, -slow], 1.2 * normal), ([0, 0, 6 * slow], 0.0)):
         np.testing.assert_allclose(force(0.8e-3, v), [0, 0, push, 0, 0, 0.4 * push, MASS * STIFFNESS], rtol=1e-12)
-        np.testing.assert_allclose(force(0.8e-3, v, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS], rtol=1e-12)
+        np.testing.assert_allclose(force(0.8e-3, v, 0.0, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS], rtol=1e-12)
+
+
+def test_the_spring_of_friction_begins_soft(rng: np.random.Generator) -> None:
+    """Its push has the slope of `soft` times the full stiffness at the surface, and of all of it from the knee on, without a jump."""
+    named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS, soft=0.1, knee=1e-5)
+
+    def push(depth: float) -> float:
+        f = np.zeros(PARTS)
+        ground.contact(named[0][0], named[1], np.array([0.0, 0.0, -depth]), np.zeros(3), MASS, 1e-6, f)
+        return float(f[2]) / (MASS * STIFFNESS)
+
+    assert push(1e-9) == pytest.approx(0.1e-9, rel=1e-3)
+    for depth, slope in ((5e-6, 0.55), (1e-5, 1.0), (3e-5, 1.0)):
+        assert (push(depth * (1 + 1e-6)) - push(depth * (1 - 1e-6))) / (2e-6 * depth) == pytest.approx(slope, rel=1e-5)
 
 
 def test_friction_is_a_spring_with_a_slider() -> None:
@@ -165,12 +180,15 @@ def test_friction_gives_back_no_more_than_it_took(rng: np.random.Generator) -> N
 
 
 def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
-    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with friction, and
-    so with a dashpot of critical damping, at 0.58 / w."""
-    slippery, rough = (ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=mu, stiffness=STIFFNESS) for mu in (0.0, 0.3))
-    step = contact.stable_step(STIFFNESS, 0.0)
+    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with a dashpot of
+    critical damping, at 0.58 / w."""
+    critical = 2 * np.sqrt(STIFFNESS)
+    slippery, rough = (
+        ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.3, stiffness=STIFFNESS, damping=rate) for rate in (0.0, critical)
+    )
+    step = contact.stable_step(STIFFNESS)
     assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
-    assert contact.stable_step(STIFFNESS, 0.3) == pytest.approx(0.58 / np.sqrt(STIFFNESS), rel=1e-3)
+    assert contact.stable_step(STIFFNESS, critical) == pytest.approx(0.58 / np.sqrt(STIFFNESS), rel=1e-3)
 
     def fastest(dt: float, named: tuple[np.ndarray, np.ndarray] = slippery) -> float:
         x, v, most = np.zeros(3), np.zeros(3), 0.0
@@ -186,22 +204,28 @@ def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
     gentle = fastest(0.1 * step)
     assert fastest(step) < 3 * gentle
     assert fastest(1.1 * 2 / np.sqrt(STIFFNESS)) > 10 * gentle
-    assert fastest(contact.stable_step(STIFFNESS, 0.3), rough) < gentle
+    assert fastest(contact.stable_step(STIFFNESS, critical), rough) < gentle
 
 
 def test_stiffness_is_that_of_the_stiffest_material() -> None:
-    """(K + 4/3 G) / rho / h^2: a wave through a cell."""
+    """(K + 4/3 G) / rho / h^2: a wave through a cell. With friction it begins with h over three diameters of that, beside a dashpot."""
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
-    assert contact.penalty(scene, 2.0) == pytest.approx(2 * 3 * G * (20 + 4 / 3) / 1882 / (1e-3) ** 2)
+    wave = np.sqrt(3 * G * (20 + 4 / 3) / 1882)
+    slippery = {"stiffness": 2 * wave**2 / (1e-3) ** 2}
+    assert contact.law(scene, 2.0, 0.0) == pytest.approx(slippery)
+    assert contact.law(scene, 2.0, 0.1) == pytest.approx(slippery | {"soft": 1 / 12, "knee": 2e-5, "damping": wave / 1e-3})
     data = scene.to_si()
     data["materials"]["steel"] = {"shear_modulus": 8e9, "bulk_to_shear": 2.0, "density": 7850.0}
-    assert contact.penalty(Scene.from_si(data), 2.0) == contact.penalty(scene, 2.0), "of what the body is made of"
+    assert contact.law(Scene.from_si(data), 2.0, 0.0) == contact.law(scene, 2.0, 0.0), "of what the body is made of"
 
 
 def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
-    """The least over all directions; toward a plane, the difference between the extents of body and particles in that direction."""
+    """In the updated formulation, the least over all directions; toward a plane, the difference between the extents of body and particles
+    in that direction. Elsewhere nothing: points of the surface touch."""
     for cells in (2, 3, 4):
-        scene = moving(rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells), {}, duration=1e-3)  # contact acts in motion alone
+        rod = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
+        assert contact.reach(moving(rod, {}, duration=1e-3)) == 0.0
+        scene = moving(rod, {}, duration=1e-3, formulation="updated")
         x = build(scene).particles.position
         assert contact.reach(scene) == pytest.approx(
             2e-3 - np.hypot(x[:, 1], x[:, 2]).max(), abs=2e-6
@@ -215,7 +239,7 @@ def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.rand
 def test_reach_of_a_strip_is_exact_in_every_direction(rng: np.random.Generator) -> None:
     size = (9e-3, 6e-3, 3e-3)
     for plane_strain in (False, True):
-        scene = moving_scene(block(size, plane_strain=plane_strain), {})
+        scene = moving_scene(block(size, plane_strain=plane_strain), {}, formulation="updated")
         x = build(scene).particles.position
         for way in rng.standard_normal((5, 3)):
             way = way / np.linalg.norm(way)
@@ -233,7 +257,7 @@ def test_reach_of_parts_is_the_least_of_the_free_ones(tmp_path: Path) -> None:
         vertices, faces = box(low, high)
         write_stl(Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / name)
         meshes.append({"mesh": str(tmp_path / name), "material": "m", "clamp": name == "held"})
-    scene = moving_scene({"parts": {"unit": "mm", "meshes": meshes}}, {})
+    scene = moving_scene({"parts": {"unit": "mm", "meshes": meshes}}, {}, formulation="updated")
     x = build(scene).particles.position
     assert contact.reach(scene) == 0.0
     for way in np.eye(3):
@@ -319,8 +343,7 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
         contact.contact_of(model.effects, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)
     ]
     assert [t["count"] for t in told] == [0, 1, 1]
-    depth = 0.2e-3 + contact.reach(model.scene)
-    pushes = MASS * contact.penalty(model.scene, 1.0) * depth
+    pushes = MASS * contact.law(model.scene, 1.0, 0.0)["stiffness"] * 0.2e-3
     np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
     np.testing.assert_allclose(told[2]["force"], [0, pushes, 0], rtol=0, atol=0.02 * pushes)
     with pytest.raises(InputError, match=r"the body begins .*outside the lumen"):
@@ -354,9 +377,8 @@ def test_what_a_motion_tells_of_a_fold() -> None:
     far = X[:, 0] > 24e-3  # the far leg lies on the near one in reverse, so x and z are mirrored
     legs = np.where(far[:, None], np.column_stack([40e-3 - X[:, 0], X[:, 1], 4e-3 + 0.3 * cell - X[:, 2]]), X)
     folded = self_contact.observe(model, legs)
-    top = 2 * (2e-3 - X[:, 2].max()) - 2 * contact.reach(
-        model.scene
-    )  # the particles of a round body lie deeper at its top
+    deep = model.scene.body.shape.depth(2, model.scene.resolution.particles_per_cell)
+    top = 2 * (2e-3 - X[:, 2].max()) - 2 * deep  # the particles of a round body lie deeper at its top
     assert folded["depth"] == pytest.approx(-(0.3 * cell + top), abs=1e-9)
     assert folded["count"] > 0
     assert not folded["force"].any()

@@ -57,11 +57,13 @@ def test_it_is_described_and_has_records(key: str) -> None:
 @pytest.mark.parametrize("key", [key for key in KEYS if key != "self_contact"])  # without hooks: its formulation acts, tested below
 def test_it_acts(key: str) -> None:
     """In its scene the plain reference moves differently than without it, by far more than rounding, in each formulation."""
-    one = acting(key)
-    without = replace(one.model, effects=effects.collect(one.model.scene.with_effects(**{key: None})))
     found = []
-    for body in (replace(one.model, effects=one.all), without):
-        total, updated = Total.of(body), Updated.of(body)
+    for there in (True, False):
+        bodies = [
+            replace(one.model, effects=one.all if there else effects.collect(one.model.scene.with_effects(**{key: None})))
+            for one in (acting(key, formulation) for formulation in ("total", "updated"))
+        ]
+        total, updated = Total.of(bodies[0]), Updated.of(bodies[1])
         L = np.array([[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]])  # 1/s: a motion with viscous stress
         c, v = np.zeros((len(total.X), 3)), np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0)
         updated.v, updated.C, updated.L = 1e-3 + updated.x @ L.T, np.tile(L, (len(updated.x), 1, 1)), np.tile(L, (len(updated.x), 1, 1))

@@ -1,0 +1,158 @@
+"""The surface of the undeformed body as points with areas: where it touches obstacles.
+
+Points lie on the edges and corners as well, so that a body rests on these as on its faces. On flat faces they are those of Lobatto's rule
+of four points in every cell, which is exact for forces on quadratic splines; around a rod, and on meshes, their distance is a share of a
+cell. Source of the rule: Abramowitz and Stegun, 25.4.32.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.grid import Grid, each_node
+from magmpm.bodies.section_quadrature import Particles
+from magmpm.compiled.arrays import Array
+
+AROUND = 8  # points a cell width around a rod: a patch in contact on a hard plane is far narrower than a cell
+EDGE = 0.25  # of a cell: longest edge of a mesh's triangles, after they are cut
+LOBATTO = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2]), np.array([1.0, 5.0, 5.0, 1.0]) / 12
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points of a surface: position (n, 3) m, area (n,) m^2, and the region (n,) each is of: a part of an assembly, else 0."""
+
+    position: Array
+    area: Array
+    region: NDArray[np.int64]
+
+    def free_of(self, free: NDArray[np.bool_]) -> SurfacePoints:
+        """The points of the regions (k,) that are free."""
+        on = free[self.region]
+        return SurfacePoints(self.position[on], self.area[on], self.region[on])
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Points on a model's grid: place (n, 3) m in the undeformed body, first (n, 3): node indices, weights (n, 3, 3) of their splines, and
+    mass (n,) kg of the layers they stand for (`layer_mass`)."""
+
+    place: Array
+    first: NDArray[np.int64]
+    weights: Array
+    mass: Array
+
+
+def layer_mass(area: Array, first: NDArray[np.int64], weights: Array, mass: Array, nodes: tuple[int, int, int]) -> Array:
+    """Mass (n,) kg of the points' layers, which springs of frequency w push: as thick as can be so that no oscillation is faster than w.
+
+    Springs m_s w^2 at points s on nodes of mass m_i have omega^2 <= w^2 max over s of sum_i N_i(s) (sum_t m_t N_i(t)) / m_i (the largest
+    row sum of sqrt(m_s m_t) N(s) . N(t) / m, scaled: Hughes, The Finite Element Method, section 9.1). So the layer is
+    about half a cell thick. area (n,) m^2; first, weights: as in ContactSurface; mass: of all nodes, kg.
+    """
+    covered = np.zeros(len(mass))
+    for node, share in each_node(first, nodes, weights):
+        covered += np.bincount(node, area * np.abs(share), len(mass))
+    ratio = np.divide(covered, mass, out=np.zeros_like(mass), where=mass > 0)
+    sums = np.zeros(len(area))
+    for node, share in each_node(first, nodes, weights):
+        sums += np.abs(share) * ratio[node]
+    return area / sums.max(initial=0.0) if len(area) else area
+
+
+def lobatto(edges: Array) -> tuple[Array, Array]:
+    """Points and weights of Lobatto's rule of four points between each two edges (k,), with the edges shared: (3 k - 2,) each."""
+    width, (share, weight) = np.diff(edges), LOBATTO
+    points = np.append((edges[:-1, None] + width[:, None] * share).ravel(), edges[-1])
+    weights = np.zeros(len(points))
+    for k in range(4):
+        weights[k : len(weights) - 3 + k : 3] += width * weight[k]
+    return points, weights
+
+
+def box_surface(edges: tuple[Array, Array, Array], *, one_wide: bool, base: bool) -> SurfacePoints:
+    """Points on a box with cell faces at edges (m) along x, y, z. one_wide: nothing varies along y; base: its lower x face counts, too."""
+    rules = [lobatto(each) for each in edges]
+    if one_wide:
+        rules[1] = (edges[1].mean(keepdims=True), np.ptp(edges[1], keepdims=True))
+    faces = []
+    for axis in (0, 2) if one_wide else (0, 1, 2):
+        others = [rules[k] for k in range(3) if k != axis]
+        area = np.outer(others[0][1], others[1][1]).ravel()
+        flat = np.stack(np.meshgrid(others[0][0], others[1][0], indexing="ij"), -1).reshape(-1, 2)
+        ends = edges[axis][[0, -1]] if base or axis else edges[axis][-1:]
+        faces += [(np.insert(flat, axis, end, axis=1), area) for end in ends]
+    return _joined(faces)
+
+
+def rod_surface(along: Array, *, outer: float, inner: float, cell: float, base: bool) -> SurfacePoints:
+    """Points on a round rod or tube along +x around the axis; along (k,) m: x of the cell faces; radii and cell m; base: as in box_surface.
+
+    A bore has none: nothing but a body inside could touch it.
+    """
+    count = 4 * math.ceil(AROUND * 2 * math.pi * outer / cell / 4)
+    angle = 2 * math.pi / count * (np.arange(count) + 0.5)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    (x, dx), (r, dr) = lobatto(along), lobatto(np.linspace(inner, outer, math.ceil((outer - inner) / cell) + 1))
+    side = np.column_stack([np.repeat(x, count), np.tile(outer * circle, (len(x), 1))])
+    faces = [(side, np.repeat(dx * outer * 2 * math.pi / count, count))]
+    ring, area = (r[:, None, None] * circle).reshape(-1, 2), np.repeat(r * dr * 2 * math.pi / count, count)
+    for end in along[[0, -1]] if base else along[-1:]:
+        faces.append((np.insert(ring, 0, end, axis=1)[area > 0], area[area > 0]))
+    return _joined(faces)
+
+
+def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
+    """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), each with a third of their areas (n,) m^2.
+
+    Each cut halves the longest edge.
+    """
+    while True:
+        edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
+        long = edges.max(axis=1) > longest * (1 + 1e-9)
+        if not long.any():
+            break
+        first = edges[long].argmax(axis=1)
+        a, b, c = (triangles[long][np.arange(len(first)), (first + k) % 3] for k in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([triangles[~long], np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    corners = triangles.reshape(-1, 3)
+    _, one, of = np.unique(np.round(corners / (1e-6 * longest)).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    return corners[one], np.asarray(np.bincount(of.ravel(), np.repeat(area / 3, 3), len(one)), dtype=float)
+
+
+def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
+    """Points on the surfaces of parts (each (f, 3, 3) m), in cells of this width (m)."""
+    found = [mesh_surface(triangles, EDGE * cell) for triangles in parts]
+    region = np.repeat(np.arange(len(found)), [len(area) for _, area in found])
+    return _joined(found, region)
+
+
+def _joined(faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None = None) -> SurfacePoints:
+    position, area = np.concatenate([face[0] for face in faces]), np.concatenate([face[1] for face in faces])
+    return SurfacePoints(position, area, np.zeros(len(area), np.int64) if region is None else region)
+
+
+def cells_of(points: SurfacePoints, grid: Grid, particles: Particles, region: NDArray[np.integer]) -> NDArray[np.int64]:
+    """The cell (n, 3) whose splines move each point: the one it lies in or borders that holds particles of its region, or the nearest one.
+
+    region (particles,): of each particle.
+    """
+    from scipy.spatial import cKDTree  # imported only where it is used
+
+    cell = np.empty(points.position.shape, np.int64)
+    for one in np.unique(points.region):
+        on, mine = points.region == one, np.flatnonzero(region == one)
+        nearest = mine[cKDTree(particles.position[mine]).query(points.position[on])[1]]
+        inward = 1e-6 * (particles.position[nearest] - points.position[on])
+        inside = points.position[on] + inward - grid.origin
+        own = np.column_stack([grid.cell_along(inside[:, 0]), np.floor(inside[:, 1:] / grid.spacing[1:]).astype(np.int64)])
+        own = np.clip(own, 0, np.array(grid.cells) - 1)
+        number, filled = (np.ravel_multi_index(each.T, grid.cells) for each in (own, particles.cell[mine]))
+        cell[on] = np.where(np.isin(number, filled)[:, None], own, particles.cell[nearest])
+    return cell
