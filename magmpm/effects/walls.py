@@ -81,9 +81,7 @@ def _read_path(value: Any, info: ValidationInfo) -> Any:
 class Tube(Settings):
     """A tube around a path."""
 
-    radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
-        description="Inner radius.", examples=["5 mm"]
-    )
+    radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Inner radius.", examples=["5 mm"])
     path: Annotated[tuple[Point, ...], BeforeValidator(_read_path), WithJsonSchema(_PATH)] = Field(
         description="Points of its axis, joined by a smooth curve: a list of [x, y, z], or the path, relative to this file, of "
         "a CSV table with columns s_mm,x_mm,y_mm,z_mm. Both ends are open and go on straight.",
@@ -161,12 +159,7 @@ class Walls(Obstacle):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels."""
-        return parameters(
-            self._table(scene),
-            friction=self.friction,
-            **law(scene, self.stiffness, self.friction),
-            reach=reach(scene),
-        )
+        return parameters(self._table(scene), friction=self.friction, **law(scene, self.stiffness, self.friction), reach=reach(scene))
 
     def _table(self, scene: SceneLike) -> Table:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
@@ -242,11 +235,7 @@ def _surface_table(surface: Surface, spacing: float) -> Table:
 def depth(effect, data, x):
     """Distance (m) of the body's surface at a particle at x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
-    p, q, r = (
-        (x[0] - effect.walls_origin[0]) / s,
-        (x[1] - effect.walls_origin[1]) / s,
-        (x[2] - effect.walls_origin[2]) / s,
-    )
+    p, q, r = ((x[0] - effect.walls_origin[0]) / s, (x[1] - effect.walls_origin[1]) / s, (x[2] - effect.walls_origin[2]) / s)
     planes, rows, columns = effect.walls_shape[0], effect.walls_shape[1], effect.walls_shape[2]
     if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
         return -np.inf, 0.0, 0.0, 0.0

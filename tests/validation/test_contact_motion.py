@@ -28,9 +28,7 @@ def sloped(angle: float, formulation: str) -> Scene:
     """The block on a slope: gravity rotated by the angle (rad)."""
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
-    return moving_scene(
-        block(SIZE), {"gravity": {"acceleration": pull}, "ground": ground}, formulation=formulation
-    )
+    return moving_scene(block(SIZE), {"gravity": {"acceleration": pull}, "ground": ground}, formulation=formulation)
 
 
 @pytest.mark.parametrize(
@@ -108,9 +106,7 @@ def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
     motion = begin(model).motion
     assert isinstance(motion, TotalMotion)
     motion.v.reshape(-1, 3)[:, 0] = 0.1 * (motion.packed.nodes.inverse_mass.reshape(-1, 3)[:, 0] > 0)
-    stopped, later = (
-        mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.036, 0.045], motion)
-    )
+    stopped, later = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.036, 0.045], motion))
     assert stopped == pytest.approx(0.1**2 / (2 * FRICTION * EARTH), rel=0.01)
     assert later == pytest.approx(stopped, rel=1e-3)
 
@@ -139,11 +135,7 @@ def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
     the weight on the ground."""
     write_stl(ball((0.0, 0.0, 1.0), 1.0), tmp_path / "ball.stl")
     parts = {"unit": "mm", "meshes": [{"mesh": str(tmp_path / "ball.stl"), "material": "m"}]}
-    effects = {
-        "gravity": {},
-        "damping": {"rate": 300.0},
-        "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION},
-    }
+    effects = {"gravity": {}, "damping": {"rate": 300.0}, "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION}}
     model = build(moving_scene({"parts": parts}, effects))
     (rest,) = follow(model, [0.03])
     weight = EARTH * float((model.density * model.particles.volume).sum())
@@ -151,14 +143,7 @@ def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
     assert mean(model, rest.x) == pytest.approx([0, 0, 1e-3], abs=0.02e-3)
 
 
-CATHETER = {
-    "catheter": {
-        "length": 12e-3,
-        "diameter": 2e-3,
-        "material": "m",
-        "segments": [{"magnetization": [0.0, 0.0, 0.0]}],
-    }
-}
+CATHETER = {"catheter": {"length": 12e-3, "diameter": 2e-3, "material": "m", "segments": [{"magnetization": [0.0, 0.0, 0.0]}]}}
 
 
 def test_a_catheter_lies_in_a_bent_tube() -> None:

@@ -54,9 +54,7 @@ def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
     ring = np.hypot(np.hypot(x[:, 0], x[:, 1] - 20e-3) - 20e-3, x[:, 2])
     np.testing.assert_allclose(distance.to_path(x, path), ring, rtol=0, atol=5e-6)
     before = np.column_stack([-rng.uniform(1e-3, 5e-3, 50), rng.uniform(-2e-3, 2e-3, (50, 2))])
-    np.testing.assert_allclose(
-        distance.to_path(before, path), np.hypot(before[:, 1], before[:, 2]), rtol=0, atol=3e-5
-    )
+    np.testing.assert_allclose(distance.to_path(before, path), np.hypot(before[:, 1], before[:, 2]), rtol=0, atol=3e-5)
 
 
 def box(low: list[float], high: list[float]) -> tuple[np.ndarray, np.ndarray]:
@@ -79,12 +77,7 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     assert near.sum() > 1000
     assert np.abs(d - exact)[near].max() < 0.2 * spacing
     second = np.sort(beyond, axis=1)[:, 1]
-    face = (
-        near
-        & (second < beyond.max(axis=1) - 4 * spacing)
-        & (second < -4 * spacing)
-        & (np.abs(exact) < 1.5 * spacing)
-    )
+    face = (near & (second < beyond.max(axis=1) - 4 * spacing) & (second < -4 * spacing) & (np.abs(exact) < 1.5 * spacing))
     assert face.sum() > 100
     np.testing.assert_allclose(d[face], exact[face], rtol=0, atol=3e-3 * spacing)  # the band's end rings
     np.testing.assert_allclose(np.linalg.norm(slope[face], axis=1), 1.0, rtol=0, atol=1e-2)
@@ -282,9 +275,7 @@ def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
 
 
 def test_a_body_in_the_ground_is_refused() -> None:
-    with pytest.raises(
-        InputError, match=r"effects.ground: the body begins 0\.\d+ mm inside.*\n.*rule.*\n.*remedy.*point"
-    ):
+    with pytest.raises(InputError, match=r"effects.ground: the body begins 0\.\d+ mm inside.*\n.*rule.*\n.*remedy.*point"):
         build(scene(ground={"point": ["0 mm", "0 mm", "-1.5 mm"]}))
 
 
@@ -320,10 +311,7 @@ def test_a_body_outside_its_tube_is_refused() -> None:
         InputError, match=r"effects.walls: the body begins .* mm outside the lumen, farthest with segment 1 \(.*\), at \(.*\n.*\n.*remedy"
     ):
         build(scene(walls=tube("3 mm", "60 mm")))
-    with pytest.raises(
-        InputError,
-        match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider",
-    ):
+    with pytest.raises(InputError, match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider"):
         build(scene(walls=tube("3 mm", "1.4 mm")))
 
 
@@ -332,16 +320,12 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
 
     def lumen(low: list[float], high: list[float], unit: str = "mm") -> dict[str, Any]:
         vertices, faces = box(low, high)
-        write_stl(
-            Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / "box.stl"
-        )
+        write_stl(Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / "box.stl")
         return {"surface": {"mesh": str(tmp_path / "box.stl"), "unit": unit}}
 
     model = build(scene(walls=lumen([-5, -3, -3], [20, 3, 3])))
     x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
-    told = [
-        contact.contact_of(model.effects, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)
-    ]
+    told = [contact.contact_of(model.effects, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)]
     assert [t["count"] for t in told] == [0, 1, 1]
     pushes = MASS * contact.law(model.scene, 1.0, 0.0)["stiffness"] * 0.2e-3
     np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
