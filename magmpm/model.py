@@ -89,7 +89,7 @@ class Model:
 
     @cached_property
     def surface(self) -> ContactSurface | None:
-        """Surface by which the body touches obstacles; None if there are none, or if its particles touch, where the grid stands in space."""
+        """Surface by which the body touches obstacles; None without obstacles, or where the grid stands in space: particles touch."""
         if not has_hook("contact", self.effects) or moves_in_space(self.scene):
             return None
         shape = self.scene.body.shape
