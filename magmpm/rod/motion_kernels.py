@@ -107,7 +107,7 @@ def _touch(p, table, x, anchor, t, mass, f):
         for i in range(3):
             below -= (x[i] - p.ground_point[i]) * n[i]
         if below > 0.0:
-            push(below, n[0], n[1], n[2], 0.0, mass, p.stiffness, p.ground_friction, pushed)
+            push(below, n[0], n[1], n[2], 0.0, mass, p.stiffness, 1.0, 1.0, 0.0, p.ground_friction, pushed)
     if p.walls == 1:
         s = p.walls_spacing
         a, b, c = (x[0] - p.walls_origin[0]) / s, (x[1] - p.walls_origin[1]) / s, (x[2] - p.walls_origin[2]) / s
@@ -120,7 +120,7 @@ def _touch(p, table, x, anchor, t, mass, f):
                 cosine = t[0] * n0 + t[1] * n1 + t[2] * n2
                 beyond = p.half * math.sqrt(max(0.0, 1.0 - cosine * cosine)) - room
                 if beyond > 0.0:
-                    push(beyond, n0, n1, n2, 0.0, mass, p.stiffness, p.walls_friction, pushed)
+                    push(beyond, n0, n1, n2, 0.0, mass, p.stiffness, 1.0, 1.0, 0.0, p.walls_friction, pushed)
     hold(x, anchor, pushed)
     for i in range(3):
         f[i] += pushed[i]
