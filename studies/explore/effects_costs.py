@@ -204,6 +204,8 @@ def _step(model: Model, named: Records) -> float:
             mean = sum(each) / len(chosen)
             if hook == "node":
                 total += NODE * mean * nodes
+            elif hook == "near":  # asked once for all points of a cell
+                total += NARROW * mean / model.scene.resolution.particles_per_cell**3
             elif names in hooks._wide[hook]:
                 total += WIDE * mean
             else:
