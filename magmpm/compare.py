@@ -12,13 +12,7 @@ from typing import Any
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
-from magmpm.solving.several_grids import (
-    Frames,
-    choose_grid,
-    error_of_grid,
-    frames_of,
-    grids_of,
-)
+from magmpm.solving.several_grids import Frames, choose_grid, error_of_grid, frames_of, grids_of
 
 
 def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centreline") -> float:

@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd import cube_root_guess, load, magnitude, store
 
@@ -26,6 +27,14 @@ def young_modulus(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
 def poisson_ratio(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
     """Small-strain Poisson's ratio, (3 K - 2 G) / (2 (3 K + G))."""
     return (3 * bulk_modulus - 2 * shear_modulus) / (2 * (3 * bulk_modulus + shear_modulus))
+
+
+def magnetization(rotating: NDArray[np.bool_], remanence: Array, F: Array) -> Array:
+    """Magnetization (n, 3) T of particles: R Br where `rotating` (n,), else F Br; remanence (n, 3) T, F (n, 3, 3)."""
+    R = F.copy()
+    left, _, right = np.linalg.svd(F[rotating])
+    R[rotating] = left @ right
+    return np.einsum("nij,nj->ni", R, remanence)
 
 
 @inlined

@@ -21,6 +21,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.effects.base import moves_in_space
 from magmpm.effects.hooks import has_hook
+from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
 
@@ -50,6 +51,11 @@ class Model:
     def times(self) -> Array | None:
         """`time` as effects get it."""
         return None if self.time is None else np.array([self.time])
+
+    @property
+    def rotating(self) -> NDArray[np.bool_]:
+        """Particles (n,) whose magnetization rotates and does not stretch."""
+        return rotating(self.scene)[self.particles.segment]
 
     @property
     def free(self) -> bool:

@@ -18,8 +18,8 @@ from magmpm.results.sensitivities import Sensitivities
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, remedies
 from magmpm.scene.coarsest import coarsest_cells
+from magmpm.scene.rules import of_known_error
 from magmpm.scene.variables import variables
-from magmpm.scene.warnings import of_known_error
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.solving.several_grids import Runs, choose_grid, grids_of
 from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state

@@ -10,24 +10,10 @@ from magmpm.bodies.catheter import Catheter
 from magmpm.bodies.strip import Strip
 from magmpm.inputs.settings import Settings, fault
 
-CATHETER = {
-    "length": "40 mm",
-    "diameter": "4 mm",
-    "material": "silicone",
-    "segments": [{"magnetization": [1, 0, 0]}],
-}
-STRIP = {
-    "length": "17.2 mm",
-    "width": "5 mm",
-    "thickness": "0.84 mm",
-    "material": "silicone",
-    "segments": [{"magnetization": [1, 0, 0]}],
-}
+CATHETER = {"length": "40 mm", "diameter": "4 mm", "material": "silicone", "segments": [{"magnetization": [1, 0, 0]}]}
+STRIP = {"length": "17.2 mm", "width": "5 mm", "thickness": "0.84 mm", "material": "silicone", "segments": [{"magnetization": [1, 0, 0]}]}
 
-PARTS = {
-    "unit": "mm",
-    "meshes": [{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}],
-}
+PARTS = {"unit": "mm", "meshes": [{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]}
 
 
 class Body(Settings):
@@ -40,11 +26,7 @@ class Body(Settings):
         description="A straight round rod or tube from the origin along +x.",
         examples=[CATHETER],
     )
-    strip: Strip | None = Field(
-        default=None,
-        description="A strip or sheet, flat in x and y.",
-        examples=[STRIP],
-    )
+    strip: Strip | None = Field(default=None, description="A strip or sheet, flat in x and y.", examples=[STRIP])
 
     parts: Parts | None = Field(default=None, description="STL meshes, one a part.", examples=[PARTS])
 

@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def connected_components(
-    touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]
-) -> NDArray[np.int64]:
+def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
     """Which connected component each particle (n,) is in, from 0.
 
     touching (parts, parts): whose boxes touch; cell (n, 3), part (n,): of each particle of the undeformed body. Two parts are connected

@@ -45,9 +45,7 @@ class Harmonic(Settings):
     @model_validator(mode="after")
     def _one_pitch(self) -> Harmonic:
         if (self.wavelength is None) == (self.periods is None):
-            raise fault(
-                "give `wavelength` or `periods`, one of them", "write, say, `harmonic: {periods: 1, phase: 45 deg}`"
-            )
+            raise fault("give `wavelength` or `periods`, one of them", "write, say, `harmonic: {periods: 1, phase: 45 deg}`")
         return self
 
     def turns(self, length: float) -> float:

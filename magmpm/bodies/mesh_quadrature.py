@@ -78,9 +78,7 @@ def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[
     return out
 
 
-def _clamp_planes(
-    parts: list[Array], boxes: Array, still: NDArray[np.bool_], grid: Grid, first: Array, last: Array
-) -> list[ClampPlane]:
+def _clamp_planes(parts: list[Array], boxes: Array, still: NDArray[np.bool_], grid: Grid, first: Array, last: Array) -> list[ClampPlane]:
     """Planes on which the held parts do all of their holding; none where some hold in another way.
 
     boxes (k, 2, 3): lower and upper corners; still (k,): held; first, last (3,): cells of the free parts' box, last excluded.

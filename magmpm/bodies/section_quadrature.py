@@ -89,9 +89,7 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
     return np.stack([np.sum(term * dy, axis=(1, 2)) for term in terms], axis=1)
 
 
-def section_points(
-    low: Array, high: Array, outer: float, inner: float, count: int
-) -> tuple[Array, Array, NDArray[np.int64]]:
+def section_points(low: Array, high: Array, outer: float, inner: float, count: int) -> tuple[Array, Array, NDArray[np.int64]]:
     """Quadrature of a ring cut by rectangles, exact for polynomials up to degree 2.
 
     low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points per direction and cell.
@@ -121,9 +119,7 @@ def section_points(
     return points[order], areas[order], home[order]
 
 
-def _piece_rules(
-    low: Array, high: Array, outer: float, inner: float, count: int, least: float
-) -> tuple[NDArray[np.int64], Array, Array]:
+def _piece_rules(low: Array, high: Array, outer: float, inner: float, count: int, least: float) -> tuple[NDArray[np.int64], Array, Array]:
     """Indices (k,) of the rectangles that hold at least `least` m^2 of material; their points (k, count^2, 2), areas (k, count^2)."""
     moments = disk_moments(low, high, outer) - disk_moments(low, high, inner)
     keep = np.flatnonzero(moments[:, 0] > least)
@@ -148,9 +144,7 @@ def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array,
     return starts, starts + np.tile(half, (4, 1)), np.tile(owner, 4)
 
 
-def rod_grid(
-    ends: Array, diameter: float, cells_across: int, shift: tuple[float, float] = (0.0, 0.0), knots: Knots = EVEN
-) -> Grid:
+def rod_grid(ends: Array, diameter: float, cells_across: int, shift: tuple[float, float] = (0.0, 0.0), knots: Knots = EVEN) -> Grid:
     """Grid of a straight rod along +x, base at the origin: knots on both end faces, on joints, and on the box around the section.
 
     ends (k,) m: where each segment ends, the last one at the tip; shift: parts of a cell, 0 to 1, by which the grid lies lower along y and

@@ -53,9 +53,7 @@ def rectangle(width: float, thickness: float, G: Array, E: Array, nu: Array, pla
         twist_bend = np.stack([OUT_OF_PLANE * bend, bend, OUT_OF_PLANE * bend], axis=1)
     else:
         second_moments = area * thickness**2 / 12, area * width**2 / 12
-        twist_bend = np.stack(
-            [G * torsion_constant(width, thickness), E * second_moments[0], E * second_moments[1]], axis=1
-        )
+        twist_bend = np.stack([G * torsion_constant(width, thickness), E * second_moments[0], E * second_moments[1]], axis=1)
     compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
     return Section(area, twist_bend, compliance)
 

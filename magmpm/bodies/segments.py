@@ -30,11 +30,7 @@ class Segment(Settings):
         "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
         examples=[[1, 0, 0]],
     )
-    material: str | None = Field(
-        default=None,
-        description="A name from `materials`; the body's unless given.",
-        examples=["plain silicone"],
-    )
+    material: str | None = Field(default=None, description="A name from `materials`; the body's unless given.", examples=["plain silicone"])
     length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] | None = Field(
         default=None,
         description="Length of this segment; segments without one share the rest of the length equally.",

@@ -169,17 +169,11 @@ def _near_triangles(corners, origin, spacing, band, values):
         a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
         for k in range(3):
             low[k] = max(0, int(np.ceil((min(a[k], b[k], c[k]) - band - origin[k]) / spacing)))
-            high[k] = min(
-                values.shape[k] - 1, int(np.floor((max(a[k], b[k], c[k]) + band - origin[k]) / spacing))
-            )
+            high[k] = min(values.shape[k] - 1, int(np.floor((max(a[k], b[k], c[k]) + band - origin[k]) / spacing)))
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
                 for k in range(low[2], high[2] + 1):
-                    x[0], x[1], x[2] = (
-                        origin[0] + spacing * i,
-                        origin[1] + spacing * j,
-                        origin[2] + spacing * k,
-                    )
+                    x[0], x[1], x[2] = origin[0] + spacing * i, origin[1] + spacing * j, origin[2] + spacing * k
                     values[i, j, k] = min(values[i, j, k], _to_triangle(x, a, b, c))
 
 

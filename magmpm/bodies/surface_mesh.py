@@ -61,9 +61,7 @@ def read_stl(path: Path) -> Mesh:
             f"{error.strerror}; a mesh must be a regular file of at most {MOST_BYTES // 1_000_000} MB", "export the part as STL"
         ) from None
     except OSError as error:
-        raise MeshError(
-            f"the file can't be read ({error.strerror})", "correct the path, which is relative to the scene file"
-        ) from None
+        raise MeshError(f"the file can't be read ({error.strerror})", "correct the path, which is relative to the scene file") from None
     corners = _binary(content) if _is_binary(content) else _text(content)
     if corners is None or len(corners) == 0:
         raise MeshError("the file must be an STL mesh, text or binary", "export the part as STL")

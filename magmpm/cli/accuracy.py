@@ -46,6 +46,4 @@ def _cells(text: str | None) -> list[int]:
     try:
         return [int(part) for part in text.split(",")] if text else []
     except ValueError:
-        raise InputError(
-            f"--cells: got {text!r}; must be whole numbers with commas between, such as 2,3,4,6"
-        ) from None
+        raise InputError(f"--cells: got {text!r}; must be whole numbers with commas between, such as 2,3,4,6") from None

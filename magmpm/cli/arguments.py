@@ -122,11 +122,7 @@ def _render(commands: Commands) -> argparse.ArgumentParser:
 
 
 def _dashboard(commands: Commands) -> argparse.ArgumentParser:
-    parser = commands.add_parser(
-        "dashboard",
-        help="optuna-dashboard on a study",
-        description="Browse a study's trials and their pictures.",
-    )
+    parser = commands.add_parser("dashboard", help="optuna-dashboard on a study", description="Browse a study's trials and their pictures.")
     parser.add_argument("folder", metavar="DIR", help="folder of a study, such as runs/s_shape")
     parser.add_argument("--port", type=int, default=8080, help="port on this machine [8080]")
     parser.add_argument("--write", action="store_true", help="let the page edit: notes, names, and the deletion of studies")

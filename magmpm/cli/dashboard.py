@@ -43,15 +43,11 @@ def command(options: argparse.Namespace) -> int:
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
-        raise InputError(
-            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
-        )
+        raise InputError(f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape")
     if not 0 < port < 65536:
         raise InputError(f"--port: received {port}; must be between 1 and 65535")
     if find_spec("optuna_dashboard") is None:
-        raise InputError(
-            "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
-        )
+        raise InputError("optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'")
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
 

@@ -177,9 +177,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     if report.reasons and report.best is None:
         lines.append(f"  trial {report.failed_trials[-1]:<4}       {report.reasons[-1]}")
     if report.best is not None:
-        lines.append(
-            f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm"
-        )
+        lines.append(f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm")
         if "measure_m" in report.best:
             mean, sigma, scatter = (1e3 * report.best[key] for key in ("mean_rms_m", "sigma_rms_m", "scatter_m"))
             lines.append(f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape scatters by {scatter:.3f} mm")
@@ -196,9 +194,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(f"  Pareto front     {count(len(found), 'trial')}; best compromise: trial {report.front['compromise']}")
     if report.stop_rms_m is not None:
         first = report.first_trial_below_stop
-        lines.append(
-            f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
-        )
+        lines.append(f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}")
     lines += [f"  warning          {line}" for line in on_the_brink(report.best)]
     lines += [f"  judged finer     {line}" for line in said(report.judged)]
     lines += [f"  held back        {one['says']}" for one in report.limits]
@@ -317,9 +313,5 @@ def draw_study(
         files.append(renderer.run(plots.pareto, report, out / f"pareto.{kind}"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
-        files.append(
-            best_shapes_movie(
-                [snapshot(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer
-            ).path
-        )
+        files.append(best_shapes_movie([snapshot(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer).path)
     return [Path(path) for path in files]

@@ -138,9 +138,7 @@ def _render_motion(
     from magmpm.viz.from_motion import MotionRenderer
 
     if len(motion) == 0:
-        raise InputError(
-            f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again"
-        )
+        raise InputError(f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again")
     wanted = _numbers(frames, len(motion))
     shown = MotionRenderer(motion)
     if read_mapping(motion.folder / NUMBERS).get("failure"):
@@ -171,10 +169,6 @@ def _numbers(text: str | None, count: int) -> Sequence[int]:
         numbers = [int(part) for part in text.split(",")]
         return [range(count)[k] for k in numbers]
     except ValueError:
-        raise InputError(
-            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20"
-        ) from None
+        raise InputError(f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20") from None
     except IndexError:
-        raise InputError(
-            f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)"
-        ) from None
+        raise InputError(f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)") from None

@@ -13,13 +13,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import (
-    intrinsic,
-    lower_builtin,
-    models,
-    register_model,
-    type_callable,
-)
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 WIDTH = 8
 _DOUBLE, _INT = ir.DoubleType(), ir.IntType(64)
@@ -74,10 +68,7 @@ def _operator(function: Any, instruction: str) -> None:
     def lower(left: Any, right: Any) -> None:
         @lower_builtin(function, left, right)  # type: ignore[untyped-decorator]
         def _lowered(context, builder, signature, values):
-            wide = [
-                value if of == lanes else _everywhere(builder, value)
-                for value, of in zip(values, (left, right), strict=True)
-            ]
+            wide = [value if of == lanes else _everywhere(builder, value) for value, of in zip(values, (left, right), strict=True)]
             return getattr(builder, instruction)(*wide, flags=_FLAGS)
 
     for pair in ((lanes, lanes), (lanes, types.float64), (types.float64, lanes)):
@@ -203,9 +194,7 @@ def store_folded(typing_context, array, index, value):
         none = ir.Constant(_VECTOR, ir.Undefined)
         low = builder.shuffle_vector(values[2], none, _mask([0, 1, 2, 3]))
         high = builder.shuffle_vector(values[2], none, _mask([4, 5, 6, 7]))
-        stored = builder.store(
-            builder.fadd(low, high), builder.bitcast(builder.gep(data, [values[1]]), narrow.as_pointer())
-        )
+        stored = builder.store(builder.fadd(low, high), builder.bitcast(builder.gep(data, [values[1]]), narrow.as_pointer()))
         stored.align = 8
         return context.get_dummy_value()
 

@@ -11,13 +11,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import (
-    intrinsic,
-    lower_builtin,
-    models,
-    register_model,
-    type_callable,
-)
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 from magmpm.compiled.simd import WIDTH, lanes
 
@@ -66,9 +60,7 @@ def _entry(context: Any, builder: Any, kind: View, index_type: Any, index: Any) 
     """Number of the lanes for an index or a pair of indices."""
     if kind.indices == 1:
         return context.cast(builder, index, index_type, types.intp)
-    parts = [
-        context.cast(builder, builder.extract_value(index, k), index_type[k], types.intp) for k in range(2)
-    ]
+    parts = [context.cast(builder, builder.extract_value(index, k), index_type[k], types.intp) for k in range(2)]
     return builder.add(builder.mul(parts[0], ir.Constant(parts[0].type, 3)), parts[1])
 
 

@@ -28,9 +28,7 @@ def motion_hash(scene: Scene) -> str:
         assert scene.solver.quasi_static is not None
         path = scene.solver.quasi_static.model_copy(update={"max_disk": None})
         return scene.model_copy(update={"solver": scene.solver.model_copy(update={"quasi_static": path})}).hash()
-    endless = scene.solver.dynamic.model_copy(
-        update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None}
-    )
+    endless = scene.solver.dynamic.model_copy(update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None})
     return scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": endless})}).hash()
 
 

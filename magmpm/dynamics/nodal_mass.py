@@ -156,9 +156,7 @@ def _arms(mass: Array, place: Array, component: Index, free: NDArray[np.bool_]) 
     return np.asarray((place - centers[component]) * free[:, None])
 
 
-def _planes_mass(
-    model: Model, weights: Array, base: Index, strides: tuple[int, int], arm: Array, plane_of: Index, planes: int
-) -> Array:
+def _planes_mass(model: Model, weights: Array, base: Index, strides: tuple[int, int], arm: Array, plane_of: Index, planes: int) -> Array:
     """Consistent mass of the fields 1, y, z of planes with the same and the next two: (planes, 3, 3, 3), kg."""
     mass, found = model.density * model.particles.volume, np.zeros((planes + 1, 3, FIELDS, FIELDS))
     values, on = np.zeros((3, len(base), FIELDS)), np.full((3, len(base)), planes)

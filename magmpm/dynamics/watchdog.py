@@ -10,8 +10,8 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.dynamics.tearing import TORN, Tearing
+from magmpm.effects.acting import driven_speed
 from magmpm.effects.body_reach import FAR
-from magmpm.effects.driven import driven_speed
 from magmpm.errors import LeftField, SolveError, Torn
 from magmpm.model import Model
 

@@ -23,11 +23,15 @@ from magmpm.effects.hooks import pairs
 from magmpm.effects.magnetic_force import MagneticForce
 from magmpm.effects.magnetic_interaction import MagneticInteraction
 from magmpm.effects.magnetic_torque import MagneticTorque
+from magmpm.effects.magnetization import rotating
 from magmpm.effects.self_contact import SelfContact
 from magmpm.effects.viscosity import Viscosity
 from magmpm.effects.walls import Walls
+from magmpm.fields.dipole import MU0
 from magmpm.inputs.settings import Settings, fault
 
+WHIP = 4.0  # the square of a tip's speed over the mean of the body's: 3 for a body that turns about its base, and a free end whips
+LOOKS = 9  # moments at which a field that changes in time is looked at
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
 _LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
 _PULL = "A field that varies in space pulls the magnetized segments: {}. A uniform field does not pull."
@@ -124,10 +128,14 @@ def stable_steps(model: Any) -> dict[str, float]:
 
 
 def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
-    """Array passed to hooks as `magnet`: remanence (n, 3) T of bodies.Particles, with a fourth column where an effect marks particles.
+    """Array passed to hooks as `magnet`: remanence (n, 3) T of bodies.Particles, with a fourth column where magnetization rotates or an
+    effect marks particles.
 
-    Kernels pass the row of a particle on unchanged; magnetic_interaction, the one effect that marks, finds its block in it.
+    Kernels pass the row of a particle on unchanged. The column is 1 where the material's magnetization rotates, 0 where it stretches
+    (effects.magnetization); or the block of magnetic_interaction, the one effect that marks, which no scene has together with that.
     """
+    if (law := rotating(scene)).any():
+        return np.column_stack([remanence, law[particles.segment]])
     for effect in scene.effects.named().values():
         if (marks := effect.marks(particles, remanence)) is not None:
             return np.column_stack([remanence, marks])
@@ -178,3 +186,24 @@ def _particles(body: Any) -> MarkedParticles:
 def feels_itself(scene: SceneLike) -> bool:
     """True if an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
     return any(isinstance(effect, BodyEffect) and effect.records(scene) for effect in scene.effects.named().values())
+
+
+def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
+    """The speed (m/s) to which loads can drive a particle of a Model until a time (s): what feed gives, and sqrt(2 WHIP w).
+
+    w: the largest work on a mass (J/kg): of weight along the farthest way (m); of a field that turns and pulls, 4 M B; of neighbors.
+    x (n, 3) m: present positions.
+    """
+    scene, named = model.scene, model.scene.effects
+    work = 0.0
+    if named.gravity is not None:
+        work += float(np.linalg.norm(named.gravity.acceleration)) * way
+    remanence = np.linalg.norm(model.remanence[:, :3], axis=1)
+    magnetic = float((remanence / model.density).max()) / MU0
+    if named.in_a_field and magnetic > 0.0:
+        field = scene.outside_field()
+        most = max(float(np.linalg.norm(field.at(x, moment), axis=1).max()) for moment in np.linspace(0.0, time, LOOKS))
+        work += 4.0 * magnetic * most
+    if named.magnetic_interaction is not None:
+        work += magnetic * float(remanence.max())
+    return float(np.sqrt(2.0 * WHIP * work)) + (0.0 if named.feed is None else abs(named.feed.speed))

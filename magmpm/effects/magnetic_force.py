@@ -3,6 +3,7 @@
 With W = -(1/mu0) B(x) . (F Br), whose stress is magnetic_torque, the force per undeformed volume is f = -dW/dx = (1/mu0) (grad B)^T F Br,
 (grad B)_ij = dB_i/dx_j. Its tangent: d2W/dx2 = -(1/mu0) grad grad (B . F Br), and d2W/dx_i dF_jL = -(1/mu0) dB_j/dx_i Br_L, which
 includes the change of magnetic_torque's stress with place.
+Where a material's magnetization_law is `rotates`, R Br takes the place of F Br in its particles (effects.magnetization).
 The energy W is counted in magnetic_torque. Either effect alone has no energy, so it runs in motion but not in statics.
 Source: Zhao et al., JMPS 124 (2019) 244-263. The center of mass accelerates by the volume mean of f over rho.
 """
@@ -16,6 +17,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
 from magmpm.effects.estimates import shift_by_field
 from magmpm.effects.hooks import register
+from magmpm.effects.magnetization import add_stress, carried, rotating
 from magmpm.fields.dipole import MU0
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.kernels import curvature as curvature_at
@@ -24,6 +26,7 @@ from magmpm.fields.kernels import pull as pull_at
 from magmpm.fields.schedule import records as field_records
 
 DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # first: with the name at the end Numba would take it for a subtype of PLACE
+ROTATING = np.dtype([("pulls_rotating", np.int64), *PLACE])  # where the magnetization of some material rotates
 
 
 class MagneticForce(Effect):
@@ -36,7 +39,7 @@ class MagneticForce(Effect):
         """Parameters for the kernels, or () where the field is uniform: it does not pull."""
         if strength == 0.0 or not scene.field.varies:
             return ()
-        return field_records(scene.field, DTYPE, times, strength), scene.outside_field().data
+        return field_records(scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength), scene.outside_field().data
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
@@ -79,4 +82,26 @@ def softening(effect, data, magnet, rho, x, F, H, M):
                 M[i, 3 * j + k] -= G[j, i] * magnet[k] / MU0
 
 
+@compiled
+def rotating_force(effect, data, magnet, rho, x, F, f):
+    """f += (1/mu0) (grad B)^T m, N/m^3, with m the magnetization by the particle's law (effects.magnetization)."""
+    m0, m1, m2 = carried(magnet, F)
+    f0, f1, f2 = pull_at(effect, data, x, m0 / MU0, m1 / MU0, m2 / MU0)
+    f[0] += f0
+    f[1] += f1
+    f[2] += f2
+
+
+@compiled
+def rotating_softening(effect, data, magnet, rho, x, F, H, M):
+    """H -= (1/mu0) grad grad (B . m), N/m^4; M[i] += the stress in the field dB/dx_i, N/m^3."""
+    m0, m1, m2 = carried(magnet, F)
+    curvature_at(effect, data, x, m0 / MU0, m1 / MU0, m2 / MU0, -1.0, H)
+    G = np.zeros((3, 3))
+    gradient_at(effect, data, x, G)
+    for i in range(3):
+        add_stress((G[0, i] / MU0, G[1, i] / MU0, G[2, i] / MU0), magnet, F, M[i].reshape(3, 3))
+
+
 register(DTYPE, force=force, softening=softening)
+register(ROTATING, force=rotating_force, softening=rotating_softening)

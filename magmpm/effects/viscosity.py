@@ -84,15 +84,9 @@ def rate_stress(effect, data, rho, F, dF, P):
     xx = 2.0 * scale * (dF[0, 0] * x[0] + dF[0, 1] * x[1] + dF[0, 2] * x[2])
     yy = 2.0 * scale * (dF[1, 0] * y[0] + dF[1, 1] * y[1] + dF[1, 2] * y[2])
     zz = 2.0 * scale * (dF[2, 0] * z[0] + dF[2, 1] * z[1] + dF[2, 2] * z[2])
-    xy = scale * (
-        dF[0, 0] * y[0] + dF[0, 1] * y[1] + dF[0, 2] * y[2] + dF[1, 0] * x[0] + dF[1, 1] * x[1] + dF[1, 2] * x[2]
-    )
-    xz = scale * (
-        dF[0, 0] * z[0] + dF[0, 1] * z[1] + dF[0, 2] * z[2] + dF[2, 0] * x[0] + dF[2, 1] * x[1] + dF[2, 2] * x[2]
-    )
-    yz = scale * (
-        dF[1, 0] * z[0] + dF[1, 1] * z[1] + dF[1, 2] * z[2] + dF[2, 0] * y[0] + dF[2, 1] * y[1] + dF[2, 2] * y[2]
-    )
+    xy = scale * (dF[0, 0] * y[0] + dF[0, 1] * y[1] + dF[0, 2] * y[2] + dF[1, 0] * x[0] + dF[1, 1] * x[1] + dF[1, 2] * x[2])
+    xz = scale * (dF[0, 0] * z[0] + dF[0, 1] * z[1] + dF[0, 2] * z[2] + dF[2, 0] * x[0] + dF[2, 1] * x[1] + dF[2, 2] * x[2])
+    yz = scale * (dF[1, 0] * z[0] + dF[1, 1] * z[1] + dF[1, 2] * z[2] + dF[2, 0] * y[0] + dF[2, 1] * y[1] + dF[2, 2] * y[2])
     for k in range(3):
         P[0, k] += xx * x[k] + xy * y[k] + xz * z[k]
         P[1, k] += xy * x[k] + yy * y[k] + yz * z[k]

@@ -47,16 +47,8 @@ def gradient(data, at, y0, y1, y2):
     s = 3.0 * K / (r2 * r2 * (r2**0.5))
     p = m0 * x + m1 * y + m2 * z
     q = 5.0 * p / r2
-    xx, yy, zz = (
-        s * (2 * m0 * x + p - q * x * x),
-        s * (2 * m1 * y + p - q * y * y),
-        s * (2 * m2 * z + p - q * z * z),
-    )
-    xy, xz, yz = (
-        s * (m0 * y + x * m1 - q * x * y),
-        s * (m0 * z + x * m2 - q * x * z),
-        s * (m1 * z + y * m2 - q * y * z),
-    )
+    xx, yy, zz = s * (2 * m0 * x + p - q * x * x), s * (2 * m1 * y + p - q * y * y), s * (2 * m2 * z + p - q * z * z)
+    xy, xz, yz = s * (m0 * y + x * m1 - q * x * y), s * (m0 * z + x * m2 - q * x * z), s * (m1 * z + y * m2 - q * y * z)
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 

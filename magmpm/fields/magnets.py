@@ -176,8 +176,6 @@ def dipole_rows(dipoles: Sequence[Dipole]) -> Array:
     """Dipoles as fields.dipole takes them, (k, 7)."""
     from magmpm.fields.dipole import POINT
 
-    return np.array(
-        [[*one.position, *one.moment, POINT if one.diameter is None else one.diameter / 2] for one in dipoles]
-    ).reshape(-1, 7)
+    return np.array([[*one.position, *one.moment, POINT if one.diameter is None else one.diameter / 2] for one in dipoles]).reshape(-1, 7)
 
 

@@ -62,9 +62,7 @@ def _read_map(value: Any, info: ValidationInfo) -> Any:
     with table_faults():
         lower, spacing, values = read_map(named_file(info, value))
     text = base64.b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode()
-    return Grid3(
-        lower=tuple(lower.tolist()), spacing=tuple(spacing.tolist()), shape=values.shape[:3], values=text
-    )
+    return Grid3(lower=tuple(lower.tolist()), spacing=tuple(spacing.tolist()), shape=values.shape[:3], values=text)
 
 
 class Map(Settings):

@@ -212,9 +212,7 @@ def _tabulated(
     raise failed
 
 
-def _table_box(
-    source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]
-) -> Box | None:
+def _table_box(source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]) -> Box | None:
     """The box of the table; None where a magnet can't be kept out of it and must become a cloud of dipoles."""
     if options.lower is not None and options.upper is not None:
         box = seen_from_sources(source, Box(np.array(options.lower), np.array(options.upper)))
@@ -246,9 +244,7 @@ def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
     return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
 
 
-def _clouds(
-    source: FieldSource, options: Tabulation, body: Box
-) -> tuple[list[Array], list[tuple[Solid, float]]]:
+def _clouds(source: FieldSource, options: Tabulation, body: Box) -> tuple[list[Array], list[tuple[Solid, float]]]:
     """All magnets as clouds of dipoles, and the distance (m) from which on each is accurate."""
     if source.coils:
         rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"

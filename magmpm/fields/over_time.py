@@ -47,9 +47,7 @@ class Rotation(Settings):
         examples=[["60 mm", "0 mm", "0 mm"]],
     )
     start: _Time = Field(default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"])
-    turns: _Count | None = Field(
-        default=None, description="Turns after which it stops, there; it goes on unless given.", examples=[0.25]
-    )
+    turns: _Count | None = Field(default=None, description="Turns after which it stops, there; it goes on unless given.", examples=[0.25])
 
     @field_validator("frequency")
     @classmethod
@@ -71,9 +69,7 @@ class Oscillation(Settings):
         default=0.0, description="Phase at the start; 0 deg, a sine, unless given.", examples=["90 deg"]
     )
     start: _Time = Field(default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"])
-    cycles: _Count | None = Field(
-        default=None, description="Cycles after which it stops, there; it goes on unless given.", examples=[2]
-    )
+    cycles: _Count | None = Field(default=None, description="Cycles after which it stops, there; it goes on unless given.", examples=[2])
 
 
 class Keyframe(Settings):
@@ -108,17 +104,13 @@ KEYFRAMES = [{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]
 class OverTime(Settings):
     """Changes of the field in time. Strengths of several parts multiply; then the field turns. Parts that have ended stay as they ended."""
 
-    ramp: Ramp | None = Field(
-        default=None, description="The strength grows evenly.", examples=[{"duration": "50 ms"}]
-    )
+    ramp: Ramp | None = Field(default=None, description="The strength grows evenly.", examples=[{"duration": "50 ms"}])
     rotation: Rotation | None = Field(
         default=None,
         description="The field turns about an axis.",
         examples=[{"axis": [0, 1, 0], "frequency": "2 Hz"}],
     )
-    oscillation: Oscillation | None = Field(
-        default=None, description="The strength swings.", examples=[{"frequency": "5 Hz"}]
-    )
+    oscillation: Oscillation | None = Field(default=None, description="The strength swings.", examples=[{"frequency": "5 Hz"}])
     keyframes: tuple[Keyframe, ...] | None = Field(
         default=None,
         min_length=2,

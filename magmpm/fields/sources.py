@@ -45,10 +45,7 @@ class Dipole(Settings):
     """A magnet far away, or a magnetized sphere: the field of a point dipole."""
 
     position: Point = Field(description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
-    moment: Moment = Field(
-        description="Magnetic moment, Br V/mu0 of a magnet: [x, y, z].",
-        examples=[["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]],
-    )
+    moment: Moment = Field(description="Magnetic moment, Br V/mu0 of a magnet: [x, y, z].", examples=[["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]])
     diameter: _Size | None = Field(
         default=None,
         description="Of the sphere it stands for, which the body must stay out of; a point unless given.",
@@ -75,9 +72,7 @@ class Cylinder(Settings):
 class Magnet(Settings):
     """A permanent magnet of finite size, magnetized evenly."""
 
-    cuboid: Cuboid | None = Field(
-        default=None, description="Its shape: a block.", examples=[{"size": ["20 mm", "20 mm", "10 mm"]}]
-    )
+    cuboid: Cuboid | None = Field(default=None, description="Its shape: a block.", examples=[{"size": ["20 mm", "20 mm", "10 mm"]}])
     cylinder: Cylinder | None = Field(
         default=None, description="Its shape: a cylinder.", examples=[{"diameter": "20 mm", "length": "20 mm"}]
     )
@@ -99,10 +94,7 @@ class Magnet(Settings):
     @model_validator(mode="after")
     def _one_shape(self) -> Magnet:
         if (self.cuboid is None) == (self.cylinder is None):
-            raise fault(
-                "a magnet has one shape: cuboid or cylinder",
-                "write, say, `cylinder: {diameter: 20 mm, length: 20 mm}`",
-            )
+            raise fault("a magnet has one shape: cuboid or cylinder", "write, say, `cylinder: {diameter: 20 mm, length: 20 mm}`")
         return self
 
 
@@ -119,9 +111,7 @@ class Coil(Settings):
     current: Annotated[float, Quantity("current", at_least="-1e6 A", at_most="1e6 A")] = Field(
         description="Current in each turn.", examples=["5 A"]
     )
-    turns: int = Field(
-        default=1, strict=True, ge=1, le=1_000_000, description="Number of turns; 1 unless given.", examples=[200]
-    )
+    turns: int = Field(default=1, strict=True, ge=1, le=1_000_000, description="Number of turns; 1 unless given.", examples=[200])
 
 
 class Tabulation(Settings):
@@ -141,9 +131,7 @@ class Tabulation(Settings):
         description="Lower corner of the box it covers, [x, y, z]; what the body may reach unless given.",
         examples=[["-50 mm", "-50 mm", "-50 mm"]],
     )
-    upper: Point | None = Field(
-        default=None, description="Upper corner of that box.", examples=[["50 mm", "50 mm", "50 mm"]]
-    )
+    upper: Point | None = Field(default=None, description="Upper corner of that box.", examples=[["50 mm", "50 mm", "50 mm"]])
 
     @model_validator(mode="after")
     def _a_box(self) -> Tabulation:
@@ -189,11 +177,7 @@ class FieldSource(Settings):
         description="A round coil, or a list of them (needs magpylib).",
         examples=[{"position": ["0 mm", "0 mm", "-60 mm"], "diameter": "80 mm", "current": "5 A", "turns": 200}],
     )
-    map: Map | None = Field(
-        default=None,
-        description="A measured field on a regular grid.",
-        examples=[{"table": "../measured/magnet.csv"}],
-    )
+    map: Map | None = Field(default=None, description="A measured field on a regular grid.", examples=[{"table": "../measured/magnet.csv"}])
     tabulation: Tabulation | None = Field(
         default=None,
         description="How magnets and coils are put on a table; as usual unless given.",

@@ -83,9 +83,7 @@ def of_values(lower: Array, spacing: Array, values: Array) -> tuple[Array, Error
     size = float(np.sqrt(np.mean(np.sum(G**2, axis=(1, 2))))) or 1.0
     curl = np.stack([G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1)
     divergence = np.trace(G, axis1=1, axis2=2)
-    return packed, Errors(
-        0.0, 0.0, float(np.sqrt(np.mean(np.sum(curl**2, axis=1)))) / size, float(np.sqrt(np.mean(divergence**2))) / size
-    )
+    return packed, Errors(0.0, 0.0, float(np.sqrt(np.mean(np.sum(curl**2, axis=1)))) / size, float(np.sqrt(np.mean(divergence**2))) / size)
 
 
 def evaluate(packed: Array, points: Array) -> tuple[Array, Array]:
@@ -123,9 +121,7 @@ def _errors(packed: Array, points: Array, B: Array, G: Array, extent: float) -> 
     found, slope = evaluate(packed, points)
     size = np.linalg.norm(B, axis=1)
     steep = np.linalg.norm(G, axis=(1, 2)) + size / extent
-    curl = np.stack(
-        [slope[:, 2, 1] - slope[:, 1, 2], slope[:, 0, 2] - slope[:, 2, 0], slope[:, 1, 0] - slope[:, 0, 1]], axis=1
-    )
+    curl = np.stack([slope[:, 2, 1] - slope[:, 1, 2], slope[:, 0, 2] - slope[:, 2, 0], slope[:, 1, 0] - slope[:, 0, 1]], axis=1)
     return Errors(
         field=float((np.linalg.norm(found - B, axis=1) / size).max()),
         gradient=float((np.linalg.norm(slope - G, axis=(1, 2)) / steep).max()),

@@ -115,11 +115,7 @@ def _particle_gradients(weights, slopes, G):
     """Write the gradients of a particle's 27 splines to G (3, 27), 1/m. Nodes are ordered x slowest."""
     for a in range(3):
         for b in range(3):
-            nn, dn, nd = (
-                weights[0, a] * weights[1, b],
-                slopes[0, a] * weights[1, b],
-                weights[0, a] * slopes[1, b],
-            )
+            nn, dn, nd = weights[0, a] * weights[1, b], slopes[0, a] * weights[1, b], weights[0, a] * slopes[1, b]
             for c in range(3):
                 node = 9 * a + 3 * b + c
                 G[0, node] = dn * weights[2, c]
@@ -137,9 +133,7 @@ def _add_residual(weights, G, P, f, volume, r):
                 node = 9 * a + 3 * b + c
                 n = nn * weights[2, c]
                 for k in range(3):
-                    r[node, k] += volume * (
-                        P[k, 0] * G[0, node] + P[k, 1] * G[1, node] + P[k, 2] * G[2, node] - f[k] * n
-                    )
+                    r[node, k] += volume * (P[k, 0] * G[0, node] + P[k, 1] * G[1, node] + P[k, 2] * G[2, node] - f[k] * n)
 
 
 @compiled
@@ -187,11 +181,7 @@ def _particle_products(q, volume, A, G, T):
     for j in range(3):
         for i in range(3):
             for k in range(3):
-                a0, a1, a2 = (
-                    volume * A[3 * i + j, 3 * k],
-                    volume * A[3 * i + j, 3 * k + 1],
-                    volume * A[3 * i + j, 3 * k + 2],
-                )
+                a0, a1, a2 = volume * A[3 * i + j, 3 * k], volume * A[3 * i + j, 3 * k + 1], volume * A[3 * i + j, 3 * k + 2]
                 for node in range(STENCIL):
                     T[q + j, i, k, node] = a0 * G[q, node] + a1 * G[q + 1, node] + a2 * G[q + 2, node]
 
@@ -208,16 +198,9 @@ def _particle_softening(q, volume, weights, H, M, G, T):
                 G[q + 3, 9 * a + 3 * b + c] = weights[0, a] * weights[1, b] * weights[2, c]
     for i in range(3):
         for k in range(3):
-            h, m0, m1, m2 = (
-                volume * H[i, k],
-                volume * M[i, 3 * k],
-                volume * M[i, 3 * k + 1],
-                volume * M[i, 3 * k + 2],
-            )
+            h, m0, m1, m2 = volume * H[i, k], volume * M[i, 3 * k], volume * M[i, 3 * k + 1], volume * M[i, 3 * k + 2]
             for node in range(STENCIL):
-                T[q + 3, i, k, node] = (
-                    h * G[q + 3, node] + m0 * G[q, node] + m1 * G[q + 1, node] + m2 * G[q + 2, node]
-                )
+                T[q + 3, i, k, node] = h * G[q + 3, node] + m0 * G[q, node] + m1 * G[q + 1, node] + m2 * G[q + 2, node]
             for j in range(3):
                 m = volume * M[k, 3 * i + j]
                 for node in range(STENCIL):

@@ -16,7 +16,7 @@ QUANTITIES = {  # name of each array of the file: its components
     "velocity": 3,  # m/s
     "cauchy_stress": 9,  # Pa, row by row; not symmetric: its skew part is the magnetic torque per volume
     "von_mises": 1,  # Pa, of the symmetric part
-    "magnetisation": 3,  # T, F Br: remanence carried along with the material
+    "magnetisation": 3,  # T, F Br: remanence carried along with the material; R Br where it only rotates
     "det_F": 1,
 }
 Numbers = NDArray[np.float32]
@@ -25,10 +25,11 @@ Numbers = NDArray[np.float32]
 class FrameArrays:
     """Arrays of one frame, filled anew for each frame.
 
-    reference: (n, 3) m, of the undeformed body; remanence: (n, 3) T, its remanence.
+    reference: (n, 3) m, of the undeformed body; remanence: (n, 3) T, its remanence; rotating: (n,), where that does not stretch, or None.
     """
 
-    def __init__(self, reference: Array, remanence: Array) -> None:
+    def __init__(self, reference: Array, remanence: Array, rotating: NDArray[np.bool_] | None = None) -> None:
+        self.rotating = rotating
         self.reference, self.remanence = np.ascontiguousarray(reference), np.ascontiguousarray(remanence)
         n = len(reference)
         sizes = {"Points": 3, **QUANTITIES}
@@ -42,6 +43,8 @@ class FrameArrays:
         points, *others = self.arrays.values()
         points[:] = x
         _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.remanence, *others)
+        if self.rotating is not None and self.rotating.any():
+            self.arrays["magnetisation"][:] = materials.magnetization(self.rotating, self.remanence, F)
         return self.arrays
 
 

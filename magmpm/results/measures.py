@@ -6,8 +6,14 @@ import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
+from magmpm.materials import magnetization
 from magmpm.model import Model
 from magmpm.results.result import Result
+
+
+def region_magnetization(model: Model, F: Array) -> Array:
+    """Mean magnetization (k, 3) T of each region, F Br or R Br, for F (n, 3, 3)."""
+    return region_means(model, magnetization(model.rotating, model.remanence[:, :3], F))
 
 
 def region_means(model: Model, values: Array) -> Array:

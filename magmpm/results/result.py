@@ -83,7 +83,7 @@ class Result:
     particle_segment: NDArray[np.int32]  # (n,)
     particle_det_F: Array  # (n,), no unit
     segment_center: Array  # (k, 3) m, deformed
-    segment_remanence: Array  # (k, 3) T, mean of F Br
+    segment_remanence: Array  # (k, 3) T, mean of F Br, or R Br
     grid_correction: Array  # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's start
     centreline: Array  # (2 cells + 1, 4) m
     tip: Array  # (3,) m

@@ -71,7 +71,7 @@ class MotionWriter:
             raise InputError(f"quantities: received {unknown[0]!r}; must be among {', '.join(QUANTITIES)}")
         particles = model.particles
         reference, remanence = np.array(particles.position, dtype=float), np.array(model.remanence[:, :3], dtype=float)
-        self._arrays = FrameArrays(reference, remanence)
+        self._arrays = FrameArrays(reference, remanence, getattr(model, "rotating", None))
         self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
         if resume_at is not None:
             self._must_exist()

@@ -189,9 +189,7 @@ def solve_rod_model(
         )
         total += steps
         if status != 0:
-            raise SolveError(
-                f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps"
-            )
+            raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps")
     position, frames, curvature, strain = frames_of(
         quaternions, rod.length, rod.compliance, rod.moment, loads[-1] * rod.field, loads[-1] * rod.weight
     )
@@ -218,9 +216,7 @@ def _follow(rod: RodModel, surroundings: Surroundings, close: float) -> RodShape
             )
             total += steps
             before = position
-            position, frames, curvature, strain = frames_of(
-                quaternions, rod.length, rod.compliance, rod.moment, here.field, here.weight
-            )
+            position, frames, curvature, strain = frames_of(quaternions, rod.length, rod.compliance, rod.moment, here.field, here.weight)
             if status != 0 or not np.isfinite(position).all():
                 break
             new_field, new_force = surroundings(position, frames)

@@ -13,17 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.rod.kernels import (
-    _dot,
-    _scaled,
-    _to_frame,
-    derivatives,
-    factor,
-    frames_of,
-    matrix,
-    relax,
-    solve,
-)
+from magmpm.rod.kernels import _dot, _scaled, _to_frame, derivatives, factor, frames_of, matrix, relax, solve
 
 
 @compiled

@@ -12,11 +12,10 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.materials import poisson_ratio
-from magmpm.rod.cosserat import FOLLOWED, RodShape, rod_model, segment_counts, solve_rod
+from magmpm.rod.cosserat import FOLLOWED, RodModel, RodShape, rod_model, segment_counts, solve_rod
 from magmpm.rod.kernels import derivatives, factor, solve
 from magmpm.rod.motion import move_rod
 from magmpm.rod.mutual import MutualField
-from magmpm.rod.strongest_load import strongest
 from magmpm.scene import Scene
 
 ELEMENTS = 60  # of a rod at rest: 1e-3 of the deflection
@@ -26,6 +25,7 @@ QUICK_CLOSE = 1e-3  # of the length, to which quick rods follow a field that var
 QUICK = 0.2  # of a shift that was found by few elements
 EDGEWISE = 0.01  # of the length: a wide strip that goes farther along its width topples, in a rod, before its clamp lets it
 BORNE = 2 / 3  # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
+TORQUE_ELEMENTS, ALIKE = 20, 1.0 - 1e-9  # of the rod that tells when the load is strongest: its torques are sums over segments
 MODEL = 0.05  # of a shift: what rod and body differ by, from tests/benchmarks/advice.py
 
 
@@ -233,3 +233,24 @@ def exercise(scene: Scene) -> None:
     elif scene.body.shape.clamp == "base":
         shape = solve_rod(scene, ELEMENTS)
         mutual_shift(scene, shape, ELEMENTS)
+
+
+def strongest(scene: Scene) -> float:
+    """The time (s), of those of a path of equilibria, at which the field would bend the straight body the farthest if its shape followed
+    the load in proportion; the first of those that are alike. Only torques count: where the field pulls most, it mostly turns most.
+
+    Raises SolveError for a body that is no rod, SceneError for a field that can't be had.
+    """
+    rod, line = rod_model(scene.with_effects(magnetic_torque={}), TORQUE_ELEMENTS), scene.body.shape.line
+    assert line is not None  # rod_model refuses other bodies
+    field, times = scene.outside_field(), scene.path_times()
+    x = np.array(line.base) + np.cumsum(rod.length)[:, None] * [1.0, 0.0, 0.0]
+    bends = np.array([_deflection(rod, np.cross(rod.moment, field.at(x, time))) for time in times])
+    return times[int(np.argmax(bends >= ALIKE * bends.max()))]
+
+
+def _deflection(rod: RodModel, torque: Array) -> float:
+    """Largest deflection (m) of a straight rod along x under torques (n, 3) N, per length, to first order."""
+    beyond = np.cumsum((torque * rod.length[:, None])[::-1], axis=0)[::-1, 1:]  # about y and z, in each section
+    turn = np.cumsum(beyond / rod.twist_bend[:, 1:] * rod.length[:, None], axis=0)
+    return float(np.linalg.norm(np.cumsum(turn * rod.length[:, None], axis=0), axis=1).max())

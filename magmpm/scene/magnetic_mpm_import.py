@@ -261,7 +261,5 @@ def _apart(robot: Robot, texts: list[str]) -> list[str]:
         gap = np.maximum(boxes[:, 0] - boxes[i, 1], boxes[i, 0] - boxes[:, 1]).max(axis=1)
         gap[i] = np.inf
         if gap.min() > APART * size:
-            found.append(
-                f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away"
-            )
+            found.append(f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away")
     return found

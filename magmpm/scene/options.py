@@ -48,6 +48,17 @@ class Material(Settings):
         description="Remanent flux density Br; 0 mT, plain silicone, unless given.",
         examples=["138 mT"],
     )
+    magnetization_law: Literal["stretches", "rotates"] = Field(
+        default="stretches",
+        description="Magnetization of the deformed material: F Br, which stretches with it (unless given), or R Br, which only rotates.",
+        examples=["rotates"],
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Plain data, with the law of magnetization only where it is not the usual one."""
+        data: dict[str, Any] = handler(self)
+        return {key: value for key, value in data.items() if (key, value) != ("magnetization_law", "stretches")}
 
     @field_validator("bulk_to_shear")
     @classmethod

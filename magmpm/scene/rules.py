@@ -1,4 +1,4 @@
-"""Rules that concern several parts of a scene together."""
+"""Rules that concern several parts of a scene together, and warnings of settings that its author may not have meant."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from magmpm.bodies.catheter import THIN_WALL
 from magmpm.effects.base import SceneLike
+from magmpm.effects.magnetization import rotating
 from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
 
@@ -51,6 +53,7 @@ def check(scene: WholeScene, *, written: bool) -> None:
     _contact_has_its_formulation(scene)
     _path_has_an_end(scene)
     _feed_can_push(scene)
+    _segments_turn_alone(scene)
     _field_suits_the_solver(scene)
     if written:
         _something_changes(scene)
@@ -138,11 +141,7 @@ def _feed_can_push(scene: WholeScene) -> None:
     if feed is None:
         return
     if catheter is None:
-        raise fault(
-            f"feed pushes a catheter, and this body is a {scene.body.kind}",
-            "do not name feed",
-            ("effects", "feed"),
-        )
+        raise fault(f"feed pushes a catheter, and this body is a {scene.body.kind}", "do not name feed", ("effects", "feed"))
     least = catheter.diameter
     if not feed.exit >= least:
         raise fault(
@@ -157,6 +156,16 @@ def _feed_can_push(scene: WholeScene) -> None:
             f"{scene.duration:g} s",
             "push more slowly, for a shorter time, or from a guide whose exit is farther",
             ("effects", "feed", "speed"),
+        )
+
+
+def _segments_turn_alone(scene: WholeScene) -> None:
+    """Segments act on each other as dipoles that stretch with the material."""
+    for k in np.flatnonzero(rotating(scene)) if scene.effects.magnetic_interaction is not None else ():
+        raise fault(
+            "magnetic_interaction knows only magnetization that stretches with the material",
+            "leave magnetization_law out, or do not name magnetic_interaction",
+            ("materials", scene.regions()[k].material_name, "magnetization_law"),
         )
 
 
@@ -228,14 +237,46 @@ def _field_acts(scene: WholeScene, effect: str) -> None:
     Only required of files: a study or a test may well set the field or all magnetizations to zero.
     """
     if "field" not in scene.model_fields_set:
-        raise fault(
-            f"{effect} needs a field",
-            f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}",
-            ("field",),
-        )
+        raise fault(f"{effect} needs a field", f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}", ("field",))
     if not scene.magnetized_regions():
         raise fault(
             f"{effect} needs a segment with a magnetization whose material has a remanence",
             "give a segment, say, `magnetization: [1, 0, 0]`, and its material `remanence: 138 mT`",
             ("effects", effect),
         )
+
+
+def warnings(scene: SceneLike) -> list[str]:
+    """Warn of settings that the author may not have meant: one sentence each."""
+    found: list[str] = []
+    magnetized = scene.magnetized_regions()
+    torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
+    if torque is None and force is None and scene.field.acts and magnetized:
+        found.append("effects: magnetic_torque is not named, so the field does nothing")
+    elif torque is None and force is not None and scene.field.varies:
+        found.append("effects: magnetic_torque is not named, so the field pulls the segments but does not turn them")
+    elif force is None and scene.field.varies and magnetized:
+        found.append("effects: magnetic_force is not named, so the field turns the segments but does not pull them")
+    if force is not None and not scene.field.varies:
+        found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
+    if not any(effect is not None for _, effect in scene.effects):
+        found.append("effects: none is named, so nothing moves")
+    shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
+    one_grid = scene.effects.self_contact is None and (dynamic is None or dynamic.formulation != "updated")
+    own = shape.warnings(scene.resolution.cells_across, one_grid=one_grid)
+    fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
+    found += of_known_error(own) if fitted else own
+    if shape.clamp == "none" and scene.effects.feed is not None:
+        found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
+    if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:
+        found.append("field: its y component does nothing to a strip in plane strain")
+    if shape.in_plane_strain and gravity is not None and gravity.acceleration[1]:
+        found.append("effects.gravity: the y component of its acceleration does nothing to a strip in plane strain")
+    used = {region.material_name for region in scene.regions()}
+    found += [f"materials: {name} is not used" for name in scene.materials if name not in used]
+    return found
+
+
+def of_known_error(warnings: list[str]) -> list[str]:
+    """Warnings of a result whose error is known: without those of what its cells may do to it."""
+    return [warning for warning in warnings if not warning.startswith(THIN_WALL)]

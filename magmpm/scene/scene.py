@@ -39,7 +39,6 @@ from magmpm.inputs.settings import Settings, fault, from_file, named_file, read_
 from magmpm.scene import rules
 from magmpm.scene.inserted import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
-from magmpm.scene.warnings import warnings
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -113,12 +112,7 @@ def _read_effects(value: Any) -> Any:
 class Scene(Settings):
     """Scene to simulate, the method, and the resolution. SI floats inside; immutable."""
 
-    name: str = Field(
-        min_length=1,
-        max_length=100,
-        description="Names the folder of results.",
-        examples=["five-segment catheter"],
-    )
+    name: str = Field(min_length=1, max_length=100, description="Names the folder of results.", examples=["five-segment catheter"])
     materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(
         min_length=1,
         description="Materials by name.",
@@ -146,9 +140,7 @@ class Scene(Settings):
         description="Whether `magmpm run` warns of effects that are not named and would move the answer: on, unless given, or off.",
         examples=["off"],
     )
-    reference: Reference | None = Field(
-        default=None, description="A known answer.", examples=[{"centreline": "../references/shape.csv"}]
-    )
+    reference: Reference | None = Field(default=None, description="A known answer.", examples=[{"centreline": "../references/shape.csv"}])
 
     @field_validator("name")
     @classmethod
@@ -230,9 +222,7 @@ class Scene(Settings):
 
     def region_remanence(self) -> NDArray[np.float64]:
         """Remanent flux density of each region in the undeformed body, (k, 3) T."""
-        return np.array(
-            [[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.regions()]
-        )
+        return np.array([[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.regions()])
 
     def magnetized_regions(self) -> list[int]:
         """Indices of the segments that have a direction and a remanence."""
@@ -244,7 +234,7 @@ class Scene(Settings):
 
     def warnings(self) -> list[str]:
         """Warn of settings that the author may not have meant: one sentence each."""
-        return warnings(self)
+        return rules.warnings(self)
 
     def __repr__(self) -> str:
         """One line: the body, its effects, and how it is solved."""
@@ -371,9 +361,7 @@ class Scene(Settings):
         Raises InputError.
         """
         data = self.to_si()
-        changed = {
-            key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()
-        }
+        changed = {key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()}
         return Scene.from_si({**data, "effects": {**data["effects"], **changed}})
 
 

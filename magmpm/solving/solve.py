@@ -245,7 +245,7 @@ def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float6
         "particle_segment": particles.segment,
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.region_means(model, position),
-        "segment_remanence": measures.region_means(model, np.einsum("nij,nj->ni", F, model.remanence[:, :3])),
+        "segment_remanence": measures.region_magnetization(model, F),
         "field": scene.outside_field().at(center, time)[0] if scene.effects.in_a_field else np.zeros(3),
         "particles": len(position),
         "section": model.section,

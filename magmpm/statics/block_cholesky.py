@@ -101,18 +101,8 @@ def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; negative: none). Returns LAPACK's info."""
     potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
     byte = panels.itemsize
-    n, ld, two_n, info = (
-        sizes[0:].ctypes.data,
-        sizes[1:].ctypes.data,
-        sizes[2:].ctypes.data,
-        sizes[3:].ctypes.data,
-    )
-    right, lower, trans, plain = (
-        letters[0:].ctypes.data,
-        letters[1:].ctypes.data,
-        letters[2:].ctypes.data,
-        letters[3:].ctypes.data,
-    )
+    n, ld, two_n, info = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    right, lower, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
     plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
     top = panels[j].ctypes.data
     call(potrf, (lower, n, top, ld, info))

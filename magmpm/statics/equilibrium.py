@@ -172,9 +172,7 @@ def restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
     return replace(found, point=restored)
 
 
-def _solve(
-    model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
-) -> Equilibrium:
+def _solve(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:
     itself = acting.feels_itself(model.scene)
     try:
         found = (_settle if itself else _branch)(model, start, on_step)
@@ -207,9 +205,7 @@ def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError 
     return SolveError(f"{text}; thicken the wall, or bend it less ({error.reason})", error.state)
 
 
-def _settle(
-    model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
-) -> Equilibrium:
+def _settle(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:
     """Equilibrium with magnetic interaction within the body, starting from the one without; where that fails, all loads are ramped."""
     options = model.scene.solver.static
 
@@ -235,9 +231,7 @@ def _at_share(
     return energy, settled(energy, begin)
 
 
-def _branch(
-    model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None
-) -> Equilibrium:
+def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:
     """Equilibrium on the branch that grows from zero load, or near the rod's shape that is given."""
     options = model.scene.solver.static
     warnings: list[str] = []
@@ -269,9 +263,7 @@ def _branch(
         if _distance(model, found.point, rod) < body.branch_distance:
             correction = local_correction(model, rod, found.point.grid)
             return Equilibrium(found.point, steps, True, correction, warnings, energy=energy)
-    warnings.append(
-        "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
-    )
+    warnings.append("the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead")
     return _ramp(model, RAMP_STEPS, on_step, warnings)
 
 
@@ -315,9 +307,7 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
     return float(np.linalg.norm(moved - rod.at(position[near, 0]), axis=1).max() / rod.s[-1])
 
 
-def _ramp(
-    model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]
-) -> Equilibrium:
+def _ramp(model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]) -> Equilibrium:
     """Ramp the load from zero in `count` equal steps."""
     options = model.scene.solver.static
 

@@ -9,6 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,18 +19,23 @@ from magmpm.errors import SolveError, TimeOver
 from magmpm.model import build, knots_of
 from magmpm.scene import Scene, memory
 from magmpm.statics import axis
-from magmpm.statics.approach import approached
 from magmpm.statics.between_grids import carried
+from magmpm.statics.block_cholesky import factor, rounded, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
 from magmpm.statics.error_estimate import ALGEBRAIC, distance
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.newton import PAIRS, corrected
 
 STATIONS = 41  # along the body, where axes are compared
 PER_SOLVE = 3.0  # factorizations of a solve from a coarser one's shape, with its stability
 PER_PROOF = 1.3  # of a proof: one, and now and then a solve
 PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
 BESIDE = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
+SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
+MOST_CHORDS = 10  # steps with one set of factors
+ASTRAY = 3.0  # times the first one: a step that is longer leads away
+SLENDER = 15.0  # length over thickness: above, factors are of double precision. Steps settled as they do with those up to 20, not at 24
 
 OnStep = Callable[[int, float], None]
 
@@ -193,3 +199,41 @@ def operations(scene: Scene) -> tuple[float, float]:
     if scene.body.shape.in_plane_strain:
         m /= across[0]
     return 19 / 3 * along * m**3, 8.0 * 3 * (along + 2) * m**2
+
+
+def approached(
+    energy: Energy, start: Array, points: Callable[[Array], Array], compared: Array, slenderness: float, on_step: OnStep
+) -> Array | None:
+    """The equilibrium near grid coefficients `start` (planes, m) m; None where this is not to be had so cheaply: by one factorization.
+
+    The residual of each step is exact, whatever the factors. So these may be of single precision, which takes half the time, unless the
+    body is slender: they are right to 1e-7 of the stiffest mode, and the softest one of a body of L/D 30 is no stiffer.
+    points(grid): where the difference counts, (k, 3) m; compared (k, 3) m: these of the coarser grid. Steps end when one moves the
+    points by less than SETTLED of their distance to `compared`. slenderness: length over thickness. on_step(number, 0.0): at each step.
+    """
+    point = energy.at(start)
+    if not point.min_det_F > 0:
+        return None
+    residual, panels = energy.tangent(point)
+    factors = panels if slenderness > SLENDER else rounded(panels)
+    if factor(factors, energy.model.layout.split) >= 0:
+        return None
+    newton = partial(solve, factors, energy.model.layout.split)
+    first, at, direction = 0.0, points(start), -newton(residual)
+    pairs: list[tuple[Array, Array]] = []
+    for step in range(MOST_CHORDS + 1):
+        point = energy.at(point.grid + direction)
+        if not point.min_det_F > 0:
+            return None
+        before, at = at, points(point.grid)
+        moved = distance(at, before)
+        first = first if step else moved
+        on_step(step, 0.0)
+        if step and moved < SETTLED * distance(at, compared):
+            return point.grid
+        if moved > ASTRAY * first:
+            return None
+        last, residual = residual, energy.residual(point)
+        pairs = [*pairs[1 - PAIRS :], (direction, residual - last)]
+        direction = corrected(residual, pairs, lambda right: -newton(right))
+    return None

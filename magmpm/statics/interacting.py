@@ -21,14 +21,7 @@ from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.statics.block_cholesky import solve, solve_columns
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import (
-    LEAST_FRACTION,
-    ROUNDING,
-    ROUNDING_AT_REST,
-    Minimum,
-    Progress,
-    factored,
-)
+from magmpm.statics.newton import LEAST_FRACTION, ROUNDING, ROUNDING_AT_REST, Minimum, Progress, factored
 
 REMEMBERED = 12  # steps
 FRESH = 6  # steps with one factorization

@@ -121,9 +121,7 @@ def minimize(
 
 
 def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> SolveError:
-    return SolveError(
-        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e})", point
-    )
+    return SolveError(f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e})", point)
 
 
 def _expected_shift(energy: Energy, point: Point) -> float:
@@ -151,9 +149,7 @@ def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, f
             return residual, shift
         shift = 10.0 * shift if shift > 0.0 else FIRST_SHIFT
         if shift > LARGEST_SHIFT:
-            raise SolveError(
-                "the tangent can't be made positive definite: it holds values that are not finite", point
-            )
+            raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
 
 
 def _chord_steps(

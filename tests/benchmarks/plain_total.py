@@ -9,13 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from magmpm.compiled.jit import inlined, kernel, prange
-from magmpm.compiled.simd import (
-    larger,
-    load,
-    magnitude,
-    splat,
-    store,
-)
+from magmpm.compiled.simd import larger, load, magnitude, splat, store
 from magmpm.kernels.mass_correction import added_at, correct, sum_plane
 from magmpm.kernels.total_lagrangian_step import CellRoom, State, _projected, grid_to_particles, scatter
 from magmpm.kernels.watch import clear, see, stops

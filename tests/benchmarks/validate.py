@@ -46,12 +46,8 @@ def main(paths: list[str]) -> int:
         problems = {name: problem for name, problem in problems.items() if name in paths or len(paths) == 1}
     for path in [] if jointed else paths:
         problems |= uniform_mesh_problems(Path(path), problems)
-    print(
-        "largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8"
-    )
-    print(
-        f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}"
-    )
+    print("largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8")
+    print(f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}")
     for name, problem in problems.items():
         for locking in lockings:
             row, errors = [], []
@@ -66,9 +62,7 @@ def main(paths: list[str]) -> int:
             known = len(errors) == len(CELLS)
             order = np.polyfit(np.log(CELLS[2:]), np.log(errors[2:]), 1)[0] if known else np.nan
             yes = "yes" if locking == "f-bar" else "no"
-            print(
-                f"{name:<38}{yes:>6}{100 * problem.error:14.4f}" + "".join(row) + f"{-order:8.1f}", flush=True
-            )
+            print(f"{name:<38}{yes:>6}{100 * problem.error:14.4f}" + "".join(row) + f"{-order:8.1f}", flush=True)
     return 0
 
 

@@ -28,9 +28,7 @@ given_problem = pytest.mark.parametrize("problem", GIVEN.values(), ids=GIVEN)
 
 def errors(problem: Problem, cells: list[int], **solver: object) -> list[float]:
     """Largest distance to the finite elements over the length, at each number of cells."""
-    return [
-        largest_distance(run(problem.scene(n, **solver)), problem.centreline) / problem.length for n in cells
-    ]
+    return [largest_distance(run(problem.scene(n, **solver)), problem.centreline) / problem.length for n in cells]
 
 
 @given_problem
@@ -106,14 +104,7 @@ def test_f_bar_wins_when_nearly_incompressible(ratio: float, load: float) -> Non
     field = field_for_load(load, np.pi / 2, length=length, diameter=diameter, bulk_to_shear=ratio)
     gap = {}
     for choice in ("f-bar", "none"):
-        scene = rod_scene(
-            length=length,
-            diameter=diameter,
-            bulk_to_shear=ratio,
-            field=field,
-            cells=3,
-            anti_locking=choice,
-        )
+        scene = rod_scene(length=length, diameter=diameter, bulk_to_shear=ratio, field=field, cells=3, anti_locking=choice)
         axis = run(scene).centreline / length
         gap[choice] = np.linalg.norm(axis[:, [1, 3]] - exact.curve(axis[:, 0])[:, :2], axis=1).max()
     assert gap["f-bar"] < 0.25e-2

@@ -88,16 +88,10 @@ def test_a_text_without_end_is_not_told_in_full(text: str, tmp_path: Path) -> No
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "probe.yaml"
-    path.write_text(
-        GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("cells_across: 4", "seconds: -2 s")
-    )
+    path.write_text(GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("cells_across: 4", "seconds: -2 s"))
     with pytest.raises(InputError) as caught:
         load_scene(path)
     lines = str(caught.value).splitlines()
     assert lines[0] == f"3 problems in {path}"
     places = [line.split(": received")[0] for line in lines[1::3]]
-    assert places == [
-        f"{path}:12: body.catheter.length",
-        f"{path}:22: field.uniform[1]",
-        f"{path}:28: resolution.seconds",
-    ]
+    assert places == [f"{path}:12: body.catheter.length", f"{path}:22: field.uniform[1]", f"{path}:28: resolution.seconds"]

@@ -46,9 +46,7 @@ def test_load_study_says_what_is_wrong(case: BadStudy, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
-def test_the_command_ends_with_status_2(
-    case: BadStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_ends_with_status_2(case: BadStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = write(case, tmp_path), tmp_path / "out"
     assert main(["design", str(path), "--out", str(out), "--no-pictures"]) == 2
     printed = capsys.readouterr()

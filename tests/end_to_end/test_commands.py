@@ -46,18 +46,7 @@ sampler: random
 seed: 7
 stop: {rms: 0.001 mm}
 """
-CONTRACT = {
-    "tip",
-    "centreline",
-    "converged",
-    "iterations",
-    "particles",
-    "dof",
-    "min_det_F",
-    "max_det_F",
-    "seconds",
-    "warnings",
-}
+CONTRACT = {"tip", "centreline", "converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "seconds", "warnings"}
 
 
 @pytest.fixture
@@ -72,9 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_run_prints_one_json_object_as_the_contract_says(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_prints_one_json_object_as_the_contract_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`run --json`: every key of the contract, SI, and no other standard output."""
     assert main(["run", "scene.yaml", "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
@@ -92,9 +79,7 @@ def test_run_prints_one_json_object_as_the_contract_says(
     assert saved.tip.tolist() == out["tip"]
 
 
-def test_run_for_people_names_the_folder_and_the_section_error(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_for_people_names_the_folder_and_the_section_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The printed report gives the folder of the result and the errors of the section."""
     assert main(["run", "scene.yaml", "--out", "here", "--render"]) == 0
     text = capsys.readouterr().out
@@ -267,13 +252,7 @@ def test_a_run_that_bears_no_load_keeps_the_unloaded_body(
 
 def test_a_process_of_its_own(folder: Path) -> None:
     """The installed command and `python -m magmpm.cli` both work; a closed pipe gives no traceback."""
-    done = subprocess.run(
-        [sys.executable, "-m", "magmpm.cli", "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ},
-    )
+    done = subprocess.run([sys.executable, "-m", "magmpm.cli", "--help"], capture_output=True, text=True, check=True, env={**os.environ})
     for word in ("run", "design", "accuracy", "render", "data/scenes/five_segments.yaml"):
         assert word in done.stdout
 

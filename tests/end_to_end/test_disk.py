@@ -110,9 +110,7 @@ def test_a_read_only_folder_is_refused(
     assert "out\n  rule: the folder must be writable" in capsys.readouterr().err
 
 
-def test_an_unknown_renderer_is_refused_before_the_run(
-    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
-) -> None:
+def test_an_unknown_renderer_is_refused_before_the_run(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
     monkeypatch.setenv("MAGMPM_RENDER", "crayons")
     for command in (["run", str(result.parent / "scene.yaml"), "--render", "--out", str(tmp_path / "new")], ["render", str(result)]):
         assert main(command) == 2

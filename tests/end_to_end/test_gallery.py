@@ -70,19 +70,13 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
 
 
 @pytest.mark.slow
-def test_a_scene_shown_beside_another_is_on_its_page(
-    build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_shown_beside_another_is_on_its_page(build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One poster, one movie, a column of numbers for each scene; no separate page."""
-    short = SCENE.replace("body: {", "body: {strip: {width: 4 mm, thickness: 2 mm, clamp: base, ").replace(
-        "catheter: {", "", 1
-    )
+    short = SCENE.replace("body: {", "body: {strip: {width: 4 mm, thickness: 2 mm, clamp: base, ").replace("catheter: {", "", 1)
     short = short.replace("diameter: 4 mm, ", "")
     scenes = root / "data/scenes/gallery"
     (scenes / "rod.yaml").write_text(short)
-    (scenes / "thick.yaml").write_text(
-        short.replace("rod let go", "thick one").replace("thickness: 2", "thickness: 3")
-    )
+    (scenes / "thick.yaml").write_text(short.replace("rod let go", "thick one").replace("thickness: 2", "thickness: 3"))
     monkeypatch.setattr(build, "BESIDE", {"rod": ("thick",)})
     monkeypatch.setattr(build, "MOMENTS", {"rod": (0.0, 0.002)})
     assert build.main(["thick"], root) == 0

@@ -56,9 +56,7 @@ def one_thread() -> Iterator[None]:
     numba.set_num_threads(before)
 
 
-def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(
-    measure: ModuleType, tmp_path: Path, one_thread: None
-) -> None:
+def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(measure: ModuleType, tmp_path: Path, one_thread: None) -> None:
     """Plane strain, coarse, and swept in 0.1 s; measured: 0.14 % from statics on the same grid, 0.5 % from finite elements."""
     frames = [
         {"time": 0.0, "uniform": [0.0, 0.0, 2e-3]},
@@ -88,10 +86,7 @@ def test_the_swept_beams_of_the_gallery_are_where_finite_elements_have_them(
 
 def test_the_two_swept_beams_differ_in_their_width_alone() -> None:
     plane, wide = (scene(name).to_si() for name in ("zhao_beam", "zhao_beam_5mm"))
-    assert (plane["body"]["strip"].pop("plane_strain"), wide["body"]["strip"].pop("plane_strain")) == (
-        True,
-        False,
-    )
+    assert (plane["body"]["strip"].pop("plane_strain"), wide["body"]["strip"].pop("plane_strain")) == (True, False)
     for key in ("body", "materials", "field", "effects", "solver"):
         assert plane[key] == wide[key]
 
@@ -116,9 +111,7 @@ def test_a_tentacle_settles_where_statics_has_it(measure: ModuleType, tmp_path: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["tentacle_hook", "tentacle_spiral"])
-def test_the_tentacles_of_the_gallery_settle_where_statics_has_them(
-    measure: ModuleType, tmp_path: Path, name: str
-) -> None:
+def test_the_tentacles_of_the_gallery_settle_where_statics_has_them(measure: ModuleType, tmp_path: Path, name: str) -> None:
     settles(measure, scene(name), tmp_path)
 
 
@@ -153,9 +146,7 @@ def mirror_of(what: Scene) -> Scene:
 
 
 @pytest.mark.slow
-def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(
-    measure: ModuleType, tmp_path: Path
-) -> None:
+def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(measure: ModuleType, tmp_path: Path) -> None:
     # 0.004 measured; on 2 and 3 cells steps differ by 6 and 7 %: chance decides when a coarse foot lets go (lumped mass: 3 and 10 %)
     walks(measure, tmp_path, 4, 0.01, body__strip__plane_strain=True, resolution__cells_across=4)
 
@@ -190,9 +181,7 @@ def test_the_gripper_is_what_its_script_writes_and_alike_on_six_sides(tmp_path: 
 
 
 @pytest.mark.slow
-def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(
-    measure: ModuleType, tmp_path: Path
-) -> None:
+def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(measure: ModuleType, tmp_path: Path) -> None:
     motion = moved(scene("gripper"), tmp_path)
     closed = motion.nearest(0.1)
     angles = [measure.turned(motion, closed, arm) for arm in measure.ARMS]
@@ -221,9 +210,7 @@ def pulled(move: float, cells: int) -> Scene:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("move", "cells"), [(0.0, 3), (0.0, 4), (0.07, 4)])
-def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(
-    measure: ModuleType, move: float, cells: int
-) -> None:
+def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(measure: ModuleType, move: float, cells: int) -> None:
     what = pulled(move, cells)
     rod = measure.rod_pulled(what, np.array([0.0, 0.0, -move]))
     assert rod[1] > 0.01 * what.length

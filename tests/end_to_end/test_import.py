@@ -21,11 +21,7 @@ from magmpm.scene import load_scene
 from magmpm.scene.magnetic_mpm_import import import_robot
 
 REAL = Path(__file__).parents[2].parent / "shared" / "robots"
-MESHES = {
-    "base.STL": box((0, 0, 10), (2, 2, 12)),
-    "robot - arm.STL": box((0, 0, 5), (2, 2, 10)),
-    "tip.STL": box((0, 0, 0), (2, 2, 5)),
-}
+MESHES = {"base.STL": box((0, 0, 10), (2, 2, 12)), "robot - arm.STL": box((0, 0, 5), (2, 2, 10)), "tip.STL": box((0, 0, 0), (2, 2, 5))}
 
 
 def segment(mesh: str, vector: list[float], **more: Any) -> dict[str, Any]:
@@ -95,9 +91,7 @@ def test_an_edited_scene_is_not_imported_over(tmp_path: Path, capsys: pytest.Cap
     assert scene_file.read_text() == made
 
 
-def test_import_into_what_cant_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_import_into_what_cant_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """A read-only disk, where even deleting a missing file fails; a folder instead of the file."""
     robot = robot_file(tmp_path / "robot")
 

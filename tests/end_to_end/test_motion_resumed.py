@@ -154,9 +154,7 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path) -> None:
         ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
     ],
 )
-def test_what_can_t_be_lengthened_is_refused(
-    short: str, long: str, rule: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["run", str(scene(tmp_path, f"duration: {short}")), "--out", str(out)]) == 0
     before = Result.load(out)
@@ -246,9 +244,7 @@ def _without_state(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [_cut_short, _emptied, _of_another_version, _no_archive, _a_byte_changed, _without_state])
-def test_a_damaged_checkpoint_is_refused(
-    damage: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With file and remedy; never a traceback."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     assert main(["run", str(path), "--out", str(out)]) == 0

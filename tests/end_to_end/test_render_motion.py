@@ -43,19 +43,10 @@ def test_pictures_for_papers(folder: Path, kind: str, capsys: pytest.CaptureFixt
         assert "energy since the start" in (folder / "energies.svg").read_text(encoding="utf-8"), "text as text"
 
 
-def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "runs/bending", "--json", "--frames", "0,-1", "--fps", "10"]) == 0
     files = json.loads(capsys.readouterr().out)["files"]
-    names = [
-        "movie.mp4",
-        "frames/frame_0000.png",
-        "frames/frame_0006.png",
-        "picture.png",
-        "moments.png",
-        "energies.png",
-    ]
+    names = ["movie.mp4", "frames/frame_0000.png", "frames/frame_0006.png", "picture.png", "moments.png", "energies.png"]
     assert files == [f"runs/bending/{name}" for name in names]
     for file in files:
         assert Path(file).stat().st_size > 5000
@@ -84,18 +75,14 @@ def test_pictures_go_where_out_says(folder: Path) -> None:
         (["--frames", "first"], ("--frames", "'first'", "all")),
     ],
 )
-def test_bad_options_end_with_status_2(
-    options: list[str], says: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "runs/bending", *options]) == 2
     printed = capsys.readouterr()
     assert all(phrase in printed.err for phrase in says), printed.err
     assert not (folder / "movie.mp4").exists()
 
 
-def test_a_frame_rate_that_is_none_ends_with_status_2(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_frame_rate_that_is_none_ends_with_status_2(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["render", "runs/bending", "--fps", "0"])
     assert ended.value.code == 2
@@ -108,9 +95,7 @@ def test_a_motion_without_frames_is_said_to_be_one(folder: Path, capsys: pytest.
     assert "no frames yet" in capsys.readouterr().err
 
 
-def test_an_equilibrium_saved_later_takes_the_motions_place(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_equilibrium_saved_later_takes_the_motions_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "scene.yaml").write_text(
         "name: bending\n"
         "materials: {m: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}}\n"

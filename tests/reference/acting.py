@@ -28,6 +28,7 @@ from magmpm.model import Model, build
 from magmpm.scene import Scene
 
 KEYS = list(effects.every())
+ROTATING = ["magnetic_torque rotates", "magnetic_force rotates"]  # the same effects on magnetization that does not stretch
 USUAL = """
 name: acting
 materials:
@@ -82,8 +83,10 @@ class Acting:
 
 
 def scene(key: str, settings: Mapping[str, Any] | None = None, formulation: str | None = None) -> Scene:
-    """The scene in which an effect acts; given settings are added to those of the effect."""
+    """The scene in which an effect acts; given settings are added to those of the effect. After a blank: the law of magnetization."""
+    key, _, law = key.partition(" ")
     data = yaml.safe_load(USUAL) | yaml.safe_load(SCENES.get(key, "{}"))
+    data["materials"]["m"] |= {"magnetization_law": law} if law else {}
     if formulation is not None:
         data["solver"]["dynamic"]["formulation"] = formulation
     named = data.setdefault("effects", {})
@@ -102,7 +105,7 @@ def acting(key: str, formulation: str | None = None) -> Acting:
     model = build(scene(key, formulation=formulation))
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
     effects.refresh(model.effects, model, x, F)
-    effect = model.scene.effects.named()[key]
+    effect = model.scene.effects.named()[key.partition(" ")[0]]
     of = effect.records(model.scene)
     names = of[0].dtype.names if of else None
     own = next(((record, data) for record, data in hooks.pairs(model.effects) if record.dtype.names == names), ())
@@ -117,7 +120,7 @@ def hook(named: tuple[np.ndarray, ...], name: str) -> Any:
 
 def having(*wanted: str) -> list[str]:
     """Keys of the effects that have at least one of these hooks."""
-    return [key for key in KEYS if any(hook(acting(key).own, name) for name in wanted)]
+    return [key for key in (*KEYS, *ROTATING) if any(hook(acting(key).own, name) for name in wanted)]
 
 
 class Point:

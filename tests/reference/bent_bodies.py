@@ -64,9 +64,7 @@ def catheter(
     s, position, frame = bent_axis(curvature, length)
     section = np.stack([np.zeros_like(y), y, z], axis=1)
     at = np.searchsorted(s, along)
-    particles = np.concatenate(
-        [position[i] + section @ frame[i].T - (s[i] - a) * frame[i][:, 0] for i, a in zip(at, along)]
-    )
+    particles = np.concatenate([position[i] + section @ frame[i].T - (s[i] - a) * frame[i][:, 0] for i, a in zip(at, along)])
     middle = np.searchsorted(s, (np.arange(segments) + 0.5) * length / segments)
     angles = np.linspace(0.0, 1.5 * np.pi, segments)
     remanence = 0.138 * np.stack([np.cos(angles), 0.5 * np.sin(angles), np.sin(angles)], axis=1)

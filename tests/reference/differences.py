@@ -44,8 +44,6 @@ def differences(scene: Scene, variable: Variable) -> tuple[np.ndarray, np.ndarra
     """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h): errors of h and h^2 cancel, also at a kink (lengths)."""
     h = STEPS[variable.kind]
     sides = [[solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)]
-    slopes = [
-        [(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)] for i in range(2)
-    ]
+    slopes = [[(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)] for i in range(2)]
     rows, tip = (3 * one - 3 * two + three for one, two, three in slopes)
     return rows, tip

@@ -27,16 +27,9 @@ class Elastica:
         """(m, 3): axial position, deflection, angle at s over L."""
 
         def slope(_: float, y: np.ndarray) -> list[float]:
-            return [
-                np.cos(y[2]),
-                np.sin(y[2]),
-                y[3],
-                -self.load * np.sin(self.field_angle - y[2]),
-            ]
+            return [np.cos(y[2]), np.sin(y[2]), y[3], -self.load * np.sin(self.field_angle - y[2])]
 
-        solved = solve_ivp(
-            slope, (0, 1), [0, 0, 0, self.clamp_curvature], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=s
-        )
+        solved = solve_ivp(slope, (0, 1), [0, 0, 0, self.clamp_curvature], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=s)
         return solved.y[:3].T
 
 
@@ -62,9 +55,7 @@ def elastica(load: float, field_angle: float) -> Elastica:
 
     tip = brentq(lambda a: integral("length", a) - 1, 1e-6, field_angle - 1e-4, xtol=1e-14)
     curvature = np.sqrt(2 * load * (np.cos(field_angle - tip) - np.cos(field_angle)))
-    return Elastica(
-        load, field_angle, integral("deflection", tip), integral("axial", tip), tip, float(curvature)
-    )
+    return Elastica(load, field_angle, integral("deflection", tip), integral("axial", tip), tip, float(curvature))
 
 
 def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:

@@ -44,9 +44,7 @@ def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
     return SimpleNamespace(particles=particles, remanence=0.138 * np.eye(3)[segment % 2], scene=None)
 
 
-def bending(
-    model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4
-) -> Iterator[Moment]:
+def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4) -> Iterator[Moment]:
     """Circular bending in the x-z plane with the curvature most sin(2 pi t / period) (1/m): sections stay plane and undistorted."""
     X = model.particles.position
     V = model.particles.volume

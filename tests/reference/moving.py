@@ -92,9 +92,7 @@ class Moment:
     contacts: dict[str, Any]
 
 
-def follow(
-    scene: Scene | Model, times: Sequence[float], motion: TotalMotion | UpdatedMotion | None = None
-) -> Iterator[Moment]:
+def follow(scene: Scene | Model, times: Sequence[float], motion: TotalMotion | UpdatedMotion | None = None) -> Iterator[Moment]:
     """The moments at the given times (s), from rest or from the state of `motion`."""
     model = filled(scene if isinstance(scene, Model) else build(scene))
     begun = begin(model)

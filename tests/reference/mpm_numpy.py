@@ -117,7 +117,17 @@ class Reference:
     @property
     def remanence(self) -> np.ndarray:
         """Of the particles along x, y and z (n, 3) T."""
-        return np.einsum("nij,nj->ni", self.axes, self.model.remanence)
+        return np.einsum("nij,nj->ni", self.axes, self.model.remanence[:, :3])
+
+    def magnetization(self, F: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """m (n, 3) T, and d(-h . m)/dF (n, 3, 3): of F Br, or of R Br where the particle's law says so, with R from F = A S C."""
+        b, law = self.remanence, self.model.remanence[:, 3:]
+        m, P = np.einsum("nij,nj->ni", F, b), -np.einsum("i,nj->nij", h, b)
+        A, S, C = np.linalg.svd(F)
+        H = A.transpose(0, 2, 1) @ P @ C.transpose(0, 2, 1)
+        turned = A @ ((H - H.transpose(0, 2, 1)) / (S[:, :, None] + S[:, None])) @ C
+        on = law[:, :1] > 0 if law.shape[1] else np.zeros((len(F), 1), bool)
+        return np.where(on, np.einsum("nij,nj->ni", A @ C, b), m), np.where(on[..., None], turned, P)
 
     def gather(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """u = sum N_a c_a (n, 3) and F = I + sum c_a (x) grad N_a (n, 3, 3), for coefficients c (planes, m)."""
@@ -161,7 +171,7 @@ class Reference:
         J = np.linalg.det(F)
         W = model.shear / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3)
         B, g = loads(model)
-        W -= np.einsum("i,nij,nj->n", B / MU0, F, self.remanence) + model.density * ((model.particles.position + u) @ g)
+        W -= self.magnetization(F, B / MU0)[0] @ B / MU0 + model.density * ((model.particles.position + u) @ g)
         return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
     def residual(self, c: np.ndarray) -> np.ndarray:
@@ -176,7 +186,7 @@ class Reference:
         pressure = self.volume_stiffness() @ (J - 1) / V
         P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (pressure * J)[:, None, None] * H
         B, weight = loads(model)
-        P -= np.einsum("i,nj->nij", B / MU0, self.remanence)
+        P += self.magnetization(F, B / MU0)[1]
         f = model.density[:, None] * weight
         out = np.einsum("n,nkj,jna->ak", V, P, self.dN) - np.einsum("n,nk,na->ak", V, f, self.N)
         return out.reshape(c.shape)

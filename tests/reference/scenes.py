@@ -26,6 +26,7 @@ def rod_scene(
     bulk_to_shear: float = 20.0,
     density: float = 1882.0,
     remanence: float = BR,
+    law: str | Sequence[str] = "stretches",
     field: Sequence[float] | None = None,
     gravity: Sequence[float] | None = None,
     cells: int = 2,
@@ -37,9 +38,7 @@ def rod_scene(
     omits the effect.
     """
     moduli = np.broadcast_to(np.asarray(shear, dtype=float), (len(directions),)).tolist()
-    segments: list[dict[str, Any]] = [
-        {"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)
-    ]
+    segments: list[dict[str, Any]] = [{"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)]
     for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):
         if part is not None:
             segment["length"] = float(part)
@@ -49,6 +48,7 @@ def rod_scene(
             "bulk_to_shear": bulk_to_shear,
             "density": density,
             "remanence": remanence,
+            "magnetization_law": law if isinstance(law, str) else law[k],
         }
         for k, g in enumerate(moduli)
     }
@@ -79,9 +79,7 @@ def rod_scene(
     )
 
 
-def field_for_load(
-    load: float, angle: float, *, length: float, diameter: float, bulk_to_shear: float = 20.0
-) -> np.ndarray:
+def field_for_load(load: float, angle: float, *, length: float, diameter: float, bulk_to_shear: float = 20.0) -> np.ndarray:
     """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this
     elastica load.
 

@@ -29,9 +29,7 @@ def tips(scene: Scene, most_steps: int) -> tuple[np.ndarray, np.ndarray]:
     return result.tip / length, rod.position[-1] / length
 
 
-@pytest.mark.parametrize(
-    ("ratio", "most_steps"), [(0.7, 8), (2, 8), (20, 8), (100, 20), (500, 30), (2000, 40)]
-)
+@pytest.mark.parametrize(("ratio", "most_steps"), [(0.7, 8), (2, 8), (20, 8), (100, 20), (500, 30), (2000, 40)])
 def test_any_bulk_modulus(ratio: float, most_steps: int) -> None:
     """K/G from a sponge (nu = 0.02) to nu = 0.4997, tip rotated by 50 to 100 degrees: within 2.5 % of L of the rod."""
     statics, rod = tips(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3), most_steps)
@@ -40,10 +38,7 @@ def test_any_bulk_modulus(ratio: float, most_steps: int) -> None:
 
 def test_incompressible_limit_is_reached() -> None:
     """With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %."""
-    one, two = (
-        run(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3)).tip
-        for ratio in (500, 2000)
-    )
+    one, two = (run(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3)).tip for ratio in (500, 2000))
     assert np.linalg.norm(one - two) < 0.2e-2 * 40e-3
 
 
@@ -56,10 +51,7 @@ def test_stiffness_contrast(ratio: float, first: str) -> None:
     moduli = np.array([G, G / ratio, G, G / ratio])
     moduli = moduli if first == "stiff" else moduli[::-1]
     directions = [(1, 0, 0), (0, 0, 1), (1, 0, 0), (0, 0, 1)]
-    statics, rod = tips(
-        rod_scene(directions=directions, shear=moduli, field=(0, 0, 10e-3 / ratio), cells=3),
-        8 if ratio == 10 else 25,
-    )
+    statics, rod = tips(rod_scene(directions=directions, shear=moduli, field=(0, 0, 10e-3 / ratio), cells=3), 8 if ratio == 10 else 25)
     assert np.linalg.norm(statics - rod) < 3e-2
     assert statics[2] > 0.05
 
@@ -131,9 +123,7 @@ def test_needle() -> None:
     assert np.linalg.norm(statics - rod) < 0.3e-2
 
 
-@pytest.mark.parametrize(
-    ("lengths", "bound"), [([10.1, 0.1, 29.8], 2e-6), ([39.9, 0.1], 2e-6), ([0.1, 39.9], 0.2e-2)]
-)
+@pytest.mark.parametrize(("lengths", "bound"), [([10.1, 0.1, 29.8], 2e-6), ([39.9, 0.1], 2e-6), ([0.1, 39.9], 0.2e-2)])
 def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) -> None:
     """A slice of 0.1 mm in cells of 1.3 mm: dividing a cell in two changes nothing where the strain varies slowly.
 
@@ -157,9 +147,7 @@ def test_slice_of_another_magnetisation() -> None:
 
 
 def test_fifty_segments() -> None:
-    statics, rod = tips(
-        rod_scene(directions=[(1, 0, 0), (0, 1, 0.5)] * 25, field=(0, 5e-3, 8e-3), cells=3), 8
-    )
+    statics, rod = tips(rod_scene(directions=[(1, 0, 0), (0, 1, 0.5)] * 25, field=(0, 5e-3, 8e-3), cells=3), 8)
     assert np.linalg.norm(statics - rod) < 1e-2
 
 

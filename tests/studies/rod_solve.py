@@ -144,9 +144,7 @@ def write_study(folder: Path, text: str = STUDY, scene: str | None = None) -> Pa
     s = np.linspace(0.0, 0.04, 21)
     radius = 0.04 / np.deg2rad(60)
     bend = radius * (1 - np.cos(s / radius))
-    write_centreline(
-        folder / "target.csv", np.column_stack([s, radius * np.sin(s / radius), 0.6 * bend, 0.8 * bend])
-    )
+    write_centreline(folder / "target.csv", np.column_stack([s, radius * np.sin(s / radius), 0.6 * bend, 0.8 * bend]))
     path = folder / "probe.yaml"
     path.write_text(text)
     return path

@@ -45,9 +45,7 @@ def test_pictures_are_listed_and_can_be_downloaded(served: Dashboard, out: Path)
         (artifact,) = trial["artifacts"]
         assert artifact["filename"] == f"trial_{trial['number']:03d}.png"
         assert artifact["mimetype"] == "image/png"
-        content = served.get(
-            f"/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}"
-        )
+        content = served.get(f"/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}")
         assert content == (out / "pictures" / artifact["filename"]).read_bytes()
 
 

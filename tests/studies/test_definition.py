@@ -83,9 +83,7 @@ def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: P
     ],
     ids=["seed", "sampler", "field", "material", "scene's field", "unmagnetised", "resolution", "tolerance", "anti-locking", "effect"],
 )
-def test_another_definition_is_refused_and_the_difference_shown(
-    study: str, scene: str, shown: str, tmp_path: Path
-) -> None:
+def test_another_definition_is_refused_and_the_difference_shown(study: str, scene: str, shown: str, tmp_path: Path) -> None:
     path, out = write_study(tmp_path), tmp_path / "out"
     run_study(load_study(path), solve=solve, out=out, trials=1)
     write_study(tmp_path, study, scene)

@@ -93,10 +93,7 @@ def test_designs_alike_are_a_model_too() -> None:
     assert np.isfinite(slope).all()
 
 
-VARIED = {
-    "field": "  field: {max: 10 mT}\n",
-    "all": "  magnetization: {}\n  field: {max: 10 mT}\n  diameter: {min: 3 mm, max: 4 mm}\n",
-}
+VARIED = {"field": "  field: {max: 10 mT}\n", "all": "  magnetization: {}\n  field: {max: 10 mT}\n  diameter: {min: 3 mm, max: 4 mm}\n"}
 
 
 @pytest.mark.parametrize("varied", VARIED)
@@ -151,7 +148,5 @@ def test_the_choice_depends_on_seed_and_trials_alone(tmp_path: Path) -> None:
         trial = study.ask(space.distributions())
         trial.set_user_attr("residuals", rng.normal(size=12).tolist())
         study.tell(trial, float(k))
-    chosen = [
-        ShapeSampler(space, seed, 5).sample_relative(study, study.trials[-1], space.distributions()) for seed in (3, 3, 4)
-    ]
+    chosen = [ShapeSampler(space, seed, 5).sample_relative(study, study.trials[-1], space.distributions()) for seed in (3, 3, 4)]
     assert chosen[0] == chosen[1] != chosen[2]

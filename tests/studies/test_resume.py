@@ -171,9 +171,7 @@ def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
     path = write_study(tmp_path)
     run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "whole", sampler="tpe")
     for trials in (1, 2, 6, 8):
-        report = run_study(
-            load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "parts", sampler="tpe", trials=trials
-        )
+        report = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "parts", sampler="tpe", trials=trials)
         assert report.trials == trials
     same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
 
@@ -243,9 +241,7 @@ def test_missing_extra_is_said_before_any_trial(
     sampler: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a)
-    )
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a))
     with pytest.raises(InputError, match=rf"pip install 'magmpm\[{extra}\]'"):
         check_available(sampler)
     study = load_study(write_study(tmp_path))

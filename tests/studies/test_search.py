@@ -70,9 +70,7 @@ def test_only_the_field_can_be_varied(tmp_path: Path) -> None:
     assert list(space.bounds) == ["field_mT", "field_azimuth_deg", "field_elevation_deg"]
     parameters = {"field_mT": 5.0, "field_azimuth_deg": 0.0, "field_elevation_deg": 90.0}
     scene = space.scene_of(parameters)
-    assert [s.magnetization for s in scene.body.catheter.segments] == [
-        s.magnetization for s in space.scene.body.catheter.segments
-    ]
+    assert [s.magnetization for s in scene.body.catheter.segments] == [s.magnetization for s in space.scene.body.catheter.segments]
 
 
 def test_names_sort_from_base_to_tip(tmp_path: Path) -> None:
@@ -113,9 +111,7 @@ def test_tpe_begins_with_four_bends_that_surround_the_catheter(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("text", [STUDY, FIELD], ids=["magnetisation", "and field"])
-def test_tpe_stays_in_bounds_and_gathers_about_good_designs(
-    text: str, tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_tpe_stays_in_bounds_and_gathers_about_good_designs(text: str, tmp_path: Path, rng: np.random.Generator) -> None:
     """For a smooth objective over directions, the designs of later trials are far nearer to its minimum than random ones."""
     space = space_of(tmp_path, text)
     goal, _ = space.design({name: rng.uniform(low, high) for name, (low, high) in space.bounds.items()})

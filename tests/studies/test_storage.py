@@ -139,9 +139,7 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
         ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
     ],
 )
-def test_unusable_storage_is_said_before_any_trial(
-    url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_unusable_storage_is_said_before_any_trial(url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path) -> None:
     with pytest.raises(kind) as caught:
         run(tmp_path, storage=url)
     assert all(phrase in str(caught.value) for phrase in says), str(caught.value)

@@ -103,9 +103,7 @@ def test_a_lost_result_of_the_best_is_solved_again(tmp_path: Path) -> None:
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_a_failed_solve_costs_a_trial_and_not_the_study(
-    error: Exception, reason: str, tmp_path: Path
-) -> None:
+def test_a_failed_solve_costs_a_trial_and_not_the_study(error: Exception, reason: str, tmp_path: Path) -> None:
     calls: list[Scene] = []
 
     def sometimes(scene: Scene) -> RodResult:
@@ -139,9 +137,7 @@ def test_a_study_whose_solves_all_fail_ends_and_says_so(sampler: str, tmp_path: 
     assert report.best is None
     assert report.first_trial_below_stop is None
     assert not (tmp_path / "out/best").exists()
-    assert len({json.dumps(t.params) for t in trials_of(tmp_path / "out")}) == 14, (
-        "it keeps looking elsewhere"
-    )
+    assert len({json.dumps(t.params) for t in trials_of(tmp_path / "out")}) == 14, ("it keeps looking elsewhere")
 
 
 @pytest.mark.parametrize("broken", ["nan", "inf", "unconverged"])

@@ -28,10 +28,7 @@ every_problem = pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLE
 
 
 @every_problem
-@pytest.mark.parametrize(
-    ("cells", "bound"),
-    [(4, 0.15e-2), (6, 0.06e-2), pytest.param(8, 0.03e-2, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize(("cells", "bound"), [(4, 0.15e-2), (6, 0.06e-2), pytest.param(8, 0.03e-2, marks=pytest.mark.slow)])
 def test_centreline(problem: Problem, cells: int, bound: float) -> None:
     result = run(problem.scene(cells))
     assert result.iterations <= 8

@@ -21,12 +21,7 @@ from magmpm.simulate import run
 pytest.importorskip("magpylib")
 ROOT = Path(__file__).parents[2]
 L = 40e-3
-MAGNET = {
-    "cylinder": {"diameter": 20e-3, "length": 20e-3},
-    "position": (75e-3, 0.0, 20e-3),
-    "axis": (1.0, 0.0, 0.0),
-    "remanence": 1.3,
-}
+MAGNET = {"cylinder": {"diameter": 20e-3, "length": 20e-3}, "position": (75e-3, 0.0, 20e-3), "axis": (1.0, 0.0, 0.0), "remanence": 1.3}
 
 
 def pulled(field: dict[str, Any], **more: Any) -> Scene:

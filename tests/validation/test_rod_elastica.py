@@ -41,9 +41,7 @@ def test_tip(angle: int, load: float) -> None:
     assert x == pytest.approx(exact.axial, abs=1e-4)
     assert np.arctan2(np.hypot(tangent[1], tangent[2]), tangent[0]) == pytest.approx(exact.angle, abs=1e-4)
     assert z > 0
-    assert abs(y) < 3e-3, (
-        "toward +z; above buckling every azimuth costs the same, and rounding turns it a little"
-    )
+    assert abs(y) < 3e-3, ("toward +z; above buckling every azimuth costs the same, and rounding turns it a little")
 
 
 def test_the_exact_answers_are_the_published_ones() -> None:
@@ -59,9 +57,7 @@ def test_the_exact_answers_are_the_published_ones() -> None:
         assert np.degrees(found.angle) == pytest.approx(degrees, abs=1e-4)
 
 
-@pytest.mark.skipif(
-    not SHARED.exists(), reason="the long table of ../shared is not here; the rows above stand for it"
-)
+@pytest.mark.skipif(not SHARED.exists(), reason="the long table of ../shared is not here; the rows above stand for it")
 def test_every_row_of_the_task_table() -> None:
     for row in json.loads(SHARED.read_text())["rows"]:
         assert (row["field_angle_deg"], row["load"]) in ROWS

@@ -67,9 +67,7 @@ def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
     _, panels = energy.tangent(point)
     split, shape = model.layout.split, (model.layout.planes, model.layout.m)
     assert factor(panels, split) == -1, "below the critical load the straight body is stable"
-    inverse = LinearOperator(
-        (model.dof, model.dof), matvec=lambda b: solve(panels, split, b.reshape(shape)).ravel(), dtype=float
-    )
+    inverse = LinearOperator((model.dof, model.dof), matvec=lambda b: solve(panels, split, b.reshape(shape)).ravel(), dtype=float)
     values = eigsh(inverse, 2, which="LM", v0=np.ones(model.dof), return_eigenvectors=False)
     return float(1 / values.max())
 

@@ -23,10 +23,7 @@ from magmpm.studies.engine.workers.per_trial import AGAIN
 
 HERE = Path(__file__).parent
 WANTED = 40
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(program("initdb") is None, reason="needs PostgreSQL: apt-get install postgresql"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(program("initdb") is None, reason="needs PostgreSQL: apt-get install postgresql")]
 pytest.importorskip("psycopg", reason="an extra: pip install -e '.[postgresql]'")
 
 

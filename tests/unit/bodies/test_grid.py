@@ -51,9 +51,7 @@ def test_same_splines_as_scipy() -> None:
             np.testing.assert_allclose(ours, theirs[:, cell : cell + 3], rtol=0, atol=1e-14 / h)
             assert np.all(np.delete(theirs, [cell, cell + 1, cell + 2], axis=1) == 0)
     peak = spline_matrix(grid.node_coordinates(0)[1:-1], origin, h, cells)
-    assert np.all(peak.argmax(axis=1) == np.arange(1, cells + 1)), (
-        "a spline is largest at its node's coordinate"
-    )
+    assert np.all(peak.argmax(axis=1) == np.arange(1, cells + 1)), ("a spline is largest at its node's coordinate")
 
 
 def test_once_differentiable_across_faces() -> None:

@@ -82,10 +82,7 @@ def test_moments_of_cut_cells_add_up_to_the_mesh(name: str) -> None:
 
 def test_moments_of_one_cell_of_a_known_piece() -> None:
     """The tetrahedron x + y + z < 1 in the unit cell: integrals of x^a y^b z^c are a! b! c!/(a + b + c + 3)!."""
-    tetrahedron = checked(
-        np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-    )
+    tetrahedron = checked(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
     _, m = cell_moments(tetrahedron.triangles, Grid(np.zeros(3), np.ones(3), (1, 1, 1)))
     want = [1 / 6, *[1 / 24] * 3, 1 / 60, 1 / 120, 1 / 120, 1 / 60, 1 / 120, 1 / 60]
     np.testing.assert_allclose(m[0], want, rtol=1e-13)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.dynamics import Total, Updated
-from reference.scenes import rod_scene
+from reference.scenes import X, rod_scene
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve
 from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
+from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
 from magmpm.effects.contact_law import contact_of
 from magmpm.model import Model, build
 
@@ -28,6 +28,7 @@ EFFECTS = (
     + viscosity.parameters(3.0)
     + damping.parameters(300.0)
     + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4, reach=1e-4)
+    + magnetic_torque.parameters(np.array([0.2, 0.3, -0.5]), turns=True)
     + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, reach=1e-4)
     + feed.parameters(speed=0.02, exit=2e-3, radius=3e-3)
 )
@@ -35,12 +36,13 @@ EFFECTS = (
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return replace(build(rod_scene(length=8e-3)), effects=EFFECTS, clamped_face=True)
+    """Magnetization stretches in the first half and rotates in the second."""
+    return replace(build(rod_scene(length=8e-3, directions=[X, X], law=["stretches", "rotates"])), effects=EFFECTS, clamped_face=True)
 
 
 def touching(model: Model, x: np.ndarray) -> None:
     """The comparison is meaningful: some points touch each obstacle, and some do not."""
-    for at in (6, 8):  # ground, walls
+    for at in (6, 10):  # ground, walls
         told = contact_of(EFFECTS[at : at + 2], x, 0 * x, np.ones(len(x)), DT)
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
 

@@ -10,7 +10,7 @@ from reference.scenes import rod_scene
 
 from magmpm.compiled.jit import compiled
 from magmpm.dynamics import watchdog
-from magmpm.effects.driven import WHIP
+from magmpm.effects.acting import WHIP
 from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
 from magmpm.scene import Scene

@@ -71,19 +71,14 @@ def test_the_line_names_it(drag: ModuleType) -> None:
     assert record["drag_rate"] == RATE
     assert not len(data)
     assert named({"drag": {"rate": "0 1/s"}}) == ()
-    assert [r.dtype.names[0] for r in named({"drag": {"rate": "5 1/s"}, "gravity": {}})[::2]] == [
-        "gravity",
-        "drag_rate",
-    ]
+    assert [r.dtype.names[0] for r in named({"drag": {"rate": "5 1/s"}, "gravity": {}})[::2]] == ["gravity", "drag_rate"]
     with pytest.raises(InputError, match=r"drag\.rate: received \"5 mm\"[^@]*is not a unit of rate"):
         named({"drag": {"rate": "5 mm"}})
 
 
 def test_the_file_brakes(drag: ModuleType) -> None:
     """A free body without stiffness slows by 1 - rate dt per step, in both formulations; and its step is stable."""
-    scene = rod_scene(length=12e-3).model_copy(
-        update={"effects": validate(effects.Effects, {"drag": {"rate": "5 1/s"}}, "example.yaml")}
-    )
+    scene = rod_scene(length=12e-3).model_copy(update={"effects": validate(effects.Effects, {"drag": {"rate": "5 1/s"}}, "example.yaml")})
     model = build(scene)
     model = replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)
     assert effects.stable_steps(model) == {"drag": 1 / RATE}
@@ -100,9 +95,7 @@ def test_the_file_brakes(drag: ModuleType) -> None:
     np.testing.assert_allclose(after, (1 - RATE * DT) * v, rtol=0, atol=1e-15)
 
 
-def test_the_file_brakes_in_a_compiled_kernel(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three steps of the solver's kernel, compiled with the example, equal those of the plain reference.
 
     Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones.

@@ -22,9 +22,7 @@ from magmpm.statics.layout import static_model
 B, BR, G_EARTH = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08]), np.array([0.3, 0.2, -9.81])
 RHO, U = 1882.0, np.array([1e-3, 2e-3, -3e-3])
 F0 = np.array([[1.1, 0.2, -0.3], [0.1, 0.8, 0.4], [-0.2, 0.3, 1.2]])
-PERMUTATION = np.array(
-    [[[(i - j) * (j - k) * (k - i) / 2 for k in range(3)] for j in range(3)] for i in range(3)]
-)
+PERMUTATION = np.array([[[(i - j) * (j - k) * (k - i) / 2 for k in range(3)] for j in range(3)] for i in range(3)])
 
 
 @numba.njit
@@ -39,9 +37,7 @@ def totals(named, magnet, rho, x, F, P, A, f):  # type: ignore[no-untyped-def]
     add_force(named, 0, magnet, rho, x, F, f)
 
 
-def derivatives(
-    named: tuple, u: np.ndarray = U, F: np.ndarray = F0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def derivatives(named: tuple, u: np.ndarray = U, F: np.ndarray = F0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stress (3, 3), tangent (9, 9) and force (3,) that a tuple of effects adds."""
     P, A, f = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros(3)
     totals(named, BR, RHO, u, F, P, A, f)
@@ -155,9 +151,7 @@ def _nothing(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
 @pytest.mark.usefixtures("clean_registry")
 def test_unknown_hook_is_refused_and_leaves_no_trace() -> None:
     dtype = np.dtype([("test_unknown", np.float64)])
-    with pytest.raises(
-        ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"
-    ):
+    with pytest.raises(ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"):
         hooks.register(dtype, energy=_nothing, friction=_nothing)
     hooks.register(dtype, energy=_nothing)  # a refused registration has no effect
 
@@ -186,10 +180,7 @@ def test_energy_and_derivatives_of_named_effects_agree_in_a_model(rng: np.random
     assert change[0] - change[1] == pytest.approx(work, abs=1e-12 * scale + 1e-12 * abs(work))
 
 
-STRENGTHLESS = {
-    "field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)},
-    "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)},
-}
+STRENGTHLESS = {"field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)}, "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)}}
 
 
 @pytest.mark.parametrize("absent", STRENGTHLESS)

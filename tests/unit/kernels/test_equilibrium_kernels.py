@@ -71,9 +71,7 @@ def test_cell_energy(case: tuple[Energy, Reference, np.ndarray]) -> None:
     point = energy.at(c)
     parts, J = reference.energy_parts(c)
     first = energy.model.particles.cell_first
-    np.testing.assert_allclose(
-        energy._per_cell[0], np.add.reduceat(parts, first[:-1]), atol=ROUNDING * np.abs(parts).sum()
-    )
+    np.testing.assert_allclose(energy._per_cell[0], np.add.reduceat(parts, first[:-1]), atol=ROUNDING * np.abs(parts).sum())
     assert point.energy == pytest.approx(parts.sum(), rel=ROUNDING)
     assert (point.min_det_F, point.max_det_F) == pytest.approx((J.min(), J.max()), rel=ROUNDING)
 
@@ -85,6 +83,16 @@ def test_scatter_residual(case: tuple[Energy, Reference, np.ndarray]) -> None:
     size = np.abs(expected).max()
     np.testing.assert_allclose(energy.residual(point), expected, rtol=0, atol=ROUNDING * size)
     np.testing.assert_allclose(energy.tangent(point)[0], expected, rtol=0, atol=ROUNDING * size)
+
+
+def test_magnetization_that_rotates() -> None:
+    """Energy and residual with R Br in place of F Br in one of two materials."""
+    mixed = small_scene(law=["rotates", "stretches"])
+    energy, reference = Energy(mixed), Reference.of(mixed)
+    c = 0.08 * mixed.grid.spacing[0] * np.random.default_rng(5).standard_normal(energy.shape)
+    point, expected = energy.at(c), reference.residual(c)
+    assert point.energy == pytest.approx(reference.energy_parts(c)[0].sum(), rel=ROUNDING)
+    np.testing.assert_allclose(energy.residual(point), expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
 def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
@@ -100,17 +108,13 @@ def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None
     energy, reference, _ = case
     first = energy.model.particles.cell_first
     assert first[-1] == len(energy.model.shear)
-    assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(
-        cell.tolist() for cell in reference.cells()
-    )
+    assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(cell.tolist() for cell in reference.cells())
 
 
 def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """This allows threads to add without locks: slabs 2k and 2k + 2 write to different planes."""
     layout = case[0].model.layout
-    touched = [
-        set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)
-    ]
+    touched = [set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)]
     for color in (touched[0::2], touched[1::2]):
         for one, two in pairwise(color):
             assert not one & two

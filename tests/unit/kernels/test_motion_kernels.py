@@ -21,10 +21,7 @@ from magmpm.statics.layout import static_model
 B, BR, G_EARTH = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08]), np.array([0.3, 0.2, -9.81])
 ROUNDING = 1e-13  # of the largest value: sums over some hundred particles
 DT, STEPS = 1e-6, 3
-LOADS = {
-    "bare": (),
-    "weight, field and damping": magnetic_torque.parameters(B) + gravity.parameters(G_EARTH) + damping.parameters(300.0),
-}
+LOADS = {"bare": (), "weight, field and damping": magnetic_torque.parameters(B) + gravity.parameters(G_EARTH) + damping.parameters(300.0)}
 
 
 def model_of(effects: tuple[np.ndarray, ...] = (), **scene: object) -> Model:
@@ -140,9 +137,7 @@ def test_sorting_gives_the_bits_that_placing_gives(rng: np.random.Generator) -> 
     motions = [UpdatedMotion(model), UpdatedMotion(model)]
     for motion in motions:
         motion.since = INTERVAL - 90  # so that a drift correction takes place
-        motion.place(
-            model.particles.position, np.tile([0.0, 8.0, -3.0], (n, 1)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
-        )
+        motion.place(model.particles.position, np.tile([0.0, 8.0, -3.0], (n, 1)), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
         motion.advance(60, 2e-6, model.effects)
     motions[0].sort()
     motions[1].restore(motions[1].state())

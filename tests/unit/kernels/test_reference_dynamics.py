@@ -59,14 +59,7 @@ def test_updated_keeps_momentum(model: StaticModel, rng: np.random.Generator) ->
 
     def moments() -> tuple[np.ndarray, np.ndarray]:
         inner = np.einsum("nij,j->nij", state.C, h**2 / 4)  # sum N_a v_a (x) d
-        spin = np.stack(
-            [
-                inner[:, 2, 1] - inner[:, 1, 2],
-                inner[:, 0, 2] - inner[:, 2, 0],
-                inner[:, 1, 0] - inner[:, 0, 1],
-            ],
-            -1,
-        )
+        spin = np.stack([inner[:, 2, 1] - inner[:, 1, 2], inner[:, 0, 2] - inner[:, 2, 0], inner[:, 1, 0] - inner[:, 0, 1]], -1)
         return mass @ state.v, mass @ (np.cross(state.x, state.v) + spin)
 
     p0, l0 = moments()

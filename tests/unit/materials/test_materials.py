@@ -176,9 +176,7 @@ def test_conversions_known_numbers() -> None:
     """E = 2.951 G, not 3 G, at K = 20 G; E = 2 G (1 + nu) always; 3 G and 1/2 in the incompressible limit."""
     assert young_modulus(1.0, 20.0) == pytest.approx(2.951, abs=5e-4)  # to the given digits
     for ratio in (0.7, 2.0, 20.0, 500.0):
-        assert young_modulus(G, ratio * G) == pytest.approx(
-            2 * G * (1 + poisson_ratio(G, ratio * G)), rel=1e-15
-        )
+        assert young_modulus(G, ratio * G) == pytest.approx(2 * G * (1 + poisson_ratio(G, ratio * G)), rel=1e-15)
     assert young_modulus(1.0, 1e9) == pytest.approx(3.0, rel=1e-9)
     assert poisson_ratio(1.0, 1e9) == pytest.approx(0.5, rel=1e-9)
     assert poisson_ratio(3.0, 2.0) == 0.0

@@ -29,9 +29,7 @@ def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray
     """
     g, h = model.grid.node_coordinates(0)[1:], model.grid.node_widths[1:]  # of a cell at each node: they differ in a tube
     planes = np.outer(g, a) + np.outer(g**2 - h**2 / 4, b)
-    return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(
-        model.layout.planes, -1
-    )
+    return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(model.layout.planes, -1)
 
 
 @pytest.mark.parametrize("inner", [0.0, 2e-3])

@@ -28,9 +28,7 @@ def contents(folder: Path) -> dict[str, Any]:
     """The whole content of the files of a motion."""
     found: dict[str, Any] = {}
     with h5py.File(folder / motion.MOTION, "r") as file:
-        file.visititems(
-            lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None
-        )
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
         count, n = file["VTKHDF/Steps"].attrs["NSteps"], file["VTKHDF/NumberOfPoints"][0]
         for name, array in found.items():  # growing arrays are longer than the counted frames
             if array.ndim and file[name].maxshape[0] is None:
@@ -67,13 +65,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
         np.testing.assert_allclose(frame.position, moment.x, rtol=SINGLE, atol=1e-12)
         for name, array in wanted.items():
             # Rounded once to single precision; absolute where an entry is a difference of large numbers.
-            np.testing.assert_allclose(
-                frame.quantities[name],
-                array,
-                rtol=SINGLE,
-                atol=1e-13 * (1 + np.abs(array).max()),
-                err_msg=name,
-            )
+            np.testing.assert_allclose(frame.quantities[name], array, rtol=SINGLE, atol=1e-13 * (1 + np.abs(array).max()), err_msg=name)
         np.testing.assert_array_equal(frame.field, moment.field)
         assert read.energies["kinetic"][k] == moment.energies["kinetic"]
         assert read.energies["total"][k] == sum(moment.energies.values())
@@ -171,13 +163,7 @@ def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
     writer = MotionWriter(tmp_path / "kept", model, max_disk=budget)
     with pytest.raises(BudgetError) as caught:
         motions.write(writer, motions.bending(model, TIMES))
-    for phrase in (
-        "solver.dynamic.max_disk",
-        "MB",
-        f"after {writer.frames} frames",
-        "output_every",
-        "raise max_disk",
-    ):
+    for phrase in ("solver.dynamic.max_disk", "MB", f"after {writer.frames} frames", "output_every", "raise max_disk"):
         assert phrase in str(caught.value)
     assert isinstance(caught.value, SolveError)
     assert caught.value.exit_status == 3

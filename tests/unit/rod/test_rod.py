@@ -113,9 +113,7 @@ def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator) -> None:
     for a in range(n):
         for b in range(a, min(n, a + 6)):
             second = chain.energy(h * (unit[a] + unit[b])) - plus[a] - plus[b] + base
-            second = (second + chain.energy(-h * (unit[a] + unit[b])) - minus[a] - minus[b] + base) / (
-                2 * h * h
-            )
+            second = (second + chain.energy(-h * (unit[a] + unit[b])) - minus[a] - minus[b] + base) / (2 * h * h)
             assert second == pytest.approx(H[a, b], abs=1e-6 * scale)  # rounding error 1e-16/h^2, and h^2
 
 
@@ -227,14 +225,7 @@ def test_turned_about_its_axis(angle: float) -> None:
     """If magnetization, field and gravity rotate about x by any angle, the shape rotates with them, because the section is round."""
     R = Rotation.from_euler("x", angle, degrees=True).as_matrix()
     model = rod_model(spatial())
-    turned = RodModel(
-        **{
-            **vars(model),
-            "moment": model.moment @ R.T,
-            "field": model.field @ R.T,
-            "weight": model.weight @ R.T,
-        }
-    )
+    turned = RodModel(**{**vars(model), "moment": model.moment @ R.T, "field": model.field @ R.T, "weight": model.weight @ R.T})
     one, two = solve_rod_model(model), solve_rod_model(turned)
     np.testing.assert_allclose(two.position, one.position @ R.T, rtol=0, atol=1e-9 * L)
     assert np.linalg.norm(one.position[-1] - [L, 0, 0]) > 0.3 * L

@@ -101,9 +101,7 @@ def test_directions_by_angles_and_by_components(tmp_path: Path) -> None:
 
 
 def test_yaml_is_read_by_the_rules_of_1_2(tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text(
-        "a: 1e-9\nb: no\nc: 12:30\nd: 010\ne: true\nf: 2024-01-02\n1: x\ng: &x {h: 1}\ni: *x\n"
-    )
+    (tmp_path / "a.yaml").write_text("a: 1e-9\nb: no\nc: 12:30\nd: 010\ne: true\nf: 2024-01-02\n1: x\ng: &x {h: 1}\ni: *x\n")
     data = read_yaml(tmp_path / "a.yaml")
     assert data.pop("g") == data.pop("i") == {"h": 1}
     assert data == {"a": 1e-9, "b": "no", "c": "12:30", "d": 10, "e": True, "f": "2024-01-02", "1": "x"}
@@ -136,12 +134,8 @@ def test_a_direction_without_remanence_is_unmagnetised(five: Scene) -> None:
 
 def test_warnings(tmp_path: Path) -> None:
     text = FIVE.read_text().replace("  magnetic_torque: {}", "  gravity: {}")
-    assert scene_of(tmp_path, text).warnings() == [
-        "effects: magnetic_torque is not named, so the field does nothing"
-    ]
-    text = FIVE.read_text().replace(
-        "materials:", "materials:\n  spare: {shear_modulus: 1 kPa, bulk_to_shear: 20}", 1
-    )
+    assert scene_of(tmp_path, text).warnings() == ["effects: magnetic_torque is not named, so the field does nothing"]
+    text = FIVE.read_text().replace("materials:", "materials:\n  spare: {shear_modulus: 1 kPa, bulk_to_shear: 20}", 1)
     assert scene_of(tmp_path, text).warnings() == ["materials: spare is not used"]
 
 
@@ -149,12 +143,8 @@ def test_warnings(tmp_path: Path) -> None:
 
 
 def test_the_layout_of_the_file_is_not_in_the_hash(five: Scene, tmp_path: Path) -> None:
-    text = (
-        FIVE.read_text().replace("40 mm", "0.04 m").replace("8 mT]", "80 G]").replace("120 kPa", "0.12 MPa")
-    )
-    text = text.replace("30 deg", "0.52359877559829887 rad").replace(
-        "name: five-segment catheter", "name: other"
-    )
+    text = FIVE.read_text().replace("40 mm", "0.04 m").replace("8 mT]", "80 G]").replace("120 kPa", "0.12 MPa")
+    text = text.replace("30 deg", "0.52359877559829887 rad").replace("name: five-segment catheter", "name: other")
     head, rest = text.split("materials:", 1)
     materials, rest = rest.split("body:", 1)
     other = scene_of(tmp_path, f"{head}body:{rest}\nmaterials:{materials}")
@@ -223,9 +213,7 @@ def test_scenes_are_made_in_python_in_si() -> None:
         Material(shear_modulus=float("nan"), bulk_to_shear=20)
     data = scene.to_si()
     data["body"]["catheter"]["length"] = -1.0
-    with pytest.raises(
-        InputError, match=r"input: body\.catheter\.length: received -1\.0\n  rule: must be greater"
-    ):
+    with pytest.raises(InputError, match=r"input: body\.catheter\.length: received -1\.0\n  rule: must be greater"):
         Scene.from_si(data)
 
 
@@ -264,9 +252,7 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
     both = five.with_effects(gravity={})
     assert both.effects.magnetic_torque is not None
     assert both.effects.gravity == Gravity()
-    assert five.with_effects(gravity=Gravity(acceleration=(0, 0, 0))).effects.gravity == Gravity(
-        acceleration=(0, 0, 0)
-    )
+    assert five.with_effects(gravity=Gravity(acceleration=(0, 0, 0))).effects.gravity == Gravity(acceleration=(0, 0, 0))
     assert both.with_effects(gravity=None) == five
     with pytest.raises(InputError, match=r"ground\.point: received nothing"):
         five.with_effects(ground={})
@@ -296,10 +282,7 @@ def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
 def test_the_committed_schema_is_current() -> None:
     committed = json.loads(schema.PATH.read_text())
     assert essence(committed) == essence(json_schema(Scene)), "run python -m magmpm.scene.json_schema"
-    assert (
-        "/$defs/Catheter/properties/length",
-        'description = "Length of the undeformed catheter."',
-    ) in essence(committed)
+    assert ("/$defs/Catheter/properties/length", 'description = "Length of the undeformed catheter."') in essence(committed)
 
 
 def test_the_schema_explains_every_key() -> None:
@@ -331,10 +314,7 @@ def test_the_schema_wants_units_and_knows_no_other_keys() -> None:
     data = json.loads(json.dumps(read_yaml(FIVE)))
     data["body"]["catheter"]["length"] = 0.04
     data["body"]["catheter"]["lenght"] = "40 mm"
-    assert {error.json_path for error in validator.iter_errors(data)} == {
-        "$.body.catheter",
-        "$.body.catheter.length",
-    }
+    assert {error.json_path for error in validator.iter_errors(data)} == {"$.body.catheter", "$.body.catheter.length"}
 
 
 # tables
@@ -347,13 +327,9 @@ def test_centreline_tables(tmp_path: Path) -> None:
         read_centreline(tmp_path / "a.csv"), rows, rtol=0, atol=5e-10
     )  # written to 1 nm
     (tmp_path / "b.csv").write_text("# note\n\nz_mm, s_mm, x_mm, y_mm\r\n3,0,1,2\r\n\n6,1,4,5\n")
-    np.testing.assert_allclose(
-        read_centreline(tmp_path / "b.csv"), 1e-3 * np.array([[0, 1, 2, 3], [1, 4, 5, 6]]), rtol=1e-15
-    )
+    np.testing.assert_allclose(read_centreline(tmp_path / "b.csv"), 1e-3 * np.array([[0, 1, 2, 3], [1, 4, 5, 6]]), rtol=1e-15)
     (tmp_path / "c.csv").write_text("s_mm,x_mm,y_mm,z_mm\n-1,0,0,0\n1,1,0,0\n")
-    with pytest.raises(
-        InputError, match=r"c\.csv:2: received \"-1,0,0,0\"\n  rule: s_mm must not be negative"
-    ):
+    with pytest.raises(InputError, match=r"c\.csv:2: received \"-1,0,0,0\"\n  rule: s_mm must not be negative"):
         read_centreline(tmp_path / "c.csv")
     with pytest.raises(InputError, match="no such file"):
         read_centreline(tmp_path / "d.csv")

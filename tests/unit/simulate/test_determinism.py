@@ -16,9 +16,7 @@ from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import static_model
 
-pytestmark = pytest.mark.skipif(
-    numba.config.NUMBA_NUM_THREADS < 2, reason="Numba was started with one thread"
-)
+pytestmark = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="Numba was started with one thread")
 
 SCENE = rod_scene(
     length=23e-3,

@@ -7,11 +7,12 @@ import pytest
 from reference.scenes import rod_scene
 
 from magmpm.model import build
-from magmpm.statics import approach, axis
-from magmpm.statics.approach import ASTRAY, SETTLED, SLENDER, approached
+from magmpm.statics import axis
+from magmpm.statics import grids as cheap
 from magmpm.statics.between_grids import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import one_blas_thread, solve_static
+from magmpm.statics.grids import ASTRAY, SETTLED, SLENDER, approached
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import corrected
 
@@ -43,8 +44,8 @@ def test_it_ends_where_the_equilibrium_is(grids, slenderness: float, monkeypatch
     """In single and in double precision, to a third more than SETTLED of what it was to tell (what is left shrinks by a quarter a step)."""
     fine, start, truth, compared = grids
     used: list[type] = []
-    real = approach.factor
-    monkeypatch.setattr(approach, "factor", lambda panels, split: used.append(panels.dtype.type) or real(panels, split))
+    real = cheap.factor
+    monkeypatch.setattr(cheap, "factor", lambda panels, split: used.append(panels.dtype.type) or real(panels, split))
     told: list[int] = []
     with one_blas_thread():
         near = approached(Energy(fine), start, lambda grid: points(fine, grid), compared, slenderness, lambda step, _: told.append(step))
@@ -59,7 +60,7 @@ def test_it_ends_where_the_equilibrium_is(grids, slenderness: float, monkeypatch
 def test_no_answer_where_steps_lead_away(grids, monkeypatch: pytest.MonkeyPatch) -> None:
     """A direction that is turned around makes steps grow: it says None instead of a place."""
     fine, start, _, compared = grids
-    monkeypatch.setattr(approach, "corrected", lambda residual, pairs, newton: -2.0 * ASTRAY * pairs[-1][0])
+    monkeypatch.setattr(cheap, "corrected", lambda residual, pairs, newton: -2.0 * ASTRAY * pairs[-1][0])
     assert approached(Energy(fine), start, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
 
 

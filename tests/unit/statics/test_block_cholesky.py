@@ -10,18 +10,9 @@ import pytest
 from reference.panels import multiply
 from reference.plain_forms import to_dense
 
-from magmpm.statics.block_cholesky import (
-    factor,
-    new_panels,
-    rounded,
-    solve,
-    solve_columns,
-    split_plane,
-)
+from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve, solve_columns, split_plane
 
-SIZES = pytest.mark.parametrize(
-    ("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)]
-)
+SIZES = pytest.mark.parametrize(("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)])
 
 
 def random_banded(rng: np.random.Generator, planes: int, m: int) -> np.ndarray:
@@ -131,9 +122,7 @@ def test_factors_are_a_cholesky(rng: np.random.Generator, planes: int, m: int) -
     factor(panels, split)
     inner = np.arange(split * m, (split + 2) * m)
     outer = np.setdiff1d(np.arange(planes * m), inner)
-    schur = A[np.ix_(inner, inner)] - A[np.ix_(inner, outer)] @ np.linalg.solve(
-        A[np.ix_(outer, outer)], A[np.ix_(outer, inner)]
-    )
+    schur = A[np.ix_(inner, inner)] - A[np.ix_(inner, outer)] @ np.linalg.solve(A[np.ix_(outer, outer)], A[np.ix_(outer, inner)])
     expected = np.linalg.cholesky(schur)
     top = np.tril(panels[split, :, :m].T)
     np.testing.assert_allclose(top, expected[:m, :m], rtol=0, atol=1e-12 * np.abs(expected).max())

@@ -143,9 +143,7 @@ def test_reaction_at_the_clamp_carries_the_weight(rng: np.random.Generator) -> N
     point = energy.at(random_coefficients(model, rng))
     free = Energy(unclamped(model))
     held = energy.residual(point).reshape(-1, 3).sum(0) - free.residual(point).reshape(-1, 3).sum(0)
-    clamped = replace(
-        model, particles=replace(model.particles, volume=model.particles.volume - free.model.particles.volume)
-    )
+    clamped = replace(model, particles=replace(model.particles, volume=model.particles.volume - free.model.particles.volume))
     only = Energy(clamped).residual(point)
     np.testing.assert_allclose(held, only.reshape(-1, 3).sum(0), rtol=0, atol=1e-13 * np.abs(only).sum())
     assert not only[3:].any(), "the clamped cells reach three planes and no further"
@@ -249,10 +247,7 @@ def test_f_bar_is_never_stiffer(rng: np.random.Generator) -> None:
     assert free[0].at(even).energy == pytest.approx(free[1].at(even).energy, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    "effects",
-    [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}],
-)
+@pytest.mark.parametrize("effects", [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}])
 @pytest.mark.slow  # test_stability compares the same products with the tangent of one combination of effects
 def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
     """Without a matrix: the tangent times columns, with loads that also soften, and the mass of unit density."""

@@ -57,6 +57,8 @@ CASES = {
     "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness") + UNIFORM.replace("4 mT", "0 mT"),
     "pulled": CATHETER + DIPOLE,
     "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
+    "rotating": CATHETER + UNIFORM,
+    "rotating, pulled": CATHETER + DIPOLE,
     "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
     "parts": UNIFORM + """
 body:
@@ -71,7 +73,7 @@ body:
 MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
-    for name in ("tube", "inserted", "both ends", "plane strain", "pulled", "interacting", "parts")
+    for name in ("tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts")
 ]
 # Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
 CLOSE = 1e-7
@@ -79,6 +81,8 @@ CLOSE = 1e-7
 
 def scene_of(name: str, folder: Path) -> Scene:
     data = yaml.safe_load(MATERIALS) | yaml.safe_load(CASES[name])
+    if "rotating" in name:
+        data["materials"]["soft"]["magnetization_law"] = "rotates"
     for file, mesh in MESHES.items():
         write_stl(mesh, folder / file)
     return validate(Scene, data, folder / "scene.yaml")

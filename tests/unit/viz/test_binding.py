@@ -18,9 +18,7 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
     binding = Binding(surface.points, X)
     A, b = np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]]), np.array([0.1, -0.2, 0.3])
     # The regularization of 1e-9 keeps it from being exact to rounding.
-    np.testing.assert_allclose(
-        binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER
-    )
+    np.testing.assert_allclose(binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER)
     for curvature in (20.0, 60.0):
         # Half the curvature times the square of the neighbors' reach, about three particles.
         bound = 0.5 * curvature * (3 * 0.5e-3) ** 2
@@ -30,9 +28,7 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
 
 def test_particles_that_are_wider_apart_one_way_are_enough() -> None:
     """Twice as far apart along y: the nearest ones of a point on a side lie in one plane, and more must be asked."""
-    X = np.stack(
-        np.meshgrid(np.arange(20.0), np.arange(6) * 2.5, np.arange(4.0), indexing="ij"), axis=-1
-    ).reshape(-1, 3)
+    X = np.stack(np.meshgrid(np.arange(20.0), np.arange(6) * 2.5, np.arange(4.0), indexing="ij"), axis=-1).reshape(-1, 3)
     surface = bar([20.0], 15.0, 4.0, 1.0, (-0.5, 6.25, 1.5))
     np.testing.assert_allclose(Binding(surface.points, X).at(X), surface.points, atol=1e-5)
 

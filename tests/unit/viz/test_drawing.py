@@ -22,9 +22,7 @@ def pictures(renderer: Renderer, motion: MotionRenderer) -> tuple[np.ndarray, np
 
 
 @pytest.mark.parametrize("backend", ["flat", "solid"])
-def test_both_backends_show_body_magnet_ground_and_contact(
-    backend: str, motion: MotionRenderer, request: pytest.FixtureRequest
-) -> None:
+def test_both_backends_show_body_magnet_ground_and_contact(backend: str, motion: MotionRenderer, request: pytest.FixtureRequest) -> None:
     up, down = pictures(request.getfixturevalue(backend), motion)
     for color in (style.NORTH, style.SOUTH, style.SEGMENTS[0], style.SEGMENTS[1], style.GROUND):
         assert drawn.count(up, color) > 150, color
@@ -62,9 +60,7 @@ def test_both_backends_show_things_at_the_same_place(motion: MotionRenderer, fla
 
 
 @pytest.mark.parametrize("backend", ["flat", "solid"])
-def test_the_fields_arrow_of_a_moment_stands_on_the_picture(
-    backend: str, motion: MotionRenderer, request: pytest.FixtureRequest
-) -> None:
+def test_the_fields_arrow_of_a_moment_stands_on_the_picture(backend: str, motion: MotionRenderer, request: pytest.FixtureRequest) -> None:
     """No white box around it: the panel's corner is as it is without a field."""
     renderer, snapshot = request.getfixturevalue(backend), motion.snapshot(2)
     tube = swept(np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1)

@@ -76,9 +76,7 @@ def test_a_picture_stays_small_and_keeps_its_shape() -> None:
     result = fake_result(per_diameter=24)
     snapshot = trial_snapshot(result, max_particles=4000)
     assert len(snapshot.body.points) == 4000
-    assert np.ptp(snapshot.body.points, axis=0) == pytest.approx(
-        np.ptp(result.particle_position, axis=0), rel=0.03
-    )
+    assert np.ptp(snapshot.body.points, axis=0) == pytest.approx(np.ptp(result.particle_position, axis=0), rel=0.03)
     # 20 bytes a particle, and the rest.
     assert len(pickle.dumps(snapshot)) < 20 * 4000 + 5000
 

@@ -47,12 +47,7 @@ def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
     points = np.vstack([circle, circle + np.eye(3)[0], [[0, 0, 0], [1, 0, 0]]])
     k, after = np.arange(24), (np.arange(24) + 1) % 24
     sides = np.vstack([np.stack([k, 24 + after, 24 + k], axis=1), np.stack([k, after, 24 + after], axis=1)])
-    ends = np.vstack(
-        [
-            np.stack([np.full(24, 48), after, k], axis=1),
-            np.stack([np.full(24, 49), 24 + k, 24 + after], axis=1),
-        ]
-    )
+    ends = np.vstack([np.stack([np.full(24, 48), after, k], axis=1), np.stack([np.full(24, 49), 24 + k, 24 + after], axis=1)])
     surface = creased(points, np.vstack([sides[:, ::-1], ends]), 3)
     assert len(surface.points) == 2 * 24 + 2 * 24 + 2
     assert set(surface.part) == {3}

@@ -32,9 +32,7 @@ def shapes() -> list[Snapshot]:
     ]
 
 
-def test_mp4_lasts_as_long_as_its_shapes_are_shown_and_ends_with_the_last(
-    flat: Renderer, tmp_path: Path
-) -> None:
+def test_mp4_lasts_as_long_as_its_shapes_are_shown_and_ends_with_the_last(flat: Renderer, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     made = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, fps=10, size=SMALL)
     assert made.note == ""
@@ -54,9 +52,7 @@ def test_mp4_lasts_as_long_as_its_shapes_are_shown_and_ends_with_the_last(
     assert away[2] < 0.6 * min(away[:2])
 
 
-def test_without_ffmpeg_a_gif_is_written_and_said(
-    flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_ffmpeg_a_gif_is_written_and_said(flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     find, missing = importlib.util.find_spec, "imageio_ffmpeg"
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     made = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=SMALL)
@@ -83,9 +79,7 @@ def test_the_movie_shows_every_frame_and_holds_the_last(motion: MotionRenderer, 
     assert seconds == pytest.approx(frames / 10, abs=0.11)
 
 
-def test_without_ffmpeg_the_movie_is_a_gif(
-    motion: MotionRenderer, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_ffmpeg_the_movie_is_a_gif(motion: MotionRenderer, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     find, missing = importlib.util.find_spec, "imageio_ffmpeg"
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
     made = movies.movie(motion, tmp_path / "movie.mp4", flat, size=SIZE)

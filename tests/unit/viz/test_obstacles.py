@@ -33,10 +33,7 @@ def test_moving_and_turning_magnets_are_drawn_where_they_are() -> None:
     }
     for time, center in ((0.0, [0.05, 0.0, 0.02]), (0.5, [0.0, 0.04, 0.02]), (1.0, [0.0, 0.03, 0.02])):
         props = sources_of(field, time)
-        middle = 0.5 * (
-            np.max([p.points.max(axis=0) for p in props], axis=0)
-            + np.min([p.points.min(axis=0) for p in props], axis=0)
-        )
+        middle = 0.5 * (np.max([p.points.max(axis=0) for p in props], axis=0) + np.min([p.points.min(axis=0) for p in props], axis=0))
         np.testing.assert_allclose(middle, center, atol=1e-9)
 
 
@@ -53,10 +50,7 @@ def test_moving_and_turning_magnets_are_drawn_where_they_are() -> None:
     ],
 )
 def test_red_is_north(magnet: dict[str, Any], north: list[float]) -> None:
-    middle = {
-        p.color: p.points[p.triangles].mean(axis=(0, 1))
-        for p in sources_of({"magnet": magnet})
-    }
+    middle = {p.color: p.points[p.triangles].mean(axis=(0, 1)) for p in sources_of({"magnet": magnet})}
     away = middle[style.NORTH] - middle[style.SOUTH]
     # A facet that lies across the border is on one side of it.
     np.testing.assert_allclose(away / np.linalg.norm(away), north, atol=0.01)
@@ -65,19 +59,14 @@ def test_red_is_north(magnet: dict[str, Any], north: list[float]) -> None:
 def test_a_block_has_its_edges_where_the_scene_says() -> None:
     magnet = {"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.0, 0.0, 0.0], "axis": [0, 0, 1], "remanence": 1.3}
     props = sources_of({"magnet": magnet})
-    np.testing.assert_allclose(
-        np.ptp(np.vstack([p.points for p in props]), axis=0), [0.03, 0.02, 0.01], atol=1e-12
-    )
+    np.testing.assert_allclose(np.ptp(np.vstack([p.points for p in props]), axis=0), [0.03, 0.02, 0.01], atol=1e-12)
 
 
 def test_a_lumen_is_drawn_and_its_distance_known() -> None:
     """The same tube as a path and as a mesh: heights agree with the distance to the wall, within the facets' size."""
     shape = tube([0.06], 0.005, 0.0, 0.06)
     mesh = pack_mesh(Mesh(1e3 * shape.points, shape.triangles))
-    lumens = [
-        {"tube": {"radius": 0.005, "path": [[0, 0, 0], [0.06, 0, 0]]}},
-        {"surface": {"mesh": mesh, "unit": "mm"}},
-    ]
+    lumens = [{"tube": {"radius": 0.005, "path": [[0, 0, 0], [0.06, 0, 0]]}}, {"surface": {"mesh": mesh, "unit": "mm"}}]
     points = np.array([[0.03, 0.0, 0.0035], [0.02, -0.0045, 0.0], [0.03, 0.0, 0.0]])
     for walls in lumens:
         said = Scene.from_si(drawn.scene(effects={"walls": walls}))
@@ -91,12 +80,7 @@ def test_a_lumen_is_drawn_and_its_distance_known() -> None:
 def test_sources_are_drawn_where_the_solver_has_them() -> None:
     """A keyframed move and a rotation about a center: as fields.outside_field places the field itself; blocks lie as it lays them."""
     axis = [0.6, 0.0, -0.8]
-    block = {
-        "cuboid": {"size": [0.03, 0.02, 0.01]},
-        "position": [0.05, 0.01, 0.02],
-        "axis": axis,
-        "remanence": 1.2,
-    }
+    block = {"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.05, 0.01, 0.02], "axis": axis, "remanence": 1.2}
     over = {
         "keyframes": [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 1.0, "move": [-0.02, 0.01, 0.0]}],
         "rotation": {
@@ -111,9 +95,7 @@ def test_sources_are_drawn_where_the_solver_has_them() -> None:
     corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * [0.015, 0.01, 0.005]
     for time in (0.0, 0.3, 0.7, 2.0):
         (place,) = places(source, np.array([time]))
-        wanted = (corners @ frame_of(axis).T + block["position"]) @ place["frame"].reshape(3, 3).T + place[
-            "origin"
-        ]
+        wanted = (corners @ frame_of(axis).T + block["position"]) @ place["frame"].reshape(3, 3).T + place["origin"]
         props = sources_of(source.model_dump(mode="json"), time)
         points = np.vstack([p.points for p in props])
         away = np.linalg.norm(wanted[:, None] - points, axis=2).min(axis=1)

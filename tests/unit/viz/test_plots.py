@@ -118,9 +118,7 @@ def test_the_same_numbers_give_the_same_file(tmp_path: Path, kind: str) -> None:
 
 
 def test_energies_and_forces_are_plotted(motion: MotionRenderer, tmp_path: Path) -> None:
-    path = plots.motion(
-        motion.motion.energies, motion.motion.contacts, tmp_path / "energies.svg", "bending"
-    )
+    path = plots.motion(motion.motion.energies, motion.motion.contacts, tmp_path / "energies.svg", "bending")
     text = path.read_text()
     for word in ("kinetic", "elastic", "magnetic torque", "total", "ground", "time (s)"):
         assert word in text

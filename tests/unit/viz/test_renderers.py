@@ -105,11 +105,7 @@ def test_every_segment_has_its_color(renderer: Renderer) -> None:
     # Grey is the clamp's color too: its share must grow.
     grey = (np.ptp(main.astype(int), axis=2) < 12) & (main.mean(axis=2) > 90) & (main.mean(axis=2) < 215)
     all_magnets = part(renderer.image(body()), MAIN)
-    grey_before = (
-        (np.ptp(all_magnets.astype(int), axis=2) < 12)
-        & (all_magnets.mean(axis=2) > 90)
-        & (all_magnets.mean(axis=2) < 215)
-    )
+    grey_before = (np.ptp(all_magnets.astype(int), axis=2) < 12) & (all_magnets.mean(axis=2) > 90) & (all_magnets.mean(axis=2) < 215)
     assert grey.sum() > grey_before.sum() + 1500
 
 
@@ -157,11 +153,7 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     view = Views.of(Framing.of(picture), TRIAL, ASPECT).mains[0]
     middle, half = TRIAL.bar[0], 0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit)
     row = round((1 - TRIAL.bar[1]) * HEIGHT)
-    line = (
-        image[row - 1 : row + 2, round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3]
-        .max(axis=2)
-        .min(axis=0)
-    )
+    line = image[row - 1 : row + 2, round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3] .max(axis=2) .min(axis=0)
     assert (line < 120).all()
 
 
@@ -184,9 +176,7 @@ def test_trial_and_rms_are_written(renderer: Renderer) -> None:
 
 
 def test_a_long_title_does_not_run_into_the_caption(renderer: Renderer) -> None:
-    image = renderer.image(
-        body(title="a catheter with a name that never seems to come to its end, " * 3, trial=1234)
-    )
+    image = renderer.image(body(title="a catheter with a name that never seems to come to its end, " * 3, trial=1234))
     ink = (image[: int(0.09 * HEIGHT)].min(axis=2) < 150).any(axis=0)
     gaps = np.flatnonzero(np.diff(np.flatnonzero(ink)) > 12)
     # Words lie closer than 12 pixels apart; what is wider is the gap before the caption and those within it.
@@ -194,9 +184,7 @@ def test_a_long_title_does_not_run_into_the_caption(renderer: Renderer) -> None:
 
 
 def test_a_final_picture_shows_the_same_as_a_trials(renderer: Renderer) -> None:
-    small, large = (
-        renderer.image(body(), size=size).astype(float) for size in (style.TRIAL_SIZE, style.FINAL_SIZE)
-    )
+    small, large = (renderer.image(body(), size=size).astype(float) for size in (style.TRIAL_SIZE, style.FINAL_SIZE))
     blocks = large.reshape(300, 3, 400, 3, 3).mean(axis=(1, 3))
     halves = small.reshape(300, 2, 400, 2, 3).mean(axis=(1, 3))
     # Edges and letters fall differently on the two grids; the mean over 400 x 300 blocks does not.
@@ -204,9 +192,7 @@ def test_a_final_picture_shows_the_same_as_a_trials(renderer: Renderer) -> None:
 
 
 def test_hollow_body_without_centerline_target_or_gravity_is_drawn(renderer: Renderer) -> None:
-    picture = replace(
-        body(), axis=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title=""
-    )
+    picture = replace(body(), axis=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title="")
     assert (renderer.image(picture).min(axis=2) < 200).mean() > 0.03
 
 

@@ -35,8 +35,6 @@ def test_segments_get_different_colors_and_plain_ones_grey() -> None:
     assert len({tuple(c) for c in colors[[0, 2, 3]]}) == 3
 
 
-@pytest.mark.parametrize(
-    ("length", "nice"), [(0.012, 0.01), (0.02, 0.02), (0.0199, 0.01), (0.0168, 0.01), (5.0, 5.0)]
-)
+@pytest.mark.parametrize(("length", "nice"), [(0.012, 0.01), (0.02, 0.02), (0.0199, 0.01), (0.0168, 0.01), (5.0, 5.0)])
 def test_scale_bars_have_round_lengths(length: float, nice: float) -> None:
     assert style.nice_length(length) == pytest.approx(nice)

@@ -41,9 +41,7 @@ def is_one_line(note: str) -> bool:
 
 def printed_by(script: str) -> str:
     env = {**os.environ, "PYTHONPATH": str(Path(worker.__file__).parent.parent)}
-    done = subprocess.run(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=env, timeout=60
-    )
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=env, timeout=60)
     return done.stdout
 
 
@@ -87,12 +85,8 @@ def test_a_killed_process_is_started_again(pyvista: Renderer, tmp_path: Path) ->
     assert pyvista.note == ""
 
 
-def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(
-    pyvista: Renderer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    only_there = (
-        "__import__('os')._exit(3) if 'magmpm.viz.vtk_renderer' in __import__('sys').modules else 'drawn after all'"
-    )
+def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(pyvista: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    only_there = "__import__('os')._exit(3) if 'magmpm.viz.vtk_renderer' in __import__('sys').modules else 'drawn after all'"
     deadly = poisoned(eval, only_there)
     monkeypatch.setattr(worker, "MOST_FAILURES", 2)
     # With the title it has when it arrives in matplotlib's process.
@@ -254,9 +248,7 @@ def test_the_process_ends_with_its_parent() -> None:
 
 
 def modules_there(renderer: Renderer) -> set[str]:
-    names: str = renderer.run(
-        eval, "' '.join(n.partition('.')[0] for n, m in __import__('sys').modules.items() if m)"
-    )
+    names: str = renderer.run(eval, "' '.join(n.partition('.')[0] for n, m in __import__('sys').modules.items() if m)")
     return set(names.split())
 
 
@@ -267,9 +259,7 @@ def test_each_process_imports_only_what_it_needs() -> None:
     )
     here = printed_by(script).split()
     assert "viz" in here
-    assert not {"pyvista", "vtkmodules", "matplotlib", "PIL", "numba", "optuna", "scipy", "pydantic"} & set(
-        here
-    )
+    assert not {"pyvista", "vtkmodules", "matplotlib", "PIL", "numba", "optuna", "scipy", "pydantic"} & set(here)
     with Renderer() as renderer:
         there = modules_there(renderer)
         assert not {"numba", "optuna", "sqlalchemy", "scipy", "mypy"} & there
@@ -278,9 +268,7 @@ def test_each_process_imports_only_what_it_needs() -> None:
 
 def test_memory_does_not_grow_with_pictures(pyvista: Renderer, tmp_path: Path) -> None:
     def memory() -> int:
-        return int(Path(f"/proc/{process_of(pyvista)}/statm").read_text().split()[1]) * os.sysconf(
-            "SC_PAGESIZE"
-        )
+        return int(Path(f"/proc/{process_of(pyvista)}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
 
     if not Path("/proc/self/statm").exists():
         pytest.skip("reads memory from /proc")

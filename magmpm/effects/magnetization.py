@@ -1,0 +1,166 @@
+"""Magnetization of a deformed particle: F Br, which stretches with the material, or R Br, which only rotates with it.
+
+A material chooses by its `magnetization_law`; where one rotates, particles carry their law as a fourth number of `magnet`: 0 or 1.
+R is the rotation of F = R U. s = tr U is the largest root of (s^2 - I1)^2 = 4 I2 + 8 J s, with I1 = |F|^2, I2 = |cof F|^2, J = det F. For
+J > 0 it is a simple root, and Newton's steps from above fall to it. R is its derivative: with i2 = (s^2 - I1)/2,
+
+    R = ds/dF = [(i2 + I1) F - F F^T F + s cof F] / (s i2 - J)
+
+R turns by dR = R [w]x with Y w = axial(R^T dF - dF^T R), Y = s 1 - U, whose determinant s i2 - J is positive for J > 0. So W = -h . R b,
+with h = B/mu0, has dW/dF = R [q]x^T with Y q = b x R^T h: its rows are q x (rows of R). A pure stretch leaves W as it is.
+Sources: Danas and Reis, arXiv 2403.03096; tr U and its derivative: Franca, Comput. Math. Appl. 18 (1989) 459; dR: Chen and Wheeler, J.
+Elasticity 32 (1993) 175.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from magmpm.compiled.jit import compiled
+from magmpm.compiled.simd import highest, lanes
+from magmpm.effects.base import SceneLike
+
+NEAR = 1e-9  # of tr U: the error left after a step of Newton's that is so short is its square
+MOST_STEPS = 60  # no deformation needs more than 12; without det F > 0 there may be no root
+
+
+def rotating(scene: SceneLike) -> NDArray[np.bool_]:
+    """Regions (k,) whose magnetization rotates and does not stretch."""
+    materials = [scene.materials[region.material_name] for region in scene.regions()]
+    return np.array([one.magnetization_law == "rotates" and one.remanence > 0.0 for one in materials])
+
+
+def _largest(value: Any) -> Any:
+    """The largest of eight lanes, or the number itself. Only within compiled code."""
+
+
+@overload(_largest)
+def _largest_of(value):  # type: ignore[no-untyped-def]
+    return (lambda value: highest(value)) if value == lanes else (lambda value: value)
+
+
+@compiled
+def _cross(a, b):
+    """Product a x b of two triples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _dot(a, b):
+    """Product a . b of two triples."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _sum(p, a, q, b, r, c):
+    """p a + q b + r c of triples a, b, c."""
+    return p * a[0] + q * b[0] + r * c[0], p * a[1] + q * b[1] + r * c[1], p * a[2] + q * b[2] + r * c[2]
+
+
+@compiled
+def _rows(F):
+    """Rows of F (3, 3) as triples: numbers, or lanes of eight particles."""
+    return (F[0, 0], F[0, 1], F[0, 2]), (F[1, 0], F[1, 1], F[1, 2]), (F[2, 0], F[2, 1], F[2, 2])
+
+
+@compiled
+def rotation(F):
+    """Rows (triples) of R, tr U and det Y, of one particle or of eight. Without meaning where det F <= 0."""
+    a, b, c = _rows(F)
+    x, y, z = _cross(b, c), _cross(c, a), _cross(a, b)  # rows of cof F
+    aa, bb, cc, ab, ac, bc = _dot(a, a), _dot(b, b), _dot(c, c), _dot(a, b), _dot(a, c), _dot(b, c)
+    J, I1, I2 = _dot(a, x), aa + bb + cc, _dot(x, x) + _dot(y, y) + _dot(z, z)
+    s = 0.5 * (I1 + 3.0)  # at least sqrt(3 I1), which is at least tr U
+    for _ in range(MOST_STEPS):
+        w = s * s - I1
+        step = (w * w - 4.0 * I2 - 8.0 * J * s) / (4.0 * s * w - 8.0 * J)
+        s = s - step
+        if not _largest(step - NEAR * s) > 0.0:
+            break
+    i2 = 0.5 * (s * s - I1)
+    size, n = s * i2 - J, i2 + I1
+    k = 1.0 / size
+    p, q, r = _sum(n - aa, a, -ab, b, -ac, c), _sum(-ab, a, n - bb, b, -bc, c), _sum(-ac, a, -bc, b, n - cc, c)
+    return (
+        (k * (p[0] + s * x[0]), k * (p[1] + s * x[1]), k * (p[2] + s * x[2])),
+        (k * (q[0] + s * y[0]), k * (q[1] + s * y[1]), k * (q[2] + s * y[2])),
+        (k * (r[0] + s * z[0]), k * (r[1] + s * z[1]), k * (r[2] + s * z[2])),
+    ), s, size  # fmt: skip
+
+
+@compiled
+def _stretch(F, R):
+    """U = R^T F as xx, yy, zz, xy, xz, yz."""
+    a, b, c = _rows(F)
+    x, y, z = _sum(R[0][0], a, R[1][0], b, R[2][0], c), _sum(R[0][1], a, R[1][1], b, R[2][1], c), _sum(R[0][2], a, R[1][2], b, R[2][2], c)
+    return x[0], y[1], z[2], x[1], x[2], y[2]
+
+
+@compiled
+def _inverse(U, s, size):
+    """Inverse of Y = s 1 - U, both as U; size: det Y."""
+    x, y, z, a, b, c = s - U[0], s - U[1], s - U[2], U[3], U[4], U[5]
+    k = 1.0 / size
+    return k * (y * z - c * c), k * (x * z - b * b), k * (x * y - a * a), k * (a * z + b * c), k * (b * y + a * c), k * (c * x + a * b)
+
+
+@compiled
+def _times(A, v):
+    """Symmetric matrix (xx, yy, zz, xy, xz, yz) times a triple."""
+    return A[0] * v[0] + A[3] * v[1] + A[4] * v[2], A[3] * v[0] + A[1] * v[1] + A[5] * v[2], A[4] * v[0] + A[5] * v[1] + A[2] * v[2]
+
+
+@compiled
+def carried(magnet, F):
+    """Magnetization (triple) of a particle, or of eight, each by its law, T."""
+    R, law, (x, y, z) = rotation(F)[0], magnet[3], _rows(F)
+    m0, m1, m2 = _dot(x, magnet), _dot(y, magnet), _dot(z, magnet)
+    return m0 + law * (_dot(R[0], magnet) - m0), m1 + law * (_dot(R[1], magnet) - m1), m2 + law * (_dot(R[2], magnet) - m2)
+
+
+@compiled
+def energy(h, magnet, F):
+    """-h . m, J/m^3, with m the magnetization by the particle's law; h = B/mu0, A/m, anything with three entries."""
+    return -_dot(h, carried(magnet, F))
+
+
+@compiled
+def _turning(magnet, F, h):
+    """R, U, Y^-1, R^T h, b and q (of zero b where the law is to stretch): what the derivatives of -h . R b are made of."""
+    R, s, size = rotation(F)
+    U, g = _stretch(F, R), _sum(h[0], R[0], h[1], R[1], h[2], R[2])
+    Y, b = _inverse(U, s, size), (magnet[3] * magnet[0], magnet[3] * magnet[1], magnet[3] * magnet[2])
+    return R, U, Y, g, b, _times(Y, _cross(b, g))
+
+
+@compiled
+def add_stress(h, magnet, F, P):
+    """P += d(-h . m)/dF, Pa; arguments as in `energy`, of one particle or of eight."""
+    R, _, _, _, b, q = _turning(magnet, F, h)
+    for k in range(3):
+        x = _cross(q, R[k])
+        for i in range(3):
+            P[k, i] = P[k, i] + x[i] - h[k] * (magnet[i] - b[i])
+
+
+@compiled
+def add_tangent(h, magnet, F, A):
+    """A (9, 9) += d2(-h . m)/dF2, Pa. F_kM turns R by dR = R [w]x with Y w = e_M x (row k of R)."""
+    if magnet[3] == 0.0:
+        return
+    R, U, Y, g, b, q = _turning(magnet, F, h)
+    Uq, unit = _times(U, q), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    for k in range(3):
+        for m in range(3):
+            w = _times(Y, _cross(unit[m], R[k]))
+            turned, bent = _cross(b, _cross(w, g)), _cross(w, Uq)  # -dc, and what dY q has of it
+            dY = _sum(R[k][m], q, -q[m], R[k], 1.0, bent)
+            dq = _times(Y, (-turned[0] - dY[0], -turned[1] - dY[1], -turned[2] - dY[2]))
+            for j in range(3):
+                one, other = _cross(dq, R[j]), _cross(q, _cross(w, R[j]))
+                for n in range(3):
+                    A[3 * j + n, 3 * k + m] += one[n] - other[n]
