@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -22,7 +22,8 @@ help:
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
 	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
 	@echo "make bench-convergence  how the error falls with the cells on 100 bodies drawn at random"
-	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100)"
+	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100; POSES=poses: a magnet in each row)"
+	@echo "make measured   public measurements, fitted and predicted: pictures and tables of docs/measured.md (CASES=kim)"
 	@echo "make bench-startup  seconds until each command could begin its work"
 	@echo "make fuzz       10 000 hostile inputs: scenes, studies, meshes, tables (INPUTS=N, SEED=S)"
 	@echo "make bench-view  milliseconds from a slider to the new shape in Chromium"
@@ -183,7 +184,10 @@ clean:
 	rm -rf $(VENV) $(GP_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info
 
 bench-fit: $(VENV)/.ready-test
-	$(BIN)/python tests/benchmarks/fit_coverage.py $(if $(QUICK),100,$(or $(FITS),1000))
+	$(BIN)/python tests/benchmarks/fit_coverage.py $(if $(QUICK),100,$(or $(FITS),1000)) 0 $(POSES)
+
+measured: $(VENV)/.ready-test
+	$(BIN)/python docs/gallery/measured.py $(CASES)
 
 bench-startup: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/startup.py

@@ -241,9 +241,7 @@ class Page:
         for words, at, anchor in (("0", panel.left, "mm"), (f"{times[-1]:.3g} s", panel.right, "rm")):
             self.text(words, at, panel.bottom - 0.024, 0.85 * style.TEXT_SMALL, anchor=anchor, color=style.FAINT_INK)
 
-    def text(
-        self, words: str, x: float, y: float, size: float, *, anchor: str = "lm", color: str = style.INK, bold: bool = False
-    ) -> None:
+    def text(self, words: str, x: float, y: float, size: float, *, anchor: str = "lm", color: str = style.INK, bold: bool = False) -> None:
         """Words at (x, y); anchor: as Pillow names it."""
         if words:
             self.draw.text(self.pixel(x, y), words, fill=color, font=_font(round(size * self.height), bold), anchor=anchor)

@@ -200,9 +200,7 @@ def best_direction(points: np.ndarray) -> np.ndarray:
     return best
 
 
-def fitted(
-    toward: np.ndarray, points: np.ndarray, radius: float, aspect: float, margin: float, up: np.ndarray | None = None
-) -> View:
+def fitted(toward: np.ndarray, points: np.ndarray, radius: float, aspect: float, margin: float, up: np.ndarray | None = None) -> View:
     """The view along -toward that holds balls of that radius (m) at all points, in a panel of that aspect; up (3,): z unless given."""
     right, upward = _basis(toward, np.eye(3)[2] if up is None else up)
     flat = np.stack([points @ right, points @ upward, points @ toward], axis=1)

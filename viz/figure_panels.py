@@ -56,14 +56,9 @@ def figure(motion: MotionRenderer, path: str | Path, renderer: Renderer, numbers
 
 
 def beside(
-    motions: Sequence[MotionRenderer],
-    path: str | Path,
-    renderer: Renderer,
-    words: Callable[[MotionRenderer, int], str],
-    *,
-    fps: float | None = None,
-    width: int = style.MOVIE_SIZE[0],
-) -> Movie:
+    motions: Sequence[MotionRenderer], path: str | Path, renderer: Renderer, words: Callable[[MotionRenderer, int], str], *,
+    fps: float | None = None, width: int = style.MOVIE_SIZE[0],
+) -> Movie:  # fmt: skip
     """A movie of motions side by side, from one place at one scale, frame by frame as far as the shortest goes.
 
     words: what is written above a frame of a motion. fps, GIF and RenderError: as in viz.movies.movie; width: pixels, about.
@@ -79,13 +74,9 @@ def beside(
 
 
 def composed(
-    shown: Sequence[tuple[MotionRenderer, int]],
-    renderer: Renderer,
-    across: int,
-    width: int,
-    words: Sequence[str] | None = None,
+    shown: Sequence[tuple[MotionRenderer, int]], renderer: Renderer, across: int, width: int, words: Sequence[str] | None = None,
     framing: Framing | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Frames of motions in rows of so many, all seen from one place at one scale, with one scale bar and one legend: (h, w, 3) uint8.
 
     width: pixels, about; h and w are even. words: above each panel, by default its time and field. framing: what must be in view, by
@@ -147,9 +138,7 @@ def _foot(page: Page, snapshots: Sequence[Snapshot], view: View, panel: tuple[in
             x += width + gap
 
 
-def _in_lines(
-    found: Sequence[Sign], widths: Sequence[float], start: float, step: float
-) -> list[tuple[list[tuple[Sign, float]], float]]:
+def _in_lines(found: Sequence[Sign], widths: Sequence[float], start: float, step: float) -> list[tuple[list[tuple[Sign, float]], float]]:
     """A legend in one line, or in two where it is too long for one: its entries with their widths, and the gap between them."""
     pairs = list(zip(found, widths))
     lines = [pairs]

@@ -47,6 +47,8 @@ def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
         order = np.argsort(x, kind="stable") if "fitted_x" not in one else np.arange(len(x))
         axes.plot(x[order], y[order], color=color, linewidth=1.3, zorder=2)
         look: Any = {"linestyle": "none", "marker": mark, "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": color}
+        if "half" in one:
+            axes.errorbar(one["x"], one["fitted"], one["half"], linestyle="none", ecolor=color, elinewidth=0.8, capsize=2.5, zorder=1)
         axes.plot(one["x"], one["measured"], label=name, zorder=3, **look)
     axes.plot([], [], color=style.FAINT_INK, linewidth=1.3, label="fitted scene")
     axes.set_xlabel(shown["x_label"])
@@ -62,7 +64,11 @@ def _residuals(axes: Axes, shown: Mapping[str, Any], x_label: str) -> None:
     sizes = np.array(shown["residuals"])
     axes.axhspan(-1.96, 1.96, color="#EEEEEE", linewidth=0, zorder=0)
     axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.8, zorder=1)
-    axes.plot(shown["lines"], sizes, linestyle="none", marker="o", markersize=3.5, color=style.INK, zorder=2)
+    lines, held = np.array(shown["lines"]), np.array(shown.get("held_out", [False] * len(sizes)))
+    axes.plot(lines[~held], sizes[~held], linestyle="none", marker="o", markersize=3.5, color=style.INK, zorder=2, label="fitted")
+    if held.any():
+        axes.plot(lines[held], sizes[held], linestyle="none", marker="D", markersize=3.5, color=_COLORS[1], zorder=2, label="held out")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     most = max(3.0, 1.1 * float(np.max(np.abs(sizes), initial=0.0)))
     axes.set_ylim(-most, most)
     axes.set_xlabel(x_label)

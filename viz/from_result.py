@@ -71,30 +71,15 @@ def _one_frame(result: Any) -> _OneFrame:
     field = failure(result)[1] * np.asarray(result.field, dtype=float)
     frame = SimpleNamespace(time=time, position=position, field=field, quantities={"magnetisation": magnetization})
     return _OneFrame(
-        frame,
-        name=result.name,
-        scene=result.scene,
-        reference=reference,
-        volume=volume,
-        part=part,
-        remanence=remanence,
-        times=np.array([time]),
-        fields=field[None],
-        contacts={},
-    )
+        frame, name=result.name, scene=result.scene, reference=reference, volume=volume, part=part, remanence=remanence,
+        times=np.array([time]), fields=field[None], contacts={},
+    )  # fmt: skip
 
 
 def trial_snapshot(
-    result: Any,
-    *,
-    target: np.ndarray | None = None,
-    target_name: str = "target",
-    trial: int | None = None,
-    rms: float | None = None,
-    title: str | None = None,
-    max_particles: int = MAX_PARTICLES,
-    smooth: bool = False,
-) -> Snapshot:
+    result: Any, *, target: np.ndarray | None = None, target_name: str = "target", trial: int | None = None, rms: float | None = None,
+    title: str | None = None, max_particles: int = MAX_PARTICLES, smooth: bool = False,
+) -> Snapshot:  # fmt: skip
     """A result with its axis, its target, one arrow a segment, and insets.
 
     result: magmpm.results.result.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or (q, 3) rows [x, y, z], m.
@@ -114,23 +99,12 @@ def trial_snapshot(
     obstacles = standing(scene) + in_reach(sources(scene), reference, REACH * length)
     return Snapshot(
         body=_surface(result, scene) if smooth else _particles(result, scene, max_particles),
-        magnetized=strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12),
-        length=length,
-        thickness=thickness,
-        axis=axis,
-        target=None if target is None else spread(np.asarray(target, dtype=float)[:, -3:]),
-        target_name=target_name,
-        arrows=segment_arrows(axis, centers, remanence, length, thickness),
-        arrow_width=style.ARROW_WIDTH * thickness,
-        obstacles=tuple(obstacles),
-        field=share * np.asarray(result.field, dtype=float),
-        gravity=gravity_of(scene),
-        title=result.name if title is None else title,
-        trial=trial,
-        rms=rms,
-        mark=mark,
-        insets=True,
-    )
+        magnetized=strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12), length=length, thickness=thickness, axis=axis,
+        target=None if target is None else spread(np.asarray(target, dtype=float)[:, -3:]), target_name=target_name,
+        arrows=segment_arrows(axis, centers, remanence, length, thickness), arrow_width=style.ARROW_WIDTH * thickness,
+        obstacles=tuple(obstacles), field=share * np.asarray(result.field, dtype=float), gravity=gravity_of(scene),
+        title=result.name if title is None else title, trial=trial, rms=rms, mark=mark, insets=True,
+    )  # fmt: skip
 
 
 def segment_arrows(axis: np.ndarray, centers: np.ndarray, remanence: np.ndarray, length: float, thickness: float) -> np.ndarray:

@@ -107,9 +107,7 @@ def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: 
 
 def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, numbers: Sequence[int], kind: str = "png") -> list[Path]:
     """Pictures of frames, folder/frame_0012.png; kind: png, svg or pdf. Raises RenderError."""
-    return [
-        renderer.render(motion.snapshot(int(k)), Path(folder) / f"frame_{int(k):04d}.{kind}", framing=motion.framing) for k in numbers
-    ]
+    return [renderer.render(motion.snapshot(int(k)), Path(folder) / f"frame_{int(k):04d}.{kind}", framing=motion.framing) for k in numbers]
 
 
 def best_shapes_movie(

@@ -240,9 +240,7 @@ def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> 
     axes.annotate(f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near)
 
 
-def motion(
-    energies: Table, contacts: Mapping[str, Table], path: str | Path, title: str = "", jumps: Sequence[float] = ()
-) -> Path:
+def motion(energies: Table, contacts: Mapping[str, Table], path: str | Path, title: str = "", jumps: Sequence[float] = ()) -> Path:
     """A motion's energies, and below them contact forces where there are any, against time.
 
     energies: columns of energies.csv, s and J; contacts: effect -> columns of contacts.csv, s and N; jumps: times, s, to be marked.

@@ -45,9 +45,7 @@ DOES_NOT_START = (
     "PyVista does not start here ({reason}), so matplotlib draws the pictures; "
     "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
-NO_PYVISTA = (
-    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'."
-)
+NO_PYVISTA = ("PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'.")
 GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
 
 CLOSING = 1.0  # s that the drawing process gets to end by itself

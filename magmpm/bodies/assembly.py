@@ -47,9 +47,7 @@ class MeshPart(Settings):
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
         description="Path, relative to this file, of an STL file: a closed surface.", examples=["meshes/base.stl"]
     )
-    name: str = Field(
-        default="", max_length=100, description="What messages call it; the file's name unless given.", examples=["base"]
-    )
+    name: str = Field(default="", max_length=100, description="What messages call it; the file's name unless given.", examples=["base"])
     material: str = Field(description="A name from `materials`.", examples=["silicone"])
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
@@ -57,9 +55,7 @@ class MeshPart(Settings):
         "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
         examples=[[0, 0, 1]],
     )
-    clamp: bool = Field(
-        default=False, strict=True, description="Whether the part is held; false unless given.", examples=[True]
-    )
+    clamp: bool = Field(default=False, strict=True, description="Whether the part is held; false unless given.", examples=[True])
 
     @model_validator(mode="before")
     @classmethod
@@ -86,16 +82,12 @@ class Parts(BodyShape):
         description="Unit of the numbers in the STL files, which do not say it.", examples=["mm"]
     )
     spacing: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] | None = Field(
-        default=None,
-        description="Cell size; the thinnest part's thickness over `cells_across` unless given.",
-        examples=["0.5 mm"],
-    )
+        default=None, description="Cell size; the thinnest part's thickness over `cells_across` unless given.", examples=["0.5 mm"],
+    )  # fmt: skip
     meshes: tuple[MeshPart, ...] = Field(
-        min_length=1,
-        max_length=MAX_PARTS,
-        description="The parts.",
+        min_length=1, max_length=MAX_PARTS, description="The parts.",
         examples=[[{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]],
-    )
+    )  # fmt: skip
 
     @field_validator("meshes")
     @classmethod

@@ -37,9 +37,7 @@ class Catheter(StraightBody):
     length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
         description="Length of the undeformed catheter.", examples=["40 mm"]
     )
-    diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
-        description="Outer diameter.", examples=["4 mm"]
-    )
+    diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Outer diameter.", examples=["4 mm"])
     inner_diameter: Annotated[float, Quantity("length", at_least="0 mm", at_most="1 m")] = Field(
         default=0.0, description="Diameter of the bore; 0 mm, a solid rod, unless given.", examples=["2 mm"]
     )
@@ -48,11 +46,8 @@ class Catheter(StraightBody):
         default="base", description="The face that is held: base, or none (a free body).", examples=["base"]
     )
     segments: tuple[Segment, ...] = Field(
-        min_length=1,
-        max_length=MAX_SEGMENTS,
-        description="From base to tip.",
-        examples=[[{"magnetization": [1, 0, 0]}]],
-    )
+        min_length=1, max_length=MAX_SEGMENTS, description="From base to tip.", examples=[[{"magnetization": [1, 0, 0]}]],
+    )  # fmt: skip
 
     @field_validator("diameter")
     @classmethod
@@ -65,10 +60,7 @@ class Catheter(StraightBody):
     def _hollow(cls, inner: float, info: ValidationInfo) -> float:
         outer = info.data.get("diameter")
         if outer is not None and not inner < outer:
-            raise fault(
-                "the inner diameter must be less than the diameter",
-                f"give less than {1e3 * outer:g} mm, or remove it",
-            )
+            raise fault("the inner diameter must be less than the diameter", f"give less than {1e3 * outer:g} mm, or remove it")
         if outer is not None and not (outer - inner) / 2 >= THINNEST_WALL * outer * (1 - 1e-9):
             raise fault(
                 f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick, {1e3 * THINNEST_WALL * outer:.3g} mm here",

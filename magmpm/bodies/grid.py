@@ -134,12 +134,9 @@ class Grid:
             both = width[first - 1] + width[first]
             ends[first, 0], ends[first - 1, 1] = (1.0, 1.0) if jumps else (width[first] / both, width[first - 1] / both)
         return Spans(
-            start=np.repeat([run.start for run in runs], count),
-            width=width,
-            index=np.concatenate([np.arange(run.cells) for run in runs]),
-            node=np.arange(self.cells[0]) + np.repeat(np.cumsum(repeated), count),
-            ends=ends,
-        )
+            start=np.repeat([run.start for run in runs], count), width=width, index=np.concatenate([np.arange(run.cells) for run in runs]),
+            node=np.arange(self.cells[0]) + np.repeat(np.cumsum(repeated), count), ends=ends,
+        )  # fmt: skip
 
     @property
     def faces(self) -> Array:

@@ -34,39 +34,28 @@ class Strip(StraightBody):
     across: ClassVar[str] = "thickness"
     branch_distance: ClassVar[float] = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1
 
-    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Length along x.", examples=["17.2 mm"]
-    )
-    width: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Width along y.", examples=["5 mm"]
-    )
+    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(description="Length along x.", examples=["17.2 mm"])
+    width: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(description="Width along y.", examples=["5 mm"])
     thickness: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
         description="Thickness along z; `cells_across` counts the cells through it.", examples=["0.84 mm"]
     )
     material: str = Field(description="A name from `materials`; segments may name others.", examples=["silicone"])
     clamp: Literal["base", "both", "none"] = Field(
-        default="base",
-        description="The faces that are held: base (at the lower x), both ends, or none (a free body).",
-        examples=["base"],
-    )
+        default="base", description="The faces that are held: base (at the lower x), both ends, or none (a free body).", examples=["base"],
+    )  # fmt: skip
     position: Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], three("[0 mm, 0 mm, 1 mm]")] = Field(
         default=(0.0, 0.0, 0.0),
         description="Center of the base face: [x, y, z]; the origin unless given.",
         examples=[["0 mm", "0 mm", "1 mm"]],
     )
     plane_strain: bool = Field(
-        default=False,
-        strict=True,
-        description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.",
-        examples=[True],
-    )
+        default=False, strict=True,
+        description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.", examples=[True],
+    )  # fmt: skip
     segments: tuple[Segment, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=MAX_SEGMENTS,
-        description="From base to tip; give these or `magnetization_profile`.",
+        default=None, min_length=1, max_length=MAX_SEGMENTS, description="From base to tip; give these or `magnetization_profile`.",
         examples=[[{"magnetization": [1, 0, 0]}]],
-    )
+    )  # fmt: skip
     magnetization_profile: Profile | None = Field(
         default=None,
         description="A magnetization that varies along the length; give this or `segments`.",
@@ -88,10 +77,7 @@ class Strip(StraightBody):
     @model_validator(mode="after")
     def _one_magnetization(self) -> Strip:
         if (self.segments is None) == (self.magnetization_profile is None):
-            raise fault(
-                "give `segments` or `magnetization_profile`, one of them",
-                "write, say, `segments: [{magnetization: [1, 0, 0]}]`",
-            )
+            raise fault("give `segments` or `magnetization_profile`, one of them", "write, say, `segments: [{magnetization: [1, 0, 0]}]`")
         return self
 
     @property
@@ -135,10 +121,7 @@ class Strip(StraightBody):
             return super().regions()
         count = max(1, math.ceil(REGIONS_A_PERIOD * profile.harmonic.turns(self.length) - 1e-9))
         at: Key = ("strip", "magnetization_profile")
-        return tuple(
-            Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length))
-            for i in range(count)
-        )
+        return tuple(Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length)) for i in range(count))
 
     def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
         """The grid in the undeformed body: knots on all its faces and joints."""
@@ -149,11 +132,9 @@ class Strip(StraightBody):
         """Its grid and particles. The regions of a profile are there to be shown: they cut no cells."""
         ends, grid = self.segment_ends(), self.grid(cells_across, knots)
         particles = strip_particles(
-            grid,
-            segment_ends=self.position[0] + (ends if self.segments is not None else np.array([self.length])),
-            particles_per_cell=particles_per_cell,
-            one_wide=self.plane_strain,
-        )
+            grid, segment_ends=self.position[0] + (ends if self.segments is not None else np.array([self.length])),
+            particles_per_cell=particles_per_cell, one_wide=self.plane_strain,
+        )  # fmt: skip
         if self.segments is None:
             middle = grid.along.at(np.array(0.5), particles.cell[:, 0])
             particles = replace(particles, segment=np.searchsorted(ends, middle).astype(np.int32))

@@ -245,14 +245,15 @@ def _fit(commands: Commands) -> argparse.ArgumentParser:
         "field_z_mT,tip_x_mm,tip_z_mm; or several tables of the same body")  # fmt: skip
     parser.add_argument("scene", metavar="SCENE", help="scene file of the body; its values are where the search begins")
     parser.add_argument(
-        "--vary", metavar="NAME,...", help="shear_modulus, remanence, density, magnetization, field, damping, viscosity, or one constant's "
-        "own name [shear_modulus,remanence, and a motion's losses]",
+        "--vary", metavar="NAME,...", help="shear_modulus, remanence, density, length, magnetization, field, damping, viscosity, or one "
+        "constant's own name [shear_modulus,remanence, and a motion's losses]",
     )  # fmt: skip
     parser.add_argument("--noise", metavar="LENGTH", help="standard deviation of each measured coordinate; or one for each table, "
         '"0.2 mm, 0.5 mm" [from the residuals]')  # fmt: skip
     parser.add_argument("--angle-noise", metavar="ANGLE", help="standard deviation of each measured angle")
     parser.add_argument("--known", metavar="NAME=SHARE,...", help="constants known beforehand, with standard deviations, remanence=2%%")
     parser.add_argument("--level", metavar="PERCENT", type=float, default=95.0, help="of the intervals [95]")
+    parser.add_argument("--hold-out", metavar="COLUMN=VALUE,...", help="rows to predict from a fit of the others, by what a column holds")
     parser.add_argument("--quick", action="store_true", help="one descent alone, and no finer grid to compare with")
     _format(parser)
     _common(parser, "runs/NAME-fit, with the scene's name")

@@ -12,7 +12,7 @@ from typing import Any
 from magmpm.cli.answers import print_summary, results_folder
 from magmpm.errors import InputError, report
 
-REPORT, TABLE, SCENE = "fit.json", "residuals.csv", "fitted_scene.yaml"
+REPORT, TABLE, HELD_OUT, SCENE = "fit.json", "residuals.csv", "held_out.csv", "fitted_scene.yaml"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -25,9 +25,18 @@ def command(options: argparse.Namespace) -> int:
 
     asked = _numbers(options)
     scene = load_scene(options.scene)
-    from magmpm.studies.fitting import Refused, doubtful_fields, fit, read_tables, summary, text
+    from magmpm.studies.fitting import (
+        Refused,
+        doubtful_fields,
+        fit,
+        predict_held_out,
+        read_split,
+        summary,
+        text,
+    )
 
-    measured = read_tables(options.measured, scene)
+    measured, left = read_split(options.measured, scene, options.hold_out)
+    held = None
     for doubt in doubtful_fields(measured, scene):
         print(f"magmpm: warning: {doubt}", file=sys.stderr, flush=True)
     folder = options.out or results_folder(f"{scene.name} fit")
@@ -36,6 +45,7 @@ def command(options: argparse.Namespace) -> int:
         try:
             with Progress(f"fit of {scene.name}") as progress, of_file(options.scene):
                 found = fit(measured, scene, vary=_list(options.vary), **asked, thorough=not options.quick, on_progress=progress.note)
+                held = None if left is None else predict_held_out(found, left)
         except Refused as refusal:
             if options.json:
                 told = {"refused": str(refusal), "together": refusal.together, "known": refusal.known, "measure": refusal.advice}
@@ -43,25 +53,30 @@ def command(options: argparse.Namespace) -> int:
             raise
         for warning in found.warnings:
             print(f"magmpm: warning: {warning}", file=sys.stderr)
-        files = _saved(folder, found, Path(options.scene), options.format)
-    numbers = {**summary(found), "folder": str(folder), "files": [str(path) for path in files]}
-    print_summary(options, numbers, "\n".join([text(found), *(f"  saved            {path}" for path in files)]))
+        numbers = {**summary(found), **({} if held is None else {"held_out": held.summary()})}
+        files = _saved(folder, found, held, numbers, Path(options.scene), options.format)
+    numbers.update(folder=str(folder), files=[str(path) for path in files])
+    said = [text(found), *([] if held is None else [held.text()]), *(f"  saved            {path}" for path in files)]
+    print_summary(options, numbers, "\n".join(said))
     return 0
 
 
-def _saved(folder: Path, found: Any, source: Path, kind: str) -> list[Path]:
-    """The report, the residuals, the fitted scene and the picture."""
+def _saved(folder: Path, found: Any, held: Any, numbers: dict[str, Any], source: Path, kind: str) -> list[Path]:
+    """The report, the residuals, those of what was held out, the fitted scene and the picture."""
     from magmpm.results.whole_file import whole_file, write_json
-    from magmpm.studies.fitting import fitted_scene, residuals_table, shown, summary
+    from magmpm.studies.fitting import fitted_scene, residuals_table, shown
     from magmpm.viz.fit_plot import fitted
 
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / REPORT, summary(found), indent=1)
-    for name, content in ((TABLE, residuals_table(found)), (SCENE, fitted_scene(found, source, folder))):
+    write_json(folder / REPORT, numbers, indent=1)
+    contents = {TABLE: residuals_table(found), SCENE: fitted_scene(found, source, folder)}
+    if held is not None:
+        contents[HELD_OUT] = residuals_table(held.found)
+    for name, content in contents.items():
         with whole_file(folder / name) as part:
             part.write_text(content, encoding="utf-8")
-    picture = fitted(shown(found), folder / f"fit.{kind}", title=found.scene.name)
-    return [*(folder / name for name in (REPORT, TABLE, SCENE)), picture]
+    picture = fitted(shown(found, held), folder / f"fit.{kind}", title=found.scene.name)
+    return [*(folder / name for name in (REPORT, *contents)), picture]
 
 
 def _list(text: str | None) -> list[str] | None:

@@ -103,9 +103,7 @@ def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mappi
     improved = sorted(path.name for path in (folder / IMPROVEMENTS).glob("[0-9]*") if path.name.isdigit())
     trials = [(folder / PICTURES / f"trial_{name}.png", f"Trial {int(name)}") for name in improved[-MOST_TRIALS:]]
     return Pictures(
-        best=there("best.png"),
-        convergence=there("convergence.png"),
-        pareto=there("pareto.png"),
+        best=there("best.png"), convergence=there("convergence.png"), pareto=there("pareto.png"),
         movies=[(at / name, words) for name, words in MOVIES.items() if (at / name).exists()],
         trials=[(path, words) for path, words in trials if path.exists()],
-    )
+    )  # fmt: skip

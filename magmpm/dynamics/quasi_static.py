@@ -128,14 +128,9 @@ def _go_on(state: PathState, time: float, on_step: Callable[[int, float], None] 
 
 
 def follow(
-    scene: Scene,
-    *,
-    folder: Path | str | None = None,
-    resume: bool = False,
-    on_progress: Progress | None = None,
-    on_step: Callable[[int, float], None] | None = None,
-    on_state: Callable[[PathState], None] | None = None,
-) -> PathState:
+    scene: Scene, *, folder: Path | str | None = None, resume: bool = False, on_progress: Progress | None = None,
+    on_step: Callable[[int, float], None] | None = None, on_state: Callable[[PathState], None] | None = None,
+) -> PathState:  # fmt: skip
     """All equilibria of a scene's path.
 
     folder: where to write frames, tables and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;

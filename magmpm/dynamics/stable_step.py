@@ -81,12 +81,10 @@ def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
     else:
         sums = np.tile(6.0 / h**2, (len(model.density), 1))
     return StableStep(
-        isolated=isolated(sums, model.shear, model.bulk, model.density),
-        wave=float(h.min() / speed_of_sound(model).max()),
-        body=body_step(motion) if isinstance(motion, TotalMotion) else None,
-        effects=acting.stable_steps(model),
+        isolated=isolated(sums, model.shear, model.bulk, model.density), wave=float(h.min() / speed_of_sound(model).max()),
+        body=body_step(motion) if isinstance(motion, TotalMotion) else None, effects=acting.stable_steps(model),
         schedule=_of_schedule(model),
-    )
+    )  # fmt: skip
 
 
 def present_bound(motion: TotalMotion | UpdatedMotion) -> float:

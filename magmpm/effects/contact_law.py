@@ -38,11 +38,7 @@ SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and
 Friction = Annotated[
     float,
     Field(
-        strict=True,
-        ge=0,
-        le=10,
-        allow_inf_nan=False,
-        description="Coulomb's coefficient of friction; 0, slippery, unless given.",
+        strict=True, ge=0, le=10, allow_inf_nan=False, description="Coulomb's coefficient of friction; 0, slippery, unless given.",
         examples=[0.3],
     ),
 ]

@@ -52,13 +52,9 @@ class MagneticInteraction(BodyEffect):
     PHASE = "force"
     REFRESHED = DTYPE
     blocks_across: int = Field(
-        default=3,
-        strict=True,
-        ge=1,
-        le=5,
-        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.",
-        examples=[3],
-    )
+        default=3, strict=True, ge=1, le=5,
+        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.", examples=[3],
+    )  # fmt: skip
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels; fields and forces are zero until `refresh`."""
@@ -99,12 +95,9 @@ class MagneticInteraction(BodyEffect):
             count += int(number.max()) + 1
         if count > MOST:
             raise SceneError(
-                "effects.magnetic_interaction.blocks_across",
-                received=str(self.blocks_across),
-                found=f"the segments make {count} blocks",
-                rule=f"there may be {MOST} blocks at most",
-                remedy="write a smaller blocks_across, or use fewer cells_across",
-            )
+                "effects.magnetic_interaction.blocks_across", received=str(self.blocks_across), found=f"the segments make {count} blocks",
+                rule=f"there may be {MOST} blocks at most", remedy="write a smaller blocks_across, or use fewer cells_across",
+            )  # fmt: skip
         return block
 
     @staticmethod

@@ -51,18 +51,10 @@ class SelfContact(Effect):
             if scene.solver.dynamic is None:
                 return Advice(0.0, f"{clear}; needs the updated formulation")
             return Advice(None, f"{clear}, how near on its way is not estimated: {MEASURE}; needs the updated formulation")
-        return Advice(
-            -room, f"at rest the body would be {-1e3 * room:.3g} mm through itself; needs the updated formulation"
-        )
+        return Advice(-room, f"at rest the body would be {-1e3 * room:.3g} mm through itself; needs the updated formulation")
 
 
-def gap(
-    position: Array,
-    reference: Array,
-    size: float,
-    apart: float,
-    within: float,
-) -> float:
+def gap(position: Array, reference: Array, size: float, apart: float, within: float) -> float:
     """Smallest gap (m) between surfaces of the body that are not neighbors in it; negative: they overlap; inf: none is near.
 
     position, reference (n, 3) m: particles now and in the undeformed body; size m: distance between the outermost particles of two surfaces
@@ -102,16 +94,9 @@ def observe(model: Any, x: Array) -> Contact:
 
 
 def _near(
-    x: Array,
-    rest: Array,
-    cell: NDArray[np.integer],
-    component: NDArray[np.int64],
-    part: NDArray[np.integer],
-    *,
-    within: float,
-    apart: float,
-    in_part: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    x: Array, rest: Array, cell: NDArray[np.integer], component: NDArray[np.int64], part: NDArray[np.integer], *, within: float,
+    apart: float, in_part: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """Pairs of particles within a distance (m) that are not neighbors: they are of two components, or were farther than `apart` (m) from
     each other in the undeformed body, or than `in_part` (m) in the same part.
 
@@ -141,14 +126,9 @@ def _near(
 
 
 def _apart(
-    between: Array,
-    a: NDArray[np.int64],
-    b: NDArray[np.int64],
-    component: NDArray[np.int64],
-    part: NDArray[np.integer],
-    apart: float,
+    between: Array, a: NDArray[np.int64], b: NDArray[np.int64], component: NDArray[np.int64], part: NDArray[np.integer], apart: float,
     in_part: float,
-) -> NDArray[np.bool_]:
+) -> NDArray[np.bool_]:  # fmt: skip
     """Which particles a and b (k,), `between` (k, 3) m from each other undeformed, are not neighbors."""
     far = np.where(part[a] == part[b], in_part, apart)
     return np.asarray((np.linalg.norm(between, axis=1) > far) | (component[a] != component[b]))

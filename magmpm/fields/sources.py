@@ -162,13 +162,7 @@ class FieldSource(Settings):
         min_length=1,
         max_length=MAX_SOURCES,
         description="A permanent magnet of finite size, or a list of them (needs magpylib).",
-        examples=[
-            {
-                "cylinder": {"diameter": "20 mm", "length": "20 mm"},
-                "position": ["60 mm", "0 mm", "0 mm"],
-                "remanence": "1.3 T",
-            }
-        ],
+        examples=[{"cylinder": {"diameter": "20 mm", "length": "20 mm"}, "position": ["60 mm", "0 mm", "0 mm"], "remanence": "1.3 T"}],
     )
     coils: Annotated[tuple[Coil, ...] | None, _OneOrMore()] = Field(
         default=None,

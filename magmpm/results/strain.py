@@ -53,14 +53,11 @@ class Strain:
     def worst(self, other: Strain) -> Strain:
         """The worst of both; the time is that of the larger stretch."""
         return Strain(
-            stretch=max(self.stretch, other.stretch),
-            stretched=max(self.stretched, other.stretched),
-            swollen=max(self.swollen, other.swollen),
-            min_det_F=min(self.min_det_F, other.min_det_F),
-            max_det_F=max(self.max_det_F, other.max_det_F),
-            radius=min(self.radius, other.radius),
+            stretch=max(self.stretch, other.stretch), stretched=max(self.stretched, other.stretched),
+            swollen=max(self.swollen, other.swollen), min_det_F=min(self.min_det_F, other.min_det_F),
+            max_det_F=max(self.max_det_F, other.max_det_F), radius=min(self.radius, other.radius),
             time=other.time if other.stretch > self.stretch else self.time,
-        )
+        )  # fmt: skip
 
     def warnings(self, model: Model) -> list[str]:
         """One sentence for each limit that is exceeded."""
@@ -113,14 +110,10 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
     stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F[some], F[some]))[:, 2])
     whole = float(volume.sum())
     return Strain(
-        stretch=float(stretch.max()),
-        stretched=float(volume[some[stretch > STRETCH]].sum()) / whole,
-        swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole,
-        min_det_F=float(J.min()),
-        max_det_F=float(J.max()),
-        radius=np.inf if model.line is None else tightest_radius(_slices(model, position)),
-        time=time,
-    )
+        stretch=float(stretch.max()), stretched=float(volume[some[stretch > STRETCH]].sum()) / whole,
+        swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole, min_det_F=float(J.min()), max_det_F=float(J.max()),
+        radius=np.inf if model.line is None else tightest_radius(_slices(model, position)), time=time,
+    )  # fmt: skip
 
 
 def _kink_radius(model: Model) -> float:

@@ -284,9 +284,7 @@ def damaged(path: Path, file: h5py.File, k: int, name: str) -> InputError:
 def _unreadable(path: Path, received: str) -> InputError:
     return InputError(
         report(
-            str(path),
-            received=received,
-            rule="must be the whole motion that a run here wrote",
+            str(path), received=received, rule="must be the whole motion that a run here wrote",
             remedy="run the scene again, without --resume, or put back a copy of the file",
         )
     )

@@ -92,19 +92,9 @@ class RodFamily:
         weight[:, :-1] += share * np.cumsum(np.broadcast_to(pull, (rods, frames - 1, 3))[:, ::-1], axis=1)[:, ::-1]
         rod = self.rod
         relax_all(
-            quaternions,
-            rod.length,
-            rod.twist_bend,
-            rod.compliance,
-            np.ascontiguousarray(self.moments(directions)),
-            np.ascontiguousarray(share * (rod.field + added)),
-            weight,
-            self.sizes,
-            shares,
-            position,
-            slopes,
-            found,
-        )
+            quaternions, rod.length, rod.twist_bend, rod.compliance, np.ascontiguousarray(self.moments(directions)),
+            np.ascontiguousarray(share * (rod.field + added)), weight, self.sizes, shares, position, slopes, found,
+        )  # fmt: skip
         return position, slopes[:, :, 1].transpose(0, 2, 3, 1), found
 
 

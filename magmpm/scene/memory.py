@@ -70,12 +70,9 @@ def _too_large(scene: Scene, found: str) -> SceneError:
     key, received, change = scene.body.shape.cell_setting(scene.resolution.cells_across)
     count = scene.resolution.particles_per_cell
     return SceneError(
-        key,
-        received=received,
-        found=found,
-        rule="a scene's particles and grid must fit into memory",
+        key, received=received, found=found, rule="a scene's particles and grid must fit into memory",
         remedy=f"use {change}" + (f", or fewer particles_per_cell ({count} now; 2 is the least)" if count > 2 else ""),
-    )
+    )  # fmt: skip
 
 
 def _in_words(size: float) -> str:

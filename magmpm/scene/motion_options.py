@@ -19,24 +19,15 @@ class DynamicOptions(Settings):
         description="How long the motion is followed.", examples=["0.5 s"]
     )
     output_every: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] | None = Field(
-        default=None,
-        description="Time between frames on disk; a hundredth of the duration unless given.",
-        examples=["5 ms"],
-    )
+        default=None, description="Time between frames on disk; a hundredth of the duration unless given.", examples=["5 ms"],
+    )  # fmt: skip
     time_step: Annotated[float, Quantity("time", above="0 s", at_most="1 s")] | None = Field(
-        default=None,
-        description="Time step; chosen below the stable bound unless given, and refused above it.",
-        examples=["10 us"],
-    )
+        default=None, description="Time step; chosen below the stable bound unless given, and refused above it.", examples=["10 us"],
+    )  # fmt: skip
     safety: float = Field(
-        default=0.8,
-        gt=0,
-        le=1,
-        strict=True,
-        allow_inf_nan=False,
-        description="Chosen time step over the largest stable one; 0.8 unless given.",
-        examples=[0.8],
-    )
+        default=0.8, gt=0, le=1, strict=True, allow_inf_nan=False,
+        description="Chosen time step over the largest stable one; 0.8 unless given.", examples=[0.8],
+    )  # fmt: skip
     formulation: Literal["total", "updated"] | None = Field(
         default=None,
         description="total: grid in the undeformed body, no losses of its own; updated: grid in space (APIC), where bodies touch "
@@ -47,10 +38,8 @@ class DynamicOptions(Settings):
         default=None, description="What the motion's files may take; all there is unless given.", examples=["2 GB"]
     )
     max_memory: Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")] | None = Field(
-        default=None,
-        description="What particles and grid may take in memory; all there is unless given.",
-        examples=["4 GB"],
-    )
+        default=None, description="What particles and grid may take in memory; all there is unless given.", examples=["4 GB"],
+    )  # fmt: skip
 
     @model_validator(mode="after")
     def _frames_can_be_counted(self) -> DynamicOptions:
@@ -82,20 +71,13 @@ class QuasiStaticOptions(Settings):
     """Equilibria along time, each found from the one before."""
 
     steps: int | None = Field(
-        default=None,
-        strict=True,
-        ge=1,
-        le=MOST_FRAMES - 1,
-        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.",
-        examples=[40],
-    )
+        default=None, strict=True, ge=1, le=MOST_FRAMES - 1,
+        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.", examples=[40],
+    )  # fmt: skip
     at: tuple[Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")], ...] | None = Field(
-        default=None,
-        min_length=2,
-        max_length=MOST_FRAMES,
-        description="Times of the equilibria, rising; give this or `steps`.",
+        default=None, min_length=2, max_length=MOST_FRAMES, description="Times of the equilibria, rising; give this or `steps`.",
         examples=[["0 s", "0.1 s", "0.15 s"]],
-    )
+    )  # fmt: skip
     duration: Annotated[float, Quantity("time", above="0 s", at_most="1e6 s")] | None = Field(
         default=None,
         description="With `steps`: when the last equilibrium is; the end of the field's schedule unless given.",

@@ -186,7 +186,7 @@ def _other_material(variable: Variable, scene: Scene, amount: float) -> Scene:
 
 
 def _lengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
-    data: dict[str, Any] = scene.to_si()
+    data: dict[str, Any] = {**scene.to_si(), "reference": None}  # it is that of another length
     body, shape = data["body"][scene.body.kind], scene.body.shape
     assert isinstance(shape, StraightBody)
     if variable.region is None:

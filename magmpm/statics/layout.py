@@ -121,15 +121,9 @@ def make_layout(model: Model, weights: Array) -> Layout:
     if model.plane_strain:
         fixed[:, 1::3] = True
     return Layout(
-        planes=planes,
-        nodes_per_plane=nodes,
-        cell_first=cell_first,
-        cell_plane=cell_plane.astype(np.int64),
-        cell_row=cell_row.astype(np.int64),
-        slab_first=slab_first.astype(np.int64),
-        node_yz=node_yz.astype(np.int64),
-        fixed=fixed,
-    )
+        planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
+        cell_row=cell_row.astype(np.int64), slab_first=slab_first.astype(np.int64), node_yz=node_yz.astype(np.int64), fixed=fixed,
+    )  # fmt: skip
 
 
 def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:

@@ -243,11 +243,9 @@ def _too_short(search: _Search, needed: float) -> SceneError:
         needed = sum(one.seconds for one in search.grids.solved.values()) + search.grids.takes(search.proof[cells], proof=True)
     known = f"{needed:.2g} s here" if search.grids.solved else "which took longer"
     return SceneError(
-        "resolution.seconds",
-        received=f"{limit:g} s",
-        rule=f"must be enough for the coarsest grid and the proof of its error, {known}",
+        "resolution.seconds", received=f"{limit:g} s", rule=f"must be enough for the coarsest grid and the proof of its error, {known}",
         remedy=f"allow {1.2 * needed:.2g} s or more" if search.grids.solved else "allow much more",
-    )
+    )  # fmt: skip
 
 
 def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, failed: str = "") -> SceneError:

@@ -66,9 +66,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
             self._factors[study_id] = [SHOWN[name][1] if name in SHOWN else 1.0 for name in names] or [1.0] * count
         return self._factors[study_id]
 
-    def get_all_trials(
-        self, study_id: int, deepcopy: bool = True, states: Container[TrialState] | None = None
-    ) -> list[FrozenTrial]:
+    def get_all_trials(self, study_id: int, deepcopy: bool = True, states: Container[TrialState] | None = None) -> list[FrozenTrial]:
         """Trials of a study, as they are shown."""
         shown = [self._shown(trial, study_id) for trial in self.storage.get_all_trials(study_id, deepcopy=False)]
         return [trial for trial in shown if states is None or trial.state in states]

@@ -72,23 +72,11 @@ def check_study(study: Study, workers: int | None = None, time_limit: float | No
 
 
 def run_study(
-    study: Study,
-    *,
-    solve: Solve,
-    differentiate: Differentiate | None = None,
-    out: Path | str,
-    picture: Picture | None = None,
-    on_trial: Callable[[Trial], None] | None = None,
-    on_advice: Callable[[list[str]], None] | None = None,
-    trials: int | None = None,
-    sampler: str | None = None,
-    storage: str | None = None,
-    storage_timeout: float = TIMEOUT,
-    workers: int | None = None,
-    outage: float = OUTAGE,
-    artifacts: str | None = None,
-    time_limit: float | None = None,
-) -> StudyReport:
+    study: Study, *, solve: Solve, differentiate: Differentiate | None = None, out: Path | str, picture: Picture | None = None,
+    on_trial: Callable[[Trial], None] | None = None, on_advice: Callable[[list[str]], None] | None = None, trials: int | None = None,
+    sampler: str | None = None, storage: str | None = None, storage_timeout: float = TIMEOUT, workers: int | None = None,
+    outage: float = OUTAGE, artifacts: str | None = None, time_limit: float | None = None,
+) -> StudyReport:  # fmt: skip
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
     solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
@@ -354,12 +342,8 @@ class _Run(OpenStudy):
         del self.durations[:-REMEMBERED]
         left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
         return dataclasses.replace(
-            trial,
-            finished=self.count,
-            wanted=max(self.study.trials, self.count),
-            seconds=self.durations[-1],
-            seconds_left=left,
-        )
+            trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,
+        )  # fmt: skip
 
     def told(self, asked: optuna.Trial, judged: Judged, begun: float) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""

@@ -194,9 +194,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         reason = without_passwords(str(error).splitlines()[0], url)
         if isinstance(error, ImportError) and "psycopg" in reason:
             remedy = "pip install 'magmpm[postgresql]'"
-        raise InputError(
-            report("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy)
-        ) from None
+        raise InputError(report("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy)) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
     options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
@@ -274,10 +272,7 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
         raise InputError(report(str(path.parent), rule=rule, remedy=remedy)) from None
     except StorageError as error:
         if "not a database" in str(error):
-            rule, remedy = (
-                "must be an SQLite database",
-                "use another --out or --storage, or move the file away",
-            )
+            rule, remedy = ("must be an SQLite database", "use another --out or --storage, or move the file away")
             raise InputError(report(str(path), rule=rule, remedy=remedy)) from None
         raise
 
@@ -295,13 +290,8 @@ def _commit_without_waiting(backend: optuna.storages.RDBStorage) -> None:
 
 
 def open_study(
-    storage: optuna.storages.BaseStorage,
-    study: Study,
-    definition: Mapping[str, Any],
-    out: Path,
-    url: str,
-    timeout: float = TIMEOUT,
-) -> optuna.Study:
+    storage: optuna.storages.BaseStorage, study: Study, definition: Mapping[str, Any], out: Path, url: str, timeout: float = TIMEOUT,
+) -> optuna.Study:  # fmt: skip
     """The study in its storage, new or resumed, with interrupted trials queued to run again.
 
     Raises InputError, showing the difference, when the storage holds a study of this name with another definition.

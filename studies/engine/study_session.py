@@ -138,32 +138,19 @@ class OpenStudy:
         chosen, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
         best = None if chosen is None else report.describe(chosen)
         return StudyReport(
-            name=self.study.name,
-            out=self.out,
-            storage=shown_url(self.store.url),
-            sampler=self.study.sampler,
-            why_sampler=self.study.why_sampler,
-            seed=self.study.seed,
-            wanted=self.study.trials,
-            stop_rms_m=self.study.stop_rms,
-            trials=len(trials),
-            failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
-            refused=sum(report.refused(t) for t in trials),
-            best=best,
-            exchanged=sum(EXCHANGED in t.user_attrs for t in trials),
-            warnings=report.on_the_brink(best),
-            first_trial_below_stop=None if first is None else first.number,
-            seconds_per_trial=report.seconds_per_trial(trials),
-            ended=ended,
-            rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
+            name=self.study.name, out=self.out, storage=shown_url(self.store.url), sampler=self.study.sampler,
+            why_sampler=self.study.why_sampler, seed=self.study.seed, wanted=self.study.trials, stop_rms_m=self.study.stop_rms,
+            trials=len(trials), failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
+            refused=sum(report.refused(t) for t in trials), best=best, exchanged=sum(EXCHANGED in t.user_attrs for t in trials),
+            warnings=report.on_the_brink(best), first_trial_below_stop=None if first is None else first.number,
+            seconds_per_trial=report.seconds_per_trial(trials), ended=ended, rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
             measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
             reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
-            judged=self.store(lambda: self.kept.user_attrs.get(JUDGED, [])),
-            study_file=str(self.study.path.resolve()),
+            judged=self.store(lambda: self.kept.user_attrs.get(JUDGED, [])), study_file=str(self.study.path.resolve()),
             limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
             front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
-        )
+        )  # fmt: skip
 
 
 def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:

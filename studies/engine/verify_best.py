@@ -24,12 +24,9 @@ MOST = 5  # designs that are evaluated
 
 
 def judged(
-    study: Study,
-    designs: Sequence[FrozenTrial],
-    scene_of: Callable[[FrozenTrial], Scene],
-    solve: Callable[[Scene], Result],
+    study: Study, designs: Sequence[FrozenTrial], scene_of: Callable[[FrozenTrial], Scene], solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
-) -> list[dict[str, Any]]:
+) -> list[dict[str, Any]]:  # fmt: skip
     """The evaluated designs, best first.
 
     Each {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or a `reason`.

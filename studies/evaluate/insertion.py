@@ -78,9 +78,7 @@ class Insertion(Trajectory):
 
     def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
         """The scene of each depth of a design."""
-        return [
-            self.space.scene_of(params, self.field_number(k)).inserted(length) for k, length in enumerate(self.study.depths)
-        ]
+        return [self.space.scene_of(params, self.field_number(k)).inserted(length) for k, length in enumerate(self.study.depths)]
 
     def gaps(self, result: Result, number: int = -1) -> Array:
         """Vectors (STATIONS, 3) m from the path to one depth's axis."""
@@ -202,9 +200,7 @@ class Insertion(Trajectory):
         if self.space.field_max is None or self.space.fields != len(self.study.depths) or not self.space.segments:
             return []
         length = self.study.depths[-1]
-        found = search(
-            self.rods, self.path, seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=NEAR * length
-        )
+        found = search(self.rods, self.path, seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=NEAR * length)
         return [self.parameters(design) for design in found[:WANTED]]
 
     def parameters(self, design: RodDesign) -> dict[str, float]:

@@ -82,11 +82,9 @@ def _content(study: Study, space: SearchSpace, params: Mapping[str, Any], folder
     effects.setdefault("damping", {"rate": f"{DAMPING:g} 1/s"})
     content.update(
         name=f"{study.name} push"[:100],
-        field={**content.get("field", {}), "uniform": ["0 mT", "0 mT", "0 mT"], "over_time": {"keyframes": keyframes}},
-        effects=effects,
-        solver={"dynamic": {"duration": f"{reached[-1]:.9g} s", "output_every": f"{1e3 * FRAME:g} ms"}},
-        resolution={"cells_across": CELLS},
-    )
+        field={**content.get("field", {}), "uniform": ["0 mT", "0 mT", "0 mT"], "over_time": {"keyframes": keyframes}}, effects=effects,
+        solver={"dynamic": {"duration": f"{reached[-1]:.9g} s", "output_every": f"{1e3 * FRAME:g} ms"}}, resolution={"cells_across": CELLS},
+    )  # fmt: skip
     content.pop("reference", None)
     return content
 

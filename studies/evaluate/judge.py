@@ -102,12 +102,6 @@ def trial_of(study: Study, number: int, outcome: Outcome, best: float | None) ->
     """A trial as callbacks see it; best: value of the best trial before it."""
     improved = outcome.accepted and (best is None or outcome.value < best)
     return Trial(
-        number,
-        outcome.value,
-        outcome.tip_error,
-        outcome.value if improved else best,
-        improved,
-        outcome.reason,
-        study.target,
+        number, outcome.value, outcome.tip_error, outcome.value if improved else best, improved, outcome.reason, study.target,
         shapes=shapes_of(outcome.model),
-    )
+    )  # fmt: skip

@@ -88,12 +88,9 @@ def penalty(scene: Scene) -> float:
 
 
 def evaluate(
-    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]],
-    scene: Scene,
-    target: NDArray[np.float64],
-    log: Path,
+    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]], scene: Scene, target: NDArray[np.float64], log: Path,
     margin: float | None = None,
-) -> Outcome:
+) -> Outcome:  # fmt: skip
     """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
 
     solve: gives the Result, and what else is to be stored of the trial, if anything. margin: least stability; one that is less
@@ -140,9 +137,7 @@ def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
     return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
 
 
-def attributes(
-    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
-) -> dict[str, Any]:
+def attributes(outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]) -> dict[str, Any]:
     """Attributes stored of a trial in addition to its parameters and value: user attributes, plain data in SI.
 
     directions (k, 3): magnetization of each segment; uniform field (3,) T.

@@ -103,9 +103,7 @@ class Ladder:
         return "\n".join([*lines, *self.conclusions])
 
 
-def climb(
-    scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress: Progress | None = None, motion: bool = False
-) -> Ladder:
+def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress: Progress | None = None, motion: bool = False) -> Ladder:
     """Solve the scene at each number of cells across. motion: compare with settled motions as well (accuracy_beside.settled).
 
     Settings whose solve fails are left out, and named. Raises InputError for fewer than two different cell sizes, or sizes that the scene
@@ -113,9 +111,7 @@ def climb(
     """
     cells = sorted(set(cells))
     if len(cells) < 2:
-        raise InputError(
-            f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
-        )
+        raise InputError(f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6")
     scenes = [scene.with_cells(n) for n in cells]
     solved: dict[int, tuple[Result, float]] = {}
     failed: dict[str, SolveError] = {}
@@ -138,17 +134,12 @@ def climb(
     falling = [rung.error_finest for rung in rungs[:-1] if rung.error_finest]
     moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
     return Ladder(
-        scene=scene.name,
-        length=length,
-        rungs=rungs,
-        order_finest=_order(rungs[:-1], "error_finest"),
-        order_reference=_order(rungs, "error_reference"),
-        beside=others,
+        scene=scene.name, length=length, rungs=rungs, order_finest=_order(rungs[:-1], "error_finest"),
+        order_reference=_order(rungs, "error_reference"), beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
         asymptotic=_asymptotic(falling, steady(_order(rungs[:-1], "error_finest"))),
-        conclusions=[*_conclusions(rungs, others), *_where(scene)],
-        failed={name: error.reason for name, error in failed.items()},
-    )
+        conclusions=[*_conclusions(rungs, others), *_where(scene)], failed={name: error.reason for name, error in failed.items()},
+    )  # fmt: skip
 
 
 def _asymptotic(errors: list[float], steady: bool | None) -> bool | None:
@@ -168,18 +159,12 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
         better = [j for j, (_, other) in enumerate(runs) if j != k and other <= seconds and errors[j] <= errors[k]]
         rungs.append(
             Rung(
-                cells_across=n,
-                cell_size=scene.thickness / n,
-                particles=result.particles,
-                dof=result.dof,
-                iterations=result.iterations,
-                seconds=seconds,
-                error_finest=None if n == cells[-1] else apart(result, finest) / length,
+                cells_across=n, cell_size=scene.thickness / n, particles=result.particles, dof=result.dof, iterations=result.iterations,
+                seconds=seconds, error_finest=None if n == cells[-1] else apart(result, finest) / length,
                 error_reference=None if reference is None else errors[k] / length,
                 split={key: float(result.seconds.get(key, 0.0)) for key in ("setup", "compile", "solve")},
                 matrix_bytes=operations(scene.with_cells(n))[1] if scene.static and scene.body.shape.line is not None else 0.0,
-                bar=None if bar is None else bar / length,
-                pareto=not better,
+                bar=None if bar is None else bar / length, pareto=not better,
             )
         )
     return rungs

@@ -209,9 +209,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
             at_rest_m = found.shift
         why = f"{found.why}; {says}" if key in SETTLING and found.shift is not None else found.why
         ignores = _ignored(scene, key) if at_rest_m else ()
-        rows.append(
-            Row(key, named, found.shift, found.uncertainty, at_rest_m, moving, spent.get(key), found.advice, why, says, ignores)
-        )
+        rows.append(Row(key, named, found.shift, found.uncertainty, at_rest_m, moving, spent.get(key), found.advice, why, says, ignores))
     try:
         moment = stopped(scene)[1]
     except MagmpmError:  # the rows say why

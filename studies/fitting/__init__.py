@@ -1,10 +1,11 @@
 """Material constants from measurements: `fit(read_measured(path, scene), scene)`, or of several tables; docs/fitting.md."""
 
+from magmpm.studies.fitting.held_out import HeldOut, predict_held_out
 from magmpm.studies.fitting.report import fitted_scene, residuals_table, shown, summary, text
 from magmpm.studies.fitting.search import Fit, Refused, doubtful_fields, fit
-from magmpm.studies.fitting.table import Measured, read_measured, read_tables, together
+from magmpm.studies.fitting.table import Measured, read_measured, read_split, read_tables, together
 
 __all__ = [
-    "Fit", "Measured", "Refused", "doubtful_fields", "fit", "fitted_scene", "read_measured", "read_tables", "residuals_table", "shown",
-    "summary", "text", "together",
+    "Fit", "HeldOut", "Measured", "Refused", "doubtful_fields", "fit", "fitted_scene", "predict_held_out", "read_measured", "read_split",
+    "read_tables", "residuals_table", "shown", "summary", "text", "together",
 ]  # fmt: skip

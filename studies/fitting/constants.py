@@ -13,18 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.scene import Scene
 from magmpm.scene.variables import Variable, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
-KINDS = (*OF_MATERIALS, "magnetization", "field", "damping", "viscosity")
+KINDS = (*OF_MATERIALS, "length", "magnetization", "field", "damping", "viscosity")
 GEOMETRY = "diameter"  # taken as exact: a fit frees it to say whether it explains residuals, and never to give it
 LOSSES = {"damping": ("rate", "1/s"), "viscosity": ("viscosity", "Pa s")}  # effects of motions: key and unit
 _MILLITESLA = 1e-3
-SHOWN = {"shear_modulus": (1e-3, "kPa"), "remanence": (1e3, "mT"), "density": (1.0, "kg/m^3"), "magnetization": (180 / math.pi, "deg"),
-         "field": (1e3, "mT"), "damping": (1.0, "1/s"), "viscosity": (1.0, "Pa s"), GEOMETRY: (1e3, "mm")}  # fmt: skip
+SHOWN = {"shear_modulus": (1e-3, "kPa"), "remanence": (1e3, "mT"), "density": (1.0, "kg/m^3"), "length": (1e3, "mm"), GEOMETRY: (1e3, "mm"),
+         "magnetization": (180 / math.pi, "deg"), "field": (1e3, "mT"), "damping": (1.0, "1/s"), "viscosity": (1.0, "Pa s")}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,10 @@ def _made(scene: Scene, kind: str) -> list[Constant] | str:
     except InputError as error:
         lines = str(error).splitlines()
         return f"{lines[1].partition(': ')[2]}; {lines[2].partition(': ')[2]}"
+    if kind == "length":
+        shape = scene.body.shape
+        lengths = shape.segment_lengths() if isinstance(shape, StraightBody) and found[0].region is not None else [scene.length]
+        return [Constant(v.name, kind, float(length), v.unit, v) for v, length in zip(found, lengths, strict=True)]
     if kind in OF_MATERIALS:
         starts = {v.name: float(getattr(scene.materials[v.material or ""], kind)) for v in found}
         if kind == "remanence" and min(starts.values()) <= 0:
@@ -136,6 +141,9 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
 
 def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
     """The scene with the constants at x. Raises InputError where a value leaves what a scene allows."""
+    for constant, number in zip(constants, x, strict=True):
+        if constant.kind == "length" and constant.variable is not None:
+            scene = constant.variable.changed(scene, constant.value(number) - constant.start)
     data = scene.to_si()
     changed = False
     for constant, number in zip(constants, x, strict=True):

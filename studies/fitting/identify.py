@@ -38,16 +38,9 @@ class Refused(InputError):
 
 
 def check_apart(
-    scene: Scene,
-    measured: Measured,
-    constants: Sequence[Constant],
-    slopes: Array,
-    quantile: float,
-    noise: float,
-    rms: float,
-    *,
+    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, rms: float, *,
     differences: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Raises Refused where a combination of constants moves no measured number by more than its error.
 
     slopes: in standard errors per x; noise: standard deviation of a length, m; rms: of the residuals that are lengths, m.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,7 @@ from magmpm.model import build
 from magmpm.results.measures import axis_of_particles, region_means
 from magmpm.results.result import Result
 from magmpm.scene import Scene
+from magmpm.scene.apparatus import Apparatus
 from magmpm.simulate import run, sensitivities
 from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measured, Readings
@@ -84,9 +86,10 @@ def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None
             both = (float(readings.points[m, i]),), (float(place[i]),)
             _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{AXES[i]}", False, *both, readings.table))
         if np.isfinite(readings.angles[m]):
-            angle, turned = _tip_angle(shape)
+            angle, turned = tip_angle(shape, readings.plane)
             both = (float(readings.angles[m]),), (angle,)
-            _add(found, angle - readings.angles[m], turned, Label(int(line), "tip_angle", True, *both, readings.table))
+            apart = math.remainder(angle - readings.angles[m], math.tau)
+            _add(found, apart, turned, Label(int(line), "tip_angle", True, *both, readings.table))
 
 
 def _add(found: Found, residual: float, slope: Array, label: Label) -> None:
@@ -95,10 +98,13 @@ def _add(found: Found, residual: float, slope: Array, label: Label) -> None:
     found[2].append(label)
 
 
-def _tip_angle(shape: Axis) -> tuple[float, Array]:
-    """Angle (rad) between the tip's tangent and +x, and its derivatives (k,)."""
+def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
+    """Angle (rad) between the tip's tangent and +x, with a sign in the plane of x and the axis `plane`, and its derivatives (k,)."""
     _, _, slopes, turned = shape.at(shape.rows[-1:, 0])
     t, dt = slopes[0], turned[0]
+    if plane is not None:
+        size = max(float(t[0] ** 2 + t[plane] ** 2), 1e-24)
+        return float(np.arctan2(t[plane], t[0])), (t[0] * dt[plane] - t[plane] * dt[0]) / size
     across = float(np.hypot(t[1], t[2]))
     if across < 1e-12:
         return 0.0 if t[0] > 0 else np.pi, np.zeros(dt.shape[1])
@@ -168,16 +174,17 @@ class Prediction:
         """
         if self.scene.in_time:
             return self._in_motion(x, slopes)
-        fields = [readings.field for readings in self.measured.states]
-        shapes = {field: self._shape_in(field, fields.index(field), x, slopes) for field in dict.fromkeys(fields)}
-        parts = [compare(shapes[readings.field], readings) for readings in self.measured.states]
+        loads = [(readings.field, readings.apparatus) for readings in self.measured.states]
+        shapes = {load: self._shape_in(*load, loads.index(load), x, slopes) for load in dict.fromkeys(loads)}
+        parts = [compare(shapes[load], readings) for load, readings in zip(loads, self.measured.states, strict=True)]
         self.labels = [label for _, _, labels in parts for label in labels]
         return np.concatenate([r for r, _, _ in parts]), np.concatenate([j for _, j, _ in parts])
 
-    def _shape_in(self, field: tuple[float, float, float] | None, index: int, x: Array, slopes: bool) -> Axis:
-        """The shape in a field; tables may share one."""
-        base = self.scene if field is None else self.scene.with_field(field)
-        scene, start = applied(base, self.constants, x), self._last.get(index)
+    def _shape_in(self, field: tuple[float, float, float] | None, apparatus: Apparatus, index: int, x: Array, slopes: bool) -> Axis:
+        """The shape in a field of an apparatus; tables may share one."""
+        base = apparatus.applied(self.scene if field is None else self.scene.with_field(field))
+        longer = any(constant.kind == "length" for constant in self.constants)  # on another grid, where a shape is no start
+        scene, start = applied(base, self.constants, x), None if longer else self._last.get(index)
         self.solves += 1
         if not slopes:
             return _shape_of(run(scene, start=start))

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import read_yaml
-from magmpm.studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, directions
+from magmpm.studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, applied, directions
+from magmpm.studies.fitting.held_out import HeldOut
 from magmpm.studies.fitting.prediction import Label
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.table import Measured
@@ -32,6 +34,7 @@ def summary(found: Fit) -> dict[str, Any]:
         "level": found.level,
         "noise": {"sigma_m": found.sigma_m, "sigma_rad": found.sigma_rad, "from": found.noise},
         "rms_m": found.rms_m,
+        "rms_rad": found.rms_rad,
         "numbers": len(found.residuals),
         "states": len(found.measured.states),
         "degrees_of_freedom": found.degrees,
@@ -71,9 +74,12 @@ def text(found: Fit) -> str:
         interval = f"{low:>12} to {high:<11}"
         lines.append(f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g}  {finer:>11}  {unit}")
     of_each = ", ".join(f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios))
-    angles = "" if found.sigma_rad is None else f" and {math.degrees(found.sigma_rad):.3g} deg"
+    lengths = () if found.measured.angles_alone else ((f"{1e3 * found.rms_m:.3g} mm", f"{of_each} mm"),)
+    degrees = math.degrees
+    angles = () if found.sigma_rad is None else ((f"{degrees(found.rms_rad):.3g} deg", f"{degrees(found.sigma_rad):.3g} deg"),)
+    rms, noise = (" and ".join(words) for words in zip(*lengths, *angles, strict=True))
     lines += [
-        f"  residuals        rms {1e3 * found.rms_m:.3g} mm; noise {of_each} mm{angles} a number ({found.noise}), "
+        f"  residuals        rms {rms}; noise {noise} a number ({found.noise}), "
         f"{found.degrees} degree{'s' * (found.degrees != 1)} of freedom",
         f"  intervals        {_method(found)}",
         f"  taken as exact   {_exact(found)}",
@@ -125,6 +131,12 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
             content["materials"][c.variable.material][c.kind] = f"{factor * one.value:.10g} {unit}"
         elif c.kind in LOSSES:
             content["effects"][c.kind][LOSSES[c.kind][0]] = f"{factor * one.value:.10g} {unit}"
+    if any(one.constant.kind == "length" for one in found.constants):
+        shape: Any = applied(found.scene, [one.constant for one in found.constants], found.x).body.shape
+        body = content["body"][found.scene.body.kind]
+        body["length"] = f"{1e3 * shape.length:.10g} mm"
+        for segment, length in zip(body.get("segments") or [], shape.segment_lengths(), strict=False):
+            segment.update(length=f"{1e3 * length:.10g} mm")
     fields = [one for one in found.constants if one.constant.kind == "field"]
     if fields:
         uniform = np.array(found.scene.field.uniform)
@@ -143,28 +155,35 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
     return comment + "\n" + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
 
 
-def shown(found: Fit) -> dict[str, Any]:
-    """Content of the picture (viz.fit_plot): a panel for each table, and residuals.
+def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
+    """Content of the picture (viz.fit_plot): a panel for each table, then those of what was held out, and residuals.
 
-    A panel: series of measured and simulated numbers over what was changed.
+    A panel: series of measured and simulated numbers over what was changed; half: of the intervals in which held-out ones are expected.
     """
-    several = bool(found.measured.tables)
+    several = bool(found.measured.tables) or held is not None
+    both = [found] if held is None else [found, held.found]
+    residuals = [float(r / one.sigma_of(label)) for one in both for r, label in zip(one.residuals, one.labels, strict=True)]
     return {
-        "residuals": [float(r / found.sigma_of(label)) for r, label in zip(found.residuals, found.labels, strict=True)],
-        "lines": [k + 1 if several else label.line for k, label in enumerate(found.labels)],
+        "residuals": residuals,
+        "lines": [*range(1, 1 + len(residuals))] if several else [label.line for label in found.labels],
+        "held_out": [k >= len(found.residuals) for k in range(len(residuals))],
         "numbers": [_in_words(one) for one in found.constants],
         "panels": [
-            _panel(found, table, [label for label in found.labels if label.table == k]) for k, table in enumerate(found.measured.each)
+            {**_panel(one, table, k, None if one is found or held is None else held.half), **({"title": title} if several else {})}
+            for one in both
+            for k, table in enumerate(one.measured.each)
+            for title in [table.path.name + ("" if one is found else ", held out, with the intervals predicted")]
         ],
     }
 
 
-def _panel(found: Fit, table: Measured, labels: list[Label]) -> dict[str, Any]:
+def _panel(found: Fit, table: Measured, number: int, half: Array | None) -> dict[str, Any]:
     """Panel of a table."""
-    title = {"title": table.path.name} if found.measured.tables else {}
+    labels = [label for label in found.labels if label.table == number]
     if table.kind == "curve":
-        return {**title, **_curves(table, labels)}
+        return _curves(table, labels)
     over, label_of = _over(found, table)
+    halves = iter([h for h, label in zip(half, found.labels, strict=True) if label.table == number] if half is not None else [])
     series: dict[str, dict[str, Any]] = {}
     for label in labels:
         x, group = over[label.line]
@@ -173,10 +192,12 @@ def _panel(found: Fit, table: Measured, labels: list[Label]) -> dict[str, Any]:
         one["x"].append(x)
         one["measured"].append(factor * label.measured[0])
         one["fitted"].append(factor * label.simulated[0])
+        if half is not None:
+            one.setdefault("half", []).append(factor * float(next(halves)))
     kept = dict(list(series.items())[:MOST_SERIES])
     some = f" ({len(kept)} of {len(series)} series)" if len(kept) < len(series) else ""
-    y_label = "place (mm), angle (deg)" if table.has_angles else "place (mm)"
-    return {**title, "series": kept, "x_label": label_of + some, "y_label": y_label}
+    y_label = "angle (deg)" if table.angles_alone else "place (mm), angle (deg)" if table.has_angles else "place (mm)"
+    return {"series": kept, "x_label": label_of + some, "y_label": y_label}
 
 
 def _in_words(one: Fitted) -> str:
@@ -193,6 +214,7 @@ def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], st
     strongest = fields[np.argmax(np.linalg.norm(fields, axis=1))]
     direction = strongest / max(float(np.linalg.norm(strongest)), 1e-300)
     several = len(states) > 1
+    apparatus, named = _apparatus(table)
     for k, state in enumerate(states):
         for line, s in zip(state.lines.tolist(), state.s.tolist(), strict=True):
             if state.time is not None:
@@ -200,13 +222,32 @@ def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], st
             elif table.kind == "places":
                 over[line] = 1e3 * s, f", state {k + 1}" if several else ""
             else:
-                over[line] = 1e3 * float(fields[k] @ direction), ""
+                over[line] = (1e3 * float(fields[k] @ direction), "") if named is None else apparatus[k]
     if states[0].time is not None:
         return over, "time (ms)"
     if table.kind == "places":
         return over, "arc length (mm)"
+    if named is not None:
+        return over, named
     straight = np.allclose(np.cross(fields, direction), 0.0, atol=1e-3 * max(float(np.linalg.norm(strongest)), 1e-12))
     return over, "field (mT)" if straight else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)"
+
+
+def _apparatus(table: Measured) -> tuple[list[tuple[float, str]], str | None]:
+    """Place of each state on the axis and the group of its series, by what the apparatus changes most; the axis's label, None: nothing."""
+    rows = [state.apparatus for state in table.states]
+    if (magnet := rows[0].magnet) is not None:
+        away = np.array([np.array(row.magnet or magnet) for row in rows])
+        sizes, polar = np.linalg.norm(away, axis=1), np.degrees(np.arctan2(np.hypot(away[:, 1], away[:, 2]), away[:, 0])).round()
+        group = [f" at {angle:.0f} deg" if np.ptp(polar) > 0 else "" for angle in polar]
+        if np.ptp(sizes) > 1e-6:
+            return list(zip((1e3 * sizes).tolist(), group, strict=True)), "distance of the magnet's center from the clamp (mm)"
+    if rows[0].axis is not None:
+        turns = [math.degrees(math.atan2(np.linalg.norm(np.cross((1, 0, 0), row.axis or ())), (row.axis or (0.0,))[0])) for row in rows]
+        return [(turn, "") for turn in turns], "angle of the magnet's axis to the body's (deg)"
+    if rows[0].currents:
+        return [(row.currents[0][1], "") for row in rows], "current in the first coil (A)"
+    return ([], None) if rows[0].inserted is None else ([(1e3 * (row.inserted or 0.0), "") for row in rows], "inserted length (mm)")
 
 
 def _curves(table: Measured, labels: list[Label]) -> dict[str, Any]:

@@ -98,6 +98,10 @@ class Fit:
         """Root mean square of the residuals that are lengths, m."""
         return _rms(self.residuals, self.labels)
 
+    @property
+    def rms_rad(self) -> float:
+        """Root mean square of the residuals that are angles, rad."""
+        return _rms(self.residuals, self.labels, angles=True)
 
 def _differ(one: Minimum, other: Minimum, noise: float) -> bool:
     """True if the constants of two minima differ, and the data can see it: by more than one standard deviation (refuse_twins wants six)."""
@@ -105,9 +109,9 @@ def _differ(one: Minimum, other: Minimum, noise: float) -> bool:
     return bool(np.max(np.abs(change)) > 1e-3 and np.linalg.norm(other.slopes @ change) > noise)
 
 
-def _rms(residuals: Array, labels: Sequence[Label]) -> float:
-    lengths = np.array([r for r, label in zip(residuals, labels, strict=True) if not label.angle])
-    return float(np.sqrt(np.mean(lengths**2))) if len(lengths) else 0.0
+def _rms(residuals: Array, labels: Sequence[Label], angles: bool = False) -> float:
+    counted = np.array([r for r, label in zip(residuals, labels, strict=True) if label.angle == angles])
+    return float(np.sqrt(np.mean(counted**2))) if len(counted) else 0.0
 
 
 @dataclass(frozen=True)
@@ -124,17 +128,10 @@ class _Noise:
 
 
 def fit(
-    measured: Measured,
-    scene: Scene,
-    *,
-    vary: Sequence[str] | None = None,
-    noise: float | Sequence[float] | None = None,
-    angle_noise: float | None = None,
-    known: Mapping[str, float] | None = None,
-    level: float = 0.95,
-    thorough: bool = True,
+    measured: Measured, scene: Scene, *, vary: Sequence[str] | None = None, noise: float | Sequence[float] | None = None,
+    angle_noise: float | None = None, known: Mapping[str, float] | None = None, level: float = 0.95, thorough: bool = True,
     on_progress: Callable[[str], None] | None = None,
-) -> Fit:
+) -> Fit:  # fmt: skip
     """The constants of a scene that explain measurements best.
 
     vary: kinds or names of constants (studies.fitting.constants), None: shear moduli, remanences, and a motion's losses. noise: standard
@@ -154,12 +151,14 @@ def fit(
     search = _Search(prediction, constants, first, angle_noise, scene.length, on_progress or (lambda text: None))
     search.ratios = ratios
     best, sigmas, others = search.best(thorough and not scene.in_time)
-    degrees = len(prediction.labels) - len(constants) + sum(c.known is not None for c in constants)
-    sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, prediction.labels, FLOOR * scene.length)
+    prediction.at(best.x, slopes=False)  # its labels have what is simulated at the best
+    labels = tuple(prediction.labels)
+    degrees = len(labels) - len(constants) + sum(c.known is not None for c in constants)
+    sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, labels, FLOOR * scene.length)
     model = search.whitened(sigmas)
     best = search.weighed(best, sigmas)
-    raw = best.residuals[: len(prediction.labels)] * sigmas.of(prediction.labels)
-    check_apart(scene, measured, constants, best.slopes, quantile, sigmas.length, _rms(raw, prediction.labels), differences=scene.in_time)
+    raw = best.residuals[: len(labels)] * sigmas.of(labels)
+    check_apart(scene, measured, constants, best.slopes, quantile, sigmas.length, _rms(raw, labels), differences=scene.in_time)
     refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
     intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
@@ -167,17 +166,17 @@ def fit(
     by_diameter: dict[str, float] = {}
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
-        suspects, by_diameter = suspects_of(prediction, best, 1.0 / sigmas.of(prediction.labels), degrees, source == "given")
+        suspects, by_diameter = suspects_of(prediction, best, 1.0 / sigmas.of(labels), degrees, source == "given")
         for one in (each for each in suspects[:1] if each.probability < DOUBTED):
             intervals, warnings = one.widened(intervals, level), [*warnings, one.warning()]
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
-    warnings += _of_values(found) + odd_readings(raw / sigmas.of(prediction.labels), prediction.labels, measured) + _of_grid(found)
-    warnings += unequal_tables(raw / sigmas.of(prediction.labels), prediction.labels, measured)
+    warnings += _of_values(found) + odd_readings(raw / sigmas.of(labels), labels, measured) + _of_grid(found)
+    warnings += unequal_tables(raw / sigmas.of(labels), labels, measured)
     if not best.converged:
         warnings.append(f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file")
     return Fit(
-        scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, tuple(prediction.labels),
+        scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, labels,
         degrees, covariance / np.outer(deviations, deviations), best.x, tuple(warnings), prediction.solves, time.perf_counter() - begun,
         ratios, suspects, by_diameter,
     )  # fmt: skip
@@ -210,7 +209,7 @@ def _on_one_grid(scene: Scene) -> Scene:
 
 def _check_counts(measured: Measured, constants: Sequence[Constant], noise: float | None, angle_noise: float | None) -> None:
     """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
-    if measured.has_angles and angle_noise is None:
+    if measured.has_angles and angle_noise is None and not measured.angles_alone:
         rule, remedy = "angles and lengths are weighed by their errors", 'say how exact an angle is: --angle-noise "1 deg"'
         raise InputError(report("--angle-noise", received="nothing", rule=rule, remedy=remedy))
     unknown = sum(constant.known is None for constant in constants)
@@ -218,7 +217,7 @@ def _check_counts(measured: Measured, constants: Sequence[Constant], noise: floa
         names = ", ".join(constant.name for constant in constants)
         rule = f"{unknown} constants ({names}) need {unknown} measured numbers or more"
         raise Refused(measured.named, received=f"{measured.numbers}", rule=rule, remedy="measure more, or --vary fewer")
-    if measured.numbers == unknown and noise is None:
+    if measured.numbers == unknown and (angle_noise if measured.angles_alone else noise) is None:
         rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
         received = f"{measured.numbers} number{'s' * (measured.numbers != 1)}"
         raise InputError(report(measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"'))
@@ -228,15 +227,11 @@ class _Search:
     """Descents to the least sum of squares."""
 
     def __init__(
-        self,
-        prediction: Prediction,
-        constants: tuple[Constant, ...],
-        noise: float | None,
-        angle: float | None,
-        length: float,
+        self, prediction: Prediction, constants: tuple[Constant, ...], noise: float | None, angle: float | None, length: float,
         say: Callable[[str], None],
-    ) -> None:
-        self.prediction, self.constants, self.length, self.given, self.angle = prediction, constants, length, noise, angle or 1.0
+    ) -> None:  # fmt: skip
+        self.prediction, self.constants, self.length, self.noise, self.angle = prediction, constants, length, noise, angle or 1.0
+        self.given = (angle if prediction.measured.angles_alone else noise) is not None
         self._say, self._told = say, 0
         self.ratios: tuple[float, ...] = (1.0,) * len(prediction.measured.each)
 
@@ -273,12 +268,12 @@ class _Search:
 
     def best(self, thorough: bool) -> tuple[Minimum, _Noise, list[Minimum]]:
         """The least minimum, the standard deviations that it was weighed by, and the other minima."""
-        sigmas = _Noise(max(self.given or 1e-3 * self.length, FLOOR * self.length), self.angle, self.given is not None, self.ratios)
+        sigmas = _Noise(max(self.noise or 1e-3 * self.length, FLOOR * self.length), self.angle, self.given, self.ratios)
         found = self._descents(sigmas, thorough)
         mixed = self.prediction.measured.has_angles or any(c.known is not None for c in self.constants)
         for _ in range(4 if mixed and not sigmas.given else 0):
-            new = replace(sigmas, length=self._estimated(found[0], sigmas))
-            if abs(np.log(new.length / sigmas.length)) < 0.02:
+            new, change = self._estimated(found[0], sigmas)
+            if abs(np.log(change)) < 0.02:
                 break
             sigmas = new
             found = [least_squares(self.whitened(sigmas), found[0].x, scale=1.0), *found[1:]]
@@ -317,14 +312,17 @@ class _Search:
         noise = 1.0 if sigmas.given else float(np.sqrt(found[0].cost / max(len(found[0].residuals) - len(self.constants), 1)))
         return [m for k, m in enumerate(found) if all(_differ(m, other, noise) for other in found[:k])]
 
-    def _estimated(self, best: Minimum, sigmas: _Noise) -> float:
-        """Standard deviation (m) of lengths from their residuals and leverages."""
-        lengths = np.array([not label.angle for label in self.prediction.labels])
-        n = len(lengths)
-        basis = np.linalg.qr(best.slopes)[0]
-        left = float(np.sum(lengths) - np.sum(basis[:n][lengths] ** 2))
-        squares = float(np.sum(best.residuals[:n][lengths] ** 2)) * sigmas.length**2
-        return max(float(np.sqrt(squares / max(left, 0.5))), FLOOR * self.length)
+    def _estimated(self, best: Minimum, sigmas: _Noise) -> tuple[_Noise, float]:
+        """Standard deviations of lengths, or of angles alone, from their residuals and leverages; the factor by which they change."""
+        alone = self.prediction.measured.angles_alone
+        counted = np.array([alone or not label.angle for label in self.prediction.labels])
+        n, basis = len(counted), np.linalg.qr(best.slopes)[0]
+        left = float(np.sum(counted) - np.sum(basis[:n][counted] ** 2))
+        change = float(np.sqrt(np.sum(best.residuals[:n][counted] ** 2) / max(left, 0.5)))
+        if alone:
+            return replace(sigmas, angle=max(sigmas.angle * change, FLOOR)), max(change, FLOOR)
+        new = replace(sigmas, length=max(sigmas.length * change, FLOOR * self.length))
+        return new, new.length / sigmas.length
 
     def on_finer_grid(self, best: Minimum, sigmas: _Noise, covariance: Array) -> Array:
         """Change (k,) of the constants on a grid with two more cells across: one Gauss-Newton step."""
@@ -348,9 +346,11 @@ def _scatter(
     tail = 0.5 + level / 2
     if not sigmas.given:
         factor = float(np.sqrt(best.cost / max(degrees, 1)))
-        mixed = any(label.angle for label in labels)
-        length = sigmas.length if mixed else max(sigmas.length * factor, least)
-        return replace(sigmas, length=length), float(stdtrit(degrees, tail)), "residuals", []
+        if all(label.angle for label in labels):
+            sigmas = replace(sigmas, angle=max(sigmas.angle * factor, FLOOR))
+        elif not any(label.angle for label in labels):
+            sigmas = replace(sigmas, length=max(sigmas.length * factor, least))
+        return sigmas, float(stdtrit(degrees, tail)), "residuals", []
     if degrees > 0 and chdtrc(degrees, best.cost) < UNLIKELY:
         factor = float(np.sqrt(best.cost / degrees))
         says = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,17 +19,20 @@ from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import MAX_ROWS, Line, TableError, table_lines
 from magmpm.inputs.quantities import KINDS
 from magmpm.scene import Scene
+from magmpm.scene.apparatus import APPARATUS, OWN, Apparatus, apparatus_of, check_apparatus
 
 AXES = "xyz"
 _UNITS = {
     "length": ("mm", "m", "cm", "um", "in"), "flux density": ("mT", "T", "uT", "G"), "time": ("ms", "s"), "angle": ("deg", "rad"),
+    "current": ("A", "mA"), "number": ("",),
 }  # fmt: skip
+ANGLES = {"tip_angle": None, "tip_angle_xy": 1, "tip_angle_xz": 2}  # columns of the tip's angle; signed, in the plane of x and this axis
 _QUANTITIES = {
     **{f"field_{a}": "flux density" for a in AXES}, "field": "flux density", "t": "time", "s": "length",
-    **{f"tip_{a}": "length" for a in AXES}, "tip_angle": "angle", **dict.fromkeys(AXES, "length"),
+    **{f"tip_{a}": "length" for a in AXES}, **dict.fromkeys(ANGLES, "angle"), **dict.fromkeys(AXES, "length"), **APPARATUS,
 }  # fmt: skip
-LABELS = ("marker", "note")  # columns for the reader, of any text
-MOST = {"length": 10.0, "flux density": 20.0, "time": 1e4, "angle": math.pi}  # SI: a larger number is a unit mistaken
+LABELS = ("marker", "note", "series", "repeat")  # columns for the reader and for what is held out, of any text
+MOST = {"length": 10.0, "flux density": 20.0, "time": 1e4, "angle": math.pi, "current": 1e6, "number": 1e6}  # SI: else a unit is mistaken
 _START = "begin the file with the names of its columns, say field_z_mT,tip_x_mm,tip_z_mm, then rows of numbers"
 
 
@@ -38,8 +41,9 @@ class Readings:
     """The rows of one state of the body: one field, or one moment. SI.
 
     field (3,) T, None: the scene's own; time s, None of an equilibrium. lines (m,) of the file; s (m,) m, NaN at the tip and along a curve;
-    points (m, 3) m and angles (m,) rad, NaN where not measured; angles are those of the tip's tangent to the base's axis, +x. kind: of the
-    table, tips | places | curve; axes: coordinates that its points have; table: which of several it is of.
+    points (m, 3) m and angles (m,) rad, NaN where not measured; angles are those of the tip's tangent to the base's axis, +x, with a sign
+    in the plane of x and the axis `plane`. kind: of the table, tips | places | curve; axes: coordinates that its points have; table: which
+    of several it is of; apparatus: magnet, currents and inserted length.
     """
 
     field: tuple[float, float, float] | None
@@ -51,6 +55,8 @@ class Readings:
     kind: str = "tips"
     axes: tuple[int, ...] = (0, 1, 2)
     table: int = 0
+    apparatus: Apparatus = OWN
+    plane: int | None = None
 
     @property
     def numbers(self) -> int:
@@ -94,6 +100,10 @@ class Measured:
     def has_angles(self) -> bool:
         return any(bool(np.isfinite(state.angles).any()) for state in self.states)
 
+    @property
+    def angles_alone(self) -> bool:
+        return not any(bool(np.isfinite(state.points).any()) for state in self.states)
+
 
 @dataclass(frozen=True)
 class _Column:
@@ -121,15 +131,49 @@ def together(tables: Sequence[Measured]) -> Measured:
     """Several tables of the same body as one."""
     if len(tables) == 1:
         return tables[0]
-    own = tuple(
-        replace(one, states=tuple(replace(state, table=k) for state in one.states)) for k, one in enumerate(tables)
-    )
+    own = tuple(replace(one, states=tuple(replace(state, table=k) for state in one.states)) for k, one in enumerate(tables))
     states = tuple(state for one in own for state in one.states)
     return Measured(own[0].path, "several", states, (), (), own)
 
 
-def read_measured(path: Path | str, scene: Scene) -> Measured:
-    """The measurements in a file, for a scene. Raises TableError, which names file, row, column, value, rule and remedy."""
+def read_split(paths: Sequence[Path | str], scene: Scene, hold_out: str | None) -> tuple[Measured, Measured | None]:
+    """The measurements in files, and those held out of them: rows whose cell in a column is one of some values, "COLUMN=VALUE,VALUE".
+
+    Raises TableError where no row, or every row, has such a cell.
+    """
+    if hold_out is None:
+        return read_tables(paths, scene), None
+    column, _, value = (part.strip() for part in hold_out.partition("="))
+    chosen, cells = {part.strip() for part in value.split(",")}, set[str]()
+
+    def held(row: dict[str, str]) -> bool:
+        cells.update(row[name] for name in (column,) if name in row)
+        return row.get(column) in chosen or _as_number(row.get(column)) & set().union(*map(_as_number, chosen)) != set()
+
+    known = [read_measured(path, scene, lambda row: not held(row)) for path in paths]
+    left = [read_measured(path, scene, held) for path in paths]
+    found = [[table for table in tables if table.states] for tables in (known, left)]
+    if not all(found):
+        columns = dict.fromkeys(title for table in known for title in table.columns)
+        rule = "some rows are held out, and others are fitted: a column of the tables, and a value that it has in some of its rows"
+        some = f"{column} is one of {', '.join(sorted(cells)[:12])}" if cells else f"the columns are {', '.join(columns)}"
+        raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=some)
+    return together(found[0]), together(found[1])
+
+
+def _as_number(cell: str | None) -> set[float]:
+    """The number in a cell, if it holds one."""
+    try:
+        return {float(cell or "")}
+    except ValueError:
+        return set()
+
+
+def read_measured(path: Path | str, scene: Scene, keep: Callable[[dict[str, str]], bool] | None = None) -> Measured:
+    """The measurements in a file, for a scene; `keep` says of which rows, by their cells. Without any, it has no states.
+
+    Raises TableError, which names file, row, column, value, rule and remedy.
+    """
     path = Path(path)
     lines = table_lines(path, _START)
     header = next(lines, None)
@@ -139,14 +183,16 @@ def read_measured(path: Path | str, scene: Scene) -> Measured:
     kind = _kind(header, columns)
     named = {column.quantity for column in columns if column.quantity}
     _fit_together(header, named, scene, kind)
-    grouped: dict[tuple[object, object], list[tuple[int, dict[str, float]]]] = {}
+    grouped: dict[tuple[object, object, Apparatus], list[tuple[int, dict[str, float]]]] = {}
     for count, line in enumerate(lines):
         if count >= MAX_ROWS:
             raise TableError(str(path), rule=f"a table has at most {MAX_ROWS} rows", remedy="leave out rows: a fit needs a few hundred")
         values = _row(line, columns, named, kind, scene)
-        state = _field_of(values, scene), values.get("t")
+        if keep is not None and not keep(dict(zip(header.cells, line.cells, strict=True))):
+            continue
+        state = _field_of(values, scene), values.get("t"), apparatus_of(line, values, scene)
         grouped.setdefault(state, []).append((int(line.place.rsplit(":", 1)[1]), values))
-    if not grouped:
+    if not grouped and keep is None:
         raise TableError(str(path), received="a header alone", rule="a table has a header and rows", remedy=_START)
     prefix = "tip_" if kind == "tips" else ""
     axes = tuple(i for i, a in enumerate(AXES) if f"{prefix}{a}" in named)
@@ -154,7 +200,7 @@ def read_measured(path: Path | str, scene: Scene) -> Measured:
     return Measured(path, kind, states, tuple(column.title for column in columns), axes)
 
 
-def _readings(state: tuple[object, object], rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
+def _readings(state: tuple[object, object, Apparatus], rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
     """The rows of one state."""
 
     def column(name: str) -> Array:
@@ -162,7 +208,9 @@ def _readings(state: tuple[object, object], rows: list[tuple[int, dict[str, floa
 
     lines = np.array([line for line, _ in rows])
     points = np.stack([column(f"{prefix}{a}") for a in AXES], axis=1)
-    return Readings(state[0], state[1], lines, column("s"), points, column("tip_angle"))  # type: ignore[arg-type]
+    angle = next((name for name in ANGLES if any(name in values for _, values in rows)), "tip_angle")
+    s = column("s")
+    return Readings(state[0], state[1], lines, s, points, column(angle), apparatus=state[2], plane=ANGLES[angle])  # type: ignore[arg-type]
 
 
 def _columns(header: Line) -> list[_Column]:
@@ -172,12 +220,12 @@ def _columns(header: Line) -> list[_Column]:
         if title in LABELS:
             found.append(_Column(title, "", 1.0))
             continue
-        quantity, _, unit = title.rpartition("_")
+        quantity, _, unit = (title, "", "") if _QUANTITIES.get(title) == "number" else title.rpartition("_")
         if quantity not in _QUANTITIES or unit not in _UNITS[_QUANTITIES[quantity]]:
             raise _unknown(header, title)
         if quantity in (column.quantity for column in found):
             raise header.error(f"a column may stand once, and {quantity} stands twice", "remove one of the two", title)
-        factor = float(KINDS[_QUANTITIES[quantity]].plain[unit])
+        factor = float(KINDS[_QUANTITIES[quantity]].plain[unit]) if unit else 1.0
         found.append(_Column(title, quantity, factor))
     return found
 
@@ -198,7 +246,7 @@ def _unknown(header: Line, title: str) -> TableError:
 def _kind(header: Line, columns: list[_Column]) -> str:
     """Tips, places or a curve. Raises TableError where the columns are none of them, or of two."""
     named = {column.quantity for column in columns}
-    tips, points = named & {"tip_x", "tip_y", "tip_z", "tip_angle"}, named & set(AXES)
+    tips, points = {name for name in named if name.startswith("tip_")}, named & set(AXES)
     if tips and (points or "s" in named):
         rule = "a table holds tips (tip_x_mm ...) or points (x_mm ...), not both"
         raise header.error(rule, "make two tables of it, or give each tip its s_mm")
@@ -232,9 +280,12 @@ def _fit_together(header: Line, named: set[str], scene: Scene, kind: str) -> Non
         raise header.error(rule, "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`")
     if fields and scene.in_time:
         raise header.error("along time the field is the scene's own", "write the field's schedule in the scene, and remove the columns")
+    check_apparatus(header, named, scene)
+    if len(angles := named & set(ANGLES)) > 1:
+        raise header.error("a row has one angle of the tip", "remove the others, or make two tables of it", ", ".join(sorted(angles)))
     if kind != "tips" and scene.body.shape.line is None:
         raise header.error(f"a body of {scene.body.kind} has no axis to mark points on", "measure its tip: tip_x_mm ...")
-    if "tip_angle" in named and scene.body.shape.line is None:
+    if angles and scene.body.shape.line is None:
         raise header.error(f"a body of {scene.body.kind} has no axis, so its tip has no angle", "measure the tip's place: tip_x_mm ...")
 
 
@@ -249,12 +300,12 @@ def _row(line: Line, columns: list[_Column], named: set[str], kind: str, scene: 
         if not column.quantity or not text:
             continue
         values[column.quantity] = _number(line, column, text)
-    for quantity in ("s", "t", *(name for name in named if name.startswith("field"))):
+    for quantity in ("s", "t", *(name for name in named if name.startswith("field") or name in APPARATUS)):
         if quantity in named and quantity not in values:
             title = next(column.title for column in columns if column.quantity == quantity)
-            rule = f"{title} says where, when or in which field; it can't be empty"
+            rule = f"{title} says where, when or under what a reading was taken; it can't be empty"
             raise line.error(rule, "fill it in, or remove the row", f"{title} empty")
-    measured = [name for name in values if name in AXES or name.startswith("tip")]
+    measured = [name for name in values if name in AXES or name.startswith("tip_")]
     if not measured or (kind == "curve" and len(measured) < len(named & set(AXES))):
         raise line.error("a row must hold a measured number" if kind != "curve" else "a point needs all its coordinates", "remove the row")
     _within(line, values, scene)

@@ -152,10 +152,7 @@ def _opened(scene: Scene) -> float:
     X = model.particles.position
     first, last = X[:, 0] < 0.5e-3, X[:, 0] > X[:, 0].max() - 0.5e-3
     moved = begin(model)
-    integrate(
-        moved,
-        on_progress=lambda *_: widest.append(float(np.linalg.norm(np.subtract(*_ends(moved, first, last))))),
-    )
+    integrate(moved, on_progress=lambda *_: widest.append(float(np.linalg.norm(np.subtract(*_ends(moved, first, last))))))
     if min(widest) > 0.3 * scene.length:
         return math.inf
     rest, x = X - X.mean(axis=0), moved.x - moved.x.mean(axis=0)

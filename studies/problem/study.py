@@ -83,11 +83,9 @@ class Study:
         if sampler is not None:
             check_sampler_name(sampler, "--sampler")
         return dataclasses.replace(
-            self,
-            trials=self.trials if trials is None else trials,
-            sampler=self.sampler if sampler is None else sampler,
+            self, trials=self.trials if trials is None else trials, sampler=self.sampler if sampler is None else sampler,
             why_sampler=self.why_sampler if sampler is None else None,
-        )
+        )  # fmt: skip
 
     def definition(self) -> dict[str, Any]:
         """All that decides which trials are made and how they are evaluated, as plain data; numbers in SI, the target in mm.

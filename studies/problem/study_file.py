@@ -19,11 +19,9 @@ class Match(Settings):
     """Target with which the body's shape is compared: one of these."""
 
     centreline: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        default=None, min_length=1, description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
         examples=["../targets/s_shape.csv"],
-    )
+    )  # fmt: skip
     path: str | None = Field(
         default=None,
         min_length=1,
@@ -133,33 +131,23 @@ class Stability(Settings):
     """Stability that a design must have to be accepted."""
 
     margin: float = Field(
-        strict=True,
-        ge=0.0,
-        lt=1.0,
-        allow_inf_nan=False,
+        strict=True, ge=0.0, lt=1.0, allow_inf_nan=False,
         description="Least smallest eigenvalue of the tangent, of that of the unloaded body: 1 at rest, 0 at a critical load.",
         examples=[0.1],
-    )
+    )  # fmt: skip
 
 
 class Limits(Settings):
     """Limits of manufacture."""
 
     directions: tuple[Axis, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=100,
+        default=None, min_length=1, max_length=100,
         description="The directions in which segments can be magnetized, each [x, y, z] or {azimuth: ..., elevation: ...}.",
         examples=[[[1, 0, 0], [0, 0, 1]]],
-    )
+    )  # fmt: skip
     at_most: int | None = Field(
-        default=None,
-        strict=True,
-        ge=1,
-        le=1000,
-        description="How many different directions there may be.",
-        examples=[3],
-    )
+        default=None, strict=True, ge=1, le=1000, description="How many different directions there may be.", examples=[3],
+    )  # fmt: skip
 
     @model_validator(mode="after")
     def _something(self) -> Limits:
@@ -171,11 +159,7 @@ class Limits(Settings):
 class StudyFile(Settings):
     """A study: the scene, what is varied, what it must match, and how it is searched."""
 
-    scene: str = Field(
-        min_length=1,
-        description="Path of the scene, relative to this file.",
-        examples=["../scenes/five_segments.yaml"],
-    )
+    scene: str = Field(min_length=1, description="Path of the scene, relative to this file.", examples=["../scenes/five_segments.yaml"])
     vary: Vary = Field(description="What the study may change.", examples=["{magnetization: {}}"])
     match: Annotated[
         Annotated[Match, Tag("one")] | Annotated[tuple[MatchAt, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
@@ -191,12 +175,10 @@ class StudyFile(Settings):
         default=None, description="The field brings the body through the shapes of `match`: {} or {hold: 0.2 s}.", examples=["{}"]
     )
     minimize: tuple[Literal["rms", "largest_field", "magnetized_volume"], ...] = Field(
-        default=("rms",),
-        min_length=1,
-        max_length=2,
+        default=("rms",), min_length=1, max_length=2,
         description="rms, unless given; or rms and a second objective, largest_field or magnetized_volume.",
         examples=["[rms, largest_field]"],
-    )
+    )  # fmt: skip
     robust: Robust | None = Field(
         default=None,
         description="Judge each design by the mean of its rms plus two standard deviations, for these errors of manufacture.",
@@ -206,19 +188,8 @@ class StudyFile(Settings):
         default=None, description="Refuse designs whose equilibrium is nearer to a critical load than this.", examples=["{margin: 0.1}"]
     )
     limits: Limits | None = Field(default=None, description="What can be made.", examples=["{at_most: 3}"])
-    trials: int = Field(
-        default=35,
-        strict=True,
-        ge=1,
-        le=MOST_TRIALS,
-        description="Trials in all; 35 unless given.",
-        examples=[35],
-    )
-    sampler: Annotated[
-        str | None,
-        BeforeValidator(known_sampler),
-        WithJsonSchema({"type": "string", "enum": list(NAMES)}),
-    ] = Field(
+    trials: int = Field(default=35, strict=True, ge=1, le=MOST_TRIALS, description="Trials in all; 35 unless given.", examples=[35])
+    sampler: Annotated[str | None, BeforeValidator(known_sampler), WithJsonSchema({"type": "string", "enum": list(NAMES)})] = Field(
         default=None,
         description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
         examples=["gauss-newton"],
@@ -227,16 +198,9 @@ class StudyFile(Settings):
         default=None, description="Begin with the best designs of the rod model; not unless given.", examples=["rod"]
     )
     seed: int = Field(
-        default=1,
-        strict=True,
-        ge=0,
-        le=2**32 - 1,
-        description="The same seed gives the same trials; 1 unless given.",
-        examples=[1],
-    )
-    stop: Stop | None = Field(
-        default=None, description="Ends the study early, when it is good enough.", examples=["{rms: 2 mm}"]
-    )
+        default=1, strict=True, ge=0, le=2**32 - 1, description="The same seed gives the same trials; 1 unless given.", examples=[1],
+    )  # fmt: skip
+    stop: Stop | None = Field(default=None, description="Ends the study early, when it is good enough.", examples=["{rms: 2 mm}"])
 
     @model_validator(mode="after")
     def _go_together(self) -> StudyFile:

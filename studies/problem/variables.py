@@ -112,9 +112,7 @@ class Vary(Settings):
     magnetization: VaryMagnetization | None = Field(
         default=None, description="The direction of each magnetized segment: {}.", examples=["{}"]
     )
-    field: VaryField | None = Field(
-        default=None, description="The outside field, up to a greatest strength.", examples=["{max: 10 mT}"]
-    )
+    field: VaryField | None = Field(default=None, description="The outside field, up to a greatest strength.", examples=["{max: 10 mT}"])
     length: VaryLength | None = Field(
         default=None, description="The length of each segment, within bounds.", examples=["{min: 4 mm, max: 12 mm}"]
     )

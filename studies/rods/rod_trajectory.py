@@ -274,8 +274,6 @@ def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     share[:-1] += rod.length / 2
     return Depth(
         rod=RodFamily.of(rod, catheter.segment_lengths(), magnetized),
-        segments=np.array(magnetized, dtype=int) + len(whole.regions()) - len(scene.regions()),
-        place=place,
-        path=path.at(place),
+        segments=np.array(magnetized, dtype=int) + len(whole.regions()) - len(scene.regions()), place=place, path=path.at(place),
         roots=np.sqrt(share / place[-1] / count),
-    )
+    )  # fmt: skip

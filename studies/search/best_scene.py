@@ -34,12 +34,9 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
         return None
     path = folder / SCENE
     text = _head(study, best, path) + yaml.safe_dump(
-        _content(study, study.scene_file, space, best["params"], folder),
-        sort_keys=False,
-        default_flow_style=None,
-        width=120,
+        _content(study, study.scene_file, space, best["params"], folder), sort_keys=False, default_flow_style=None, width=120,
         allow_unicode=True,
-    )
+    )  # fmt: skip
     if path.exists() and path.read_text(encoding="utf-8") == text:
         return path
     part = path.with_suffix(".part")

@@ -63,26 +63,12 @@ def load_study(path: Path | str) -> Study:
     check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
     study = Study(
-        path=document.path,
-        name=document.path.stem,
-        scene=scene,
-        target=target,
-        vary=file.vary,
-        trials=file.trials,
-        sampler=file.sampler or "gauss-newton",
-        seed=file.seed,
-        stop_rms=None if file.stop is None else file.stop.rms,
-        scene_file=folder / file.scene,
-        depths=_depths(file, target, scene.thickness),
-        keyframes=keyframes,
-        hold=0.0 if file.schedule is None else file.schedule.hold,
-        minimize=file.minimize,
-        robust=file.robust,
-        margin=None if file.stability is None else file.stability.margin,
-        limits=file.limits,
-        start=file.start,
-        asked=asked,
-    )
+        path=document.path, name=document.path.stem, scene=scene, target=target, vary=file.vary, trials=file.trials,
+        sampler=file.sampler or "gauss-newton", seed=file.seed, stop_rms=None if file.stop is None else file.stop.rms,
+        scene_file=folder / file.scene, depths=_depths(file, target, scene.thickness), keyframes=keyframes,
+        hold=0.0 if file.schedule is None else file.schedule.hold, minimize=file.minimize, robust=file.robust,
+        margin=None if file.stability is None else file.stability.margin, limits=file.limits, start=file.start, asked=asked,
+    )  # fmt: skip
     return study if file.sampler is not None else best_suited(study)
 
 
@@ -135,11 +121,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Differences between two definitions, one line a key: `sampler: tpe -> random`."""
     was, now = dict(_flat(old)), dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]
-    lines = [
-        f"{key}: {was.get(key, 'nothing')} -> {now.get(key, 'nothing')}"
-        for key in keys
-        if was.get(key) != now.get(key)
-    ]
+    lines = [f"{key}: {was.get(key, 'nothing')} -> {now.get(key, 'nothing')}" for key in keys if was.get(key) != now.get(key)]
     if len(lines) > SHOWN_DIFFERENCES:
         lines[SHOWN_DIFFERENCES:] = [f"and {len(lines) - SHOWN_DIFFERENCES} more"]
     return lines

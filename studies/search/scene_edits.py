@@ -146,9 +146,7 @@ def magnetized_places(scene: Scene) -> list[bool]:
 @lru_cache(maxsize=8)
 def _orders(pattern: str) -> tuple[str, ...]:
     places = range(len(pattern))
-    return tuple(
-        "".join("M" if i in chosen else "P" for i in places) for chosen in itertools.combinations(places, pattern.count("M"))
-    )
+    return tuple("".join("M" if i in chosen else "P" for i in places) for chosen in itertools.combinations(places, pattern.count("M")))
 
 
 def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:

@@ -84,15 +84,10 @@ class SearchSpace:
         """The space a study requests."""
         vary, scene = study.vary, study.scene
         return cls(
-            scene=scene,
-            segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
-            field_max=study.field_max,
-            fields=study.fields,
-            numbers_within=numbers_of(vary, scene),
-            keeps_length=vary.length is None or vary.length.total == "keep",
-            order=vary.order is not None,
-            limits=makeable(study.limits),
-        )
+            scene=scene, segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (), field_max=study.field_max,
+            fields=study.fields, numbers_within=numbers_of(vary, scene), keeps_length=vary.length is None or vary.length.total == "keep",
+            order=vary.order is not None, limits=makeable(study.limits),
+        )  # fmt: skip
 
     # the blocks, and where their embedded coordinates stand
 

@@ -38,15 +38,9 @@ TEXT = 200_000  # bytes of an input file that a report shows
 
 
 def gather(
-    folder: Path,
-    report: Mapping[str, Any],
-    *,
-    run: Callable[..., Result],
-    differentiate: Callable[..., Any],
-    storage: str | None = None,
-    quick: bool = False,
-    motion: bool = False,
-) -> dict[str, Any]:
+    folder: Path, report: Mapping[str, Any], *, run: Callable[..., Result], differentiate: Callable[..., Any], storage: str | None = None,
+    quick: bool = False, motion: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     """Gather what is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
 
     run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of

@@ -1,10 +1,11 @@
 """`make bench-fit`: how often the intervals of `magmpm fit` hold the true constants, over synthetic measurements.
 
-    python tests/benchmarks/fit_coverage.py [FITS [FIRST]]     # FIRST: number of the first, so that a run can be made in parts
+    python tests/benchmarks/fit_coverage.py [FITS [FIRST [poses]]]     # FIRST: number of the first, so that a run can be made in parts
 
-Each fit has five tips with normal errors of 0.2 mm in each coordinate, of a body whose constants are drawn within 25 % of the scene's. Four
-kinds in turn: the shear modulus alone, or both shear modulus and remanence, of a body with weight; the noise given, or estimated. The
-95 % intervals should hold 95 % of the true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
+Each fit has five tips with normal errors of 0.2 mm in each coordinate, of a body whose constants are drawn within 25 % of the scene's; with
+`poses`, six angles of the tip with errors of 0.5 degrees, each beside a magnet that stands elsewhere. Four kinds in turn: the shear modulus
+alone, or both shear modulus and remanence, of a body with weight; the noise given, or estimated. The 95 % intervals should hold 95 % of the
+true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import os
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,26 +25,33 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 FIELDS = (0.0, 1.5, 3.0, 4.5, 6.0)  # mT along z
-NOISE = 0.2e-3  # m
+DISTANCES = (140.0, 110.0, 90.0, 80.0, 72.0, 65.0)  # mm, of a magnet's center above the base
+NOISE, ANGLE_NOISE = 0.2e-3, 0.5  # m, degrees
 KINDS = (("shear_modulus",), ("shear_modulus", "remanence"))
 
 
-def scene() -> Any:
-    """The scene that the fits begin with: 40 x 4 mm, magnetized along its axis, with its weight."""
+def scene(poses: bool) -> Any:
+    """The scene that the fits begin with: 40 x 4 mm, magnetized along its axis, with its weight; beside a magnet."""
     from magmpm import load_scene
 
     found = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
     data = found.to_si()
     data["materials"]["magnetic silicone"]["density"] = 1882.0
-    return type(found).from_si(data).with_effects(gravity={})
+    if not poses:
+        return type(found).from_si(data).with_effects(gravity={})
+    magnet = {"cylinder": {"diameter": 0.02, "length": 0.02}, "position": [0.0, 0.0, 0.1], "remanence": 1.3}
+    data["field"] = {"magnet": [magnet]}
+    return type(found).from_si(data).with_effects(gravity={}, magnetic_force={})
 
 
-def one(number: int) -> dict[str, Any]:
+def one(number: int, poses: bool = False) -> dict[str, Any]:
     """A fit: the true values, and the intervals."""
     from magmpm import run
+    from magmpm.scene.apparatus import Apparatus
     from magmpm.studies.fitting import fit, read_measured
+    from magmpm.studies.fitting.prediction import Axis, tip_angle
 
-    rng, start = np.random.default_rng([11, number]), scene()
+    rng, start = np.random.default_rng([11, number]), scene(poses)
     data = start.to_si()
     vary = KINDS[number % 2]
     material = data["materials"]["magnetic silicone"]
@@ -50,16 +59,19 @@ def one(number: int) -> dict[str, Any]:
         material[name] *= float(np.exp(rng.uniform(-0.22, 0.22)))
     truth = {name: material[name] for name in vary}
     body = type(start).from_si(data)
-    rows, last = ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"], None
-    for strength in FIELDS:
-        last = run(body.with_field([0.0, 0.0, 1e-3 * strength]), start=last)
+    rows, last = ["magnet_z_mm,tip_angle_xz_deg" if poses else "field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"], None
+    for size in DISTANCES if poses else FIELDS:
+        there = Apparatus((0.0, 0.0, 1e-3 * size)).applied(body) if poses else body.with_field([0.0, 0.0, 1e-3 * size])
+        last = run(there, start=last)
         tip = 1e3 * (last.tip + rng.normal(0.0, NOISE, 3))
-        rows.append(f"{strength},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}")
+        angle = math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + rng.normal(0.0, ANGLE_NOISE)
+        rows.append(f"{size},{angle:.6f}" if poses else f"{size},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tips.csv"
         path.write_text("\n".join(rows) + "\n", encoding="utf-8")
         given = NOISE if number % 4 >= 2 else None
-        found = fit(read_measured(path, start), start, vary=vary, noise=given, thorough=False)
+        noise = {"angle_noise": math.radians(ANGLE_NOISE) if given else None} if poses else {"noise": given}
+        found = fit(read_measured(path, start), start, vary=vary, **noise, thorough=False)
     held = {}
     for each in found.constants:
         low, high = each.low or 0.0, math.inf if each.high is None else each.high
@@ -74,15 +86,15 @@ def _share(done: list[dict[str, Any]]) -> float:
     return float(np.mean(held))
 
 
-def main(fits: str = "1000", first: str = "0") -> int:
+def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     """Print the table, and write runs/bench/fit.json."""
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     begun = time.perf_counter()
-    one(1)  # kernels
+    one(1, bool(poses))  # kernels
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         done = []
-        for each in pool.imap_unordered(one, range(int(first), int(fits)), chunksize=4):
+        for each in pool.imap_unordered(partial(one, poses=bool(poses)), range(int(first), int(fits)), chunksize=4):
             done.append(each)
             if len(done) % 50 == 0:
                 spent = time.perf_counter() - begun
@@ -101,7 +113,7 @@ def main(fits: str = "1000", first: str = "0") -> int:
     print(f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)")
     solves = np.median([each["solves"] for each in done])
     print(f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
-    out = ROOT / "runs/bench/fit.json"
+    out = ROOT / f"runs/bench/fit{'_' * bool(poses)}{poses}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps({"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done}, indent=1) + "\n")
     return 0

@@ -227,9 +227,7 @@ CONTROLS = {  # by the beginning of a case's name
     "magnet passed at one diameter": Control("equilibrium iterations at each moment", off(branch.Branch, "_attempt", _as_it_was)),
     "field reversed at once": TWICE,
     "drift in 10^6 steps": TWICE,
-    "restart at every checkpoint": Control(
-        "velocities in checkpoints", lambda: put(motions.TotalMotion, "restore", _without_velocity)
-    ),
+    "restart at every checkpoint": Control("velocities in checkpoints", lambda: put(motions.TotalMotion, "restore", _without_velocity)),
     "frames lost": Control("tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)),
     "permuted particles": Control("particles in double precision: here in single", off(bodies, "PRECISION", np.float32)),
     "ramp past a bifurcation": Control("leaving equilibria that are not minima", _stays_where_it_is),

@@ -58,11 +58,7 @@ class Stage:
     def message(self, scene: Scene, shape: DeformedBody, known: str, about: dict[str, Any]) -> bytes:
         """A shape of a scene. known: name of the surface that the page has; about: what else its header says."""
         name, body = self._body(scene, shape)
-        arrays = {
-            "points": np.nan_to_num(body.points(shape.position)),
-            "axis": shape.axis,
-            "arrows": self._arrows(scene, body, shape),
-        }
+        arrays = {"points": np.nan_to_num(body.points(shape.position)), "axis": shape.axis, "arrows": self._arrows(scene, body, shape)}
         header = {**about, "surface": name, "field": shape.field, "arrow_width": style.ARROW_WIDTH * body.thickness}
         if name != known:
             arrays |= surface_arrays(body)

@@ -104,9 +104,7 @@ def importances(facts: Mapping[str, Any]) -> Markup:
         return tag("p", told["why"][:1].upper() + told["why"][1:] + ".")
     shown = list(told["values"].items())[:MOST_BARS]
     largest = max(share for _, share in shown) or 1.0
-    rows = [
-        [name, Markup(f'<i style="width:{100 * share / largest:.1f}%"></i>'), f"{100 * share:.1f} %"] for name, share in shown
-    ]
+    rows = [[name, Markup(f'<i style="width:{100 * share / largest:.1f}%"></i>'), f"{100 * share:.1f} %"] for name, share in shown]
     body = [tag("tr", tag("td", name), tag("td", bar, class_="bar"), tag("td", text)) for name, bar, text in rows]
     left = len(told["values"]) - len(shown)
     words = (

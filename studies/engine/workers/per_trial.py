@@ -31,13 +31,9 @@ class PerTrial(BaseSampler):
     """make: the sampler of the trial with a number. starts: designs of the first trials, whatever the sampler would choose."""
 
     def __init__(
-        self,
-        make: Callable[[int], BaseSampler],
-        *,
-        starts: Sequence[Mapping[str, Any]] = (),
-        session: str | None = None,
+        self, make: Callable[[int], BaseSampler], *, starts: Sequence[Mapping[str, Any]] = (), session: str | None = None,
         wait: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._make, self._starts, self._session, self._wait = make, starts, session, wait
         self._inner: BaseSampler | None = None
         self._given = False

@@ -46,15 +46,9 @@ class Shape:
     def of(cls, result: Result) -> Shape:
         """Shape of a result."""
         return cls(
-            result.particle_reference,
-            result.particle_position,
-            result.particle_volume,
-            result.particle_segment,
-            result.centreline[:, 1:4],
-            result.segment_center,
-            result.segment_remanence,
-            np.asarray(result.field),
-        )
+            result.particle_reference, result.particle_position, result.particle_volume, result.particle_segment, result.centreline[:, 1:4],
+            result.segment_center, result.segment_remanence, np.asarray(result.field),
+        )  # fmt: skip
 
 
 class Preview:
@@ -87,12 +81,7 @@ class Preview:
         point = Energy(model).at(grid)
         position, particles = point.position, model.particles
         return Shape(
-            particles.position,
-            position,
-            particles.volume,
-            particles.segment,
-            centreline(model, grid)[:, 1:4],
-            region_means(model, position),
-            region_means(model, np.einsum("nij,nj->ni", point.F, model.remanence[:, :3])),
+            particles.position, position, particles.volume, particles.segment, centreline(model, grid)[:, 1:4],
+            region_means(model, position), region_means(model, np.einsum("nij,nj->ni", point.F, model.remanence[:, :3])),
             np.asarray(rod.field[len(rod.s) // 2]),
-        )
+        )  # fmt: skip

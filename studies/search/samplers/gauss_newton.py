@@ -70,23 +70,15 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
     """
 
     def __init__(
-        self,
-        blocks: Sequence[Block],
-        seed: int,
-        *,
-        starts: Sequence[Mapping[str, float]] = (),
-        goal: float = 0.0,
-        poor: float = math.inf,
-    ) -> None:
+        self, blocks: Sequence[Block], seed: int, *, starts: Sequence[Mapping[str, float]] = (), goal: float = 0.0, poor: float = math.inf,
+    ) -> None:  # fmt: skip
         self._space, self._seed = Coordinates(blocks), seed
         self._starts, self._goal, self._poor = [dict(start) for start in starts], goal, poor
 
     def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         return {name: kind for block in self._space.blocks for name, kind in block.distributions().items()}
 
-    def sample_relative(
-        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
         ended = (TrialState.COMPLETE, TrialState.FAIL, TrialState.PRUNED)
         trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
         running, _ = others_running(study, trial, search_space)
@@ -94,9 +86,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, plan.kept)
         return plan.params
 
-    def sample_independent(
-        self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
-    ) -> Any:
+    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
         """For parameters that no block names: the middle of their range."""
         if not isinstance(param_distribution, FloatDistribution):
             raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
@@ -154,15 +144,8 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return min(max(seen, guess / 10), 10 * guess)
 
     def _stuck(
-        self,
-        base: FrozenTrial,
-        step: Step,
-        radius: float,
-        known: Mapping[int, FrozenTrial],
-        x: Array,
-        residuals: Array,
-        jacobian: Array,
-    ) -> bool:
+        self, base: FrozenTrial, step: Step, radius: float, known: Mapping[int, FrozenTrial], x: Array, residuals: Array, jacobian: Array,
+    ) -> bool:  # fmt: skip
         """True if this descent should be left."""
         cost = float(residuals @ residuals)
         if radius < LEAST_RADIUS or step.promised <= 0.0:

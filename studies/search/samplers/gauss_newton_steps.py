@@ -89,11 +89,7 @@ class Ball:
     def write(self, x: Array) -> dict[str, float]:
         strength = min(float(np.linalg.norm(x)) / self.unit, self.most)
         elevation = math.atan2(x[2], math.hypot(x[0], x[1]))
-        return {
-            self.strength: strength,
-            self.azimuth: math.degrees(math.atan2(x[1], x[0])),
-            self.elevation: math.degrees(elevation),
-        }
+        return {self.strength: strength, self.azimuth: math.degrees(math.atan2(x[1], x[0])), self.elevation: math.degrees(elevation)}
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         outward = _outward(x)

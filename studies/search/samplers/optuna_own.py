@@ -94,9 +94,7 @@ class FieldsByRod(BaseSampler):
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         return self.insertion.space.distributions()
 
-    def sample_relative(
-        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    def sample_relative(self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
         chosen = {name: kind for name, kind in search_space.items() if name in self.names}
         found = self.base.sample_relative(study, trial, chosen)
         for name, kind in chosen.items():
@@ -104,7 +102,5 @@ class FieldsByRod(BaseSampler):
                 found[name] = self.base.sample_independent(study, trial, name, kind)
         return self.insertion.with_fields(found)
 
-    def sample_independent(
-        self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
-    ) -> Any:
+    def sample_independent(self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
         return self.base.sample_independent(study, trial, param_name, param_distribution)

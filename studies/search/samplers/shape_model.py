@@ -79,9 +79,7 @@ class ShapeModel:
         self._basis = basis[:kept]
         self._scores = (residuals - self._mean) @ self._basis.T
         self._variance = self._scores.var(axis=0) + 1e-300
-        found = minimize(
-            self._cost, PRIOR, method="L-BFGS-B", bounds=[(-FARTHEST, FARTHEST)] * len(PRIOR), options={"maxiter": STEPS}
-        )
+        found = minimize(self._cost, PRIOR, method="L-BFGS-B", bounds=[(-FARTHEST, FARTHEST)] * len(PRIOR), options={"maxiter": STEPS})
         self._p = np.asarray(found.x, dtype=float)
         self._a = layout.matrix(self._p, x.shape[1])
         self._z = x @ self._a

@@ -98,11 +98,8 @@ def test_a_radius_whose_square_rounds_two_ways(radius: float) -> None:
 
 
 @given(
-    st.lists(st.floats(0.05, 1.0), min_size=1, max_size=6),
-    st.integers(2, 5),
-    st.sampled_from([2, 3]),
-    st.sampled_from([0.0, 0.6, 0.95]),
-)
+    st.lists(st.floats(0.05, 1.0), min_size=1, max_size=6), st.integers(2, 5), st.sampled_from([2, 3]), st.sampled_from([0.0, 0.6, 0.95]),
+)  # fmt: skip
 @settings(max_examples=30)
 def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count: int, ratio: float) -> None:
     """Segments of any length, whose ends cut cells: volume, centroid and axial second moment of each are

@@ -43,10 +43,7 @@ def test_moving_and_turning_magnets_are_drawn_where_they_are() -> None:
         (MAGNET, [0, 0, 1]),
         ({**MAGNET, "magnetization": [0, 0, -1]}, [0, 0, -1]),
         ({**MAGNET, "magnetization": [1, 0, 0]}, [1, 0, 0]),
-        (
-            {"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.05, 0.0, 0.02], "axis": [0, 0, 1], "remanence": 1.3},
-            [0, 0, 1],
-        ),
+        ({"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.05, 0.0, 0.02], "axis": [0, 0, 1], "remanence": 1.3}, [0, 0, 1]),
     ],
 )
 def test_red_is_north(magnet: dict[str, Any], north: list[float]) -> None:
@@ -83,13 +80,7 @@ def test_sources_are_drawn_where_the_solver_has_them() -> None:
     block = {"cuboid": {"size": [0.03, 0.02, 0.01]}, "position": [0.05, 0.01, 0.02], "axis": axis, "remanence": 1.2}
     over = {
         "keyframes": [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 1.0, "move": [-0.02, 0.01, 0.0]}],
-        "rotation": {
-            "axis": [0.0, 0.6, 0.8],
-            "frequency": -0.4,
-            "center": [0.01, 0.0, 0.02],
-            "start": 0.2,
-            "turns": 0.25,
-        },
+        "rotation": {"axis": [0.0, 0.6, 0.8], "frequency": -0.4, "center": [0.01, 0.0, 0.02], "start": 0.2, "turns": 0.25},
     }
     source = FieldSource.model_validate({"magnet": block, "over_time": over})
     corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * [0.015, 0.01, 0.005]

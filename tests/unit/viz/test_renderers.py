@@ -105,7 +105,7 @@ def test_every_segment_has_its_color(renderer: Renderer) -> None:
     # Grey is the clamp's color too: its share must grow.
     grey = (np.ptp(main.astype(int), axis=2) < 12) & (main.mean(axis=2) > 90) & (main.mean(axis=2) < 215)
     all_magnets = part(renderer.image(body()), MAIN)
-    grey_before = (np.ptp(all_magnets.astype(int), axis=2) < 12) & (all_magnets.mean(axis=2) > 90) & (all_magnets.mean(axis=2) < 215)
+    grey_before = ((np.ptp(all_magnets.astype(int), axis=2) < 12) & (all_magnets.mean(axis=2) > 90) & (all_magnets.mean(axis=2) < 215))
     assert grey.sum() > grey_before.sum() + 1500
 
 
@@ -153,7 +153,7 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     view = Views.of(Framing.of(picture), TRIAL, ASPECT).mains[0]
     middle, half = TRIAL.bar[0], 0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit)
     row = round((1 - TRIAL.bar[1]) * HEIGHT)
-    line = image[row - 1 : row + 2, round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3] .max(axis=2) .min(axis=0)
+    line = (image[row - 1 : row + 2, round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3] .max(axis=2) .min(axis=0))
     assert (line < 120).all()
 
 

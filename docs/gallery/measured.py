@@ -1,0 +1,129 @@
+"""`make measured`: the package against public measurements; pictures and tables of docs/measured.md.
+
+    python docs/gallery/measured.py [kim] [zhao]
+
+Zhao's beam is predicted with published constants alone. Of Kim's guidewire one column is fitted, for several free lengths.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from magmpm import load_scene, run
+from magmpm.scene import Scene
+from magmpm.studies.fitting import fit, read_measured
+from magmpm.viz import style
+from magmpm.viz.plots import LOOK, saved
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA, PAGE, IMAGES = ROOT / "data", ROOT / "docs/measured.md", ROOT / "docs/images"
+SCATTER = 0.02  # of the length: scatter of points digitized from a published figure
+LENGTHS = (10.0, 14.0, 16.0, 18.0)  # mm: free lengths of the guidewire; its bent tip must clear the magnet in the nearest row
+BLUE, RED = "#0077BB", "#CC3311"
+
+
+def zhao() -> tuple[str, Figure]:
+    """Deflection of Zhao's beam in a reversed field by published constants: the table, and the picture."""
+    reference = json.loads((DATA / "references/zhao_beam.json").read_text())
+    fields, measured = reference["field_mT"][1:], np.array(reference["published"]["experiment"][1:])
+    found = {}
+    for name, words in (("zhao_width_5mm", "5 mm wide"), ("zhao_plane_strain", "plane strain")):
+        scene = load_scene(DATA / f"scenes/{name}.yaml")
+        found[words] = np.array([float(run(scene.with_field([-1e-3 * field, 0.0, 0.0])).tip[2]) for field in fields]) / scene.length
+    rows = ["| field (mT) | measured | " + " | ".join(found) + " |", "| --- " * (2 + len(found)) + "|"]
+    for k, field in enumerate(fields):
+        errors = " | ".join(f"{tips[k]:.3f} ({100 * (tips[k] - measured[k]):+.1f} %)" for tips in found.values())
+        rows.append(f"| {field} | {measured[k]:.3f} | {errors} |")
+    rms = " | ".join(f"{100 * math.sqrt(np.mean((tips - measured) ** 2)):.1f} % of L" for tips in found.values())
+    rows.append(f"| rms of the error | | {rms} |")
+    figure, (above, below) = panels()
+    look = {"linestyle": "none", "marker": "o", "color": style.INK, "markersize": 4}
+    above.errorbar(fields, measured, SCATTER, **look, capsize=2, label="measured (Zhao et al.)")
+    for (words, tips), color in zip(found.items(), (BLUE, RED), strict=True):
+        above.plot(fields, tips, color=color, marker=".", label=f"predicted, {words}")
+        below.plot(fields, 100 * (tips - measured), color=color, marker=".", linewidth=1)
+    below.axhspan(-100 * SCATTER, 100 * SCATTER, color="#EEEEEE", linewidth=0, zorder=0)
+    above.set(ylabel="tip deflection over length")
+    below.set(xlabel="field against the magnetization (mT)", ylabel="error (% of L)")
+    above.legend()
+    return "\n".join(rows), figure
+
+
+def kim() -> tuple[str, Figure]:
+    """Tip angles of Kim's guidewire, fitted for several free lengths: the table, and the picture of the best."""
+    base = load_scene(DATA / "scenes/kim_guidewire.yaml")
+    path = DATA / "measured/kim2022_guidewire.csv"
+    found: dict[float, Any] = {}
+    rows = ["| free length (mm) | effective shear modulus (MPa), 95 % interval | residual, rms | largest | rms with the magnet over the "
+            "undeformed tip |", "| --- | --- | --- | --- | --- |"]
+    for length in LENGTHS:
+        data = base.to_si()
+        data["body"]["catheter"]["length"] = 1e-3 * length
+        data["materials"]["composite"]["shear_modulus"] *= (1e-3 * length / base.length) ** 2  # the same deflection in a weak field
+        scene = Scene.from_si(data)
+        measured = read_measured(path, scene)
+        one = found[length] = fit(measured, scene, vary=["shear_modulus"], thorough=False)
+        over_tip = fit(_over_tip(measured, scene.length), scene, vary=["shear_modulus"], thorough=False)
+        value, low, high = (1e-6 * (part or math.nan) for part in (one.constants[0].value, one.constants[0].low, one.constants[0].high))
+        worst = max(np.degrees(np.abs(one.residuals)))
+        rows.append(f"| {length:g} | {value:.1f} ({low:.1f} to {high:.1f}) | {math.degrees(one.rms_rad):.1f} deg | "
+                    f"{worst:.1f} deg | {math.degrees(over_tip.rms_rad):.1f} deg |")
+    best = min(found.values(), key=lambda one: one.rms_rad)
+    figure, (above, below) = panels()
+    distances = [1e3 * float(np.linalg.norm(state.apparatus.magnet)) for state in best.measured.states]
+    for length, color in ((LENGTHS[0], RED), (1e3 * best.scene.length, BLUE)):
+        one = min(found.items(), key=lambda each: abs(each[0] - length))[1]
+        angles = [math.degrees(label.simulated[0]) for label in one.labels]
+        above.plot(distances, angles, color=color, label=f"fitted, free length {length:.3g} mm")
+        below.plot(distances, np.degrees(one.residuals), color=color, marker=".", linewidth=1)
+    read = [math.degrees(label.measured[0]) for label in best.labels]
+    above.plot(distances, read, linestyle="none", marker="o", color=style.INK, markersize=4, label="measured (Kim et al.)")
+    below.axhspan(-3, 3, color="#EEEEEE", linewidth=0, zorder=0)
+    above.set(ylabel="tip angle (deg)", yticks=range(0, 91, 15))
+    below.set(xlabel="distance of the magnet's center (mm)", ylabel="residual (deg)")
+    above.legend()
+    return "\n".join(rows), figure
+
+
+def _over_tip(measured: Any, length: float) -> Any:
+    """The table as if the magnet's distance were measured from the tip of the undeformed wire, of a length (m), in place of the clamp."""
+    moved = [(state, replace(state.apparatus, magnet=(length, 0.0, state.apparatus.magnet[2]))) for state in measured.states]
+    return replace(measured, states=tuple(replace(state, apparatus=apparatus) for state, apparatus in moved))
+
+
+def panels() -> tuple[Figure, Any]:
+    """A picture of two panels: numbers, and errors below them."""
+    with rc_context(LOOK):
+        figure = Figure(figsize=(5.2, 4.6), layout="constrained")
+        both = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1.0))
+        for axes in both:
+            axes.grid(True, color="#EEEEEE", linewidth=0.8)
+            axes.set_axisbelow(True)
+        both[1].axhline(0.0, color=style.FAINT_INK, linewidth=0.8)
+        return figure, both
+
+
+def main(*names: str) -> int:
+    """Write the pictures, and the tables into the page."""
+    for name in names or ("zhao", "kim"):
+        table, figure = {"zhao": zhao, "kim": kim}[name]()
+        print(table)
+        with rc_context(LOOK):
+            saved(figure, IMAGES / f"measured_{name}.png")
+        page, place = PAGE.read_text(encoding="utf-8"), rf"(<!-- table: {name} -->\n).*?(\n?<!-- end -->)"
+        PAGE.write_text(re.sub(place, lambda found, table=table: found[1] + table + "\n<!-- end -->", page, flags=re.S), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,121 @@
+"""Columns that say how the apparatus stood when a row was read: a magnet's place and direction, coil currents, the inserted length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from magmpm.bodies.segments import StraightBody
+from magmpm.errors import InputError
+from magmpm.fields.magnets import taken
+from magmpm.inputs.csv_tables import Line
+from magmpm.inputs.vectors import Vector
+from magmpm.scene.scene import Scene
+from magmpm.scene.variables import variables
+
+AXES = "xyz"
+MOST_COILS = 16
+_PLACE, _AXIS = tuple(f"magnet_{a}" for a in AXES), tuple(f"magnet_axis_{a}" for a in AXES)
+_ANGLES = ("magnet_azimuth", "magnet_elevation")
+_CURRENTS = tuple(f"current_{k + 1}" for k in range(MOST_COILS))
+APPARATUS = {
+    **dict.fromkeys(_PLACE, "length"), **dict.fromkeys(_AXIS, "number"), **dict.fromkeys(_ANGLES, "angle"),
+    "current": "current", **dict.fromkeys(_CURRENTS, "current"), "inserted": "length",
+}  # fmt: skip  # quantity of each column
+
+
+@dataclass(frozen=True)
+class Apparatus:
+    """Settings of a row in SI; None: the scene's own. magnet: its center, axis: where it points (of its scene's length or of a unit),
+    currents: (coil, current) pairs, inserted: length of the body that is free, of which a segmented one loses or gains the first segment.
+    """
+
+    magnet: Vector | None = None
+    axis: Vector | None = None
+    currents: tuple[tuple[int, float], ...] = ()
+    inserted: float | None = None
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with these settings. Raises InputError where it then breaks a rule."""
+        if self == OWN:
+            return scene
+        if self.inserted is not None:
+            scene = variables(scene, ["length"])[0].changed(scene, self.inserted - scene.length)
+        data = scene.to_si()
+        if self.magnet is not None:
+            data["field"]["magnet"][0]["position"] = list(self.magnet)
+        if self.axis is not None:
+            data["field"]["magnet"][0].update(axis=list(self.axis), magnetization=None)
+        for coil, current in self.currents:
+            data["field"]["coils"][coil]["current"] = current
+        return Scene.from_si(data)
+
+
+OWN = Apparatus()  # that of the scene
+
+
+def check_apparatus(header: Line, named: set[str], scene: Scene) -> None:
+    """Raises TableError where the scene lacks what the columns set."""
+    if not (given := named & set(APPARATUS)):
+        return
+    if scene.in_time:
+        raise header.error("along time the apparatus is the scene's own", "write its schedule in the scene, field.over_time")
+    magnets, coils = scene.field.magnet or (), scene.field.coils or ()
+    if any(name.startswith("magnet") for name in given) and len(magnets) != 1:
+        rule = f"columns of the magnet move the scene's one magnet, and it has {len(magnets) or 'none'}"
+        raise header.error(rule, "give the scene one `field: {magnet: ...}`; what does not move can be a dipole or a map")
+    if any(name in given for name in _ANGLES) and any(name in given for name in _AXIS):
+        raise header.error("the magnet's direction is given by angles or by components", "remove one of the two")
+    highest = max([_CURRENTS.index(name) + 1 for name in given if name in _CURRENTS], default=int("current" in given))
+    if highest > len(coils) or ("current" in given and len(coils) != 1):
+        rule = f"columns of currents need as many coils in the scene, and it has {len(coils) or 'none'}"
+        raise header.error(rule, "name them in the scene, field.coils, in the columns' order; current_A is that of the only one")
+    if "inserted" in given and not isinstance(scene.body.shape, StraightBody):
+        raise header.error(f"a body of {scene.body.kind} has no length to insert", "remove the column")
+
+
+def apparatus_of(line: Line, values: Mapping[str, float], scene: Scene) -> Apparatus:
+    """The settings of a row; components without a column are the scene's. Raises TableError where the scene can't be set so."""
+    own = (scene.field.magnet or (None,))[0]
+    magnet = axis = None
+    if own is not None and any(name in values for name in _PLACE):
+        magnet = _vector(values.get(name, part) for name, part in zip(_PLACE, own.position, strict=True))
+    if any(name in values for name in _AXIS):
+        axis = _vector(values.get(name, 0.0) for name in _AXIS)
+        if not any(axis):
+            raise line.error("the magnet's axis must have a direction", "give it, say, magnet_axis_x = 1", "an axis of zeros")
+    elif any(name in values for name in _ANGLES):
+        a, e = (values.get(name, 0.0) for name in _ANGLES)
+        axis = (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
+    names = ("current",) if "current" in values else _CURRENTS
+    currents = tuple((k, values[name]) for k, name in enumerate(names) if name in values)
+    found = Apparatus(magnet, axis, currents, values.get("inserted"))
+    if (broken := _broken(found, scene)) is not None:
+        raise line.error(broken[0], broken[1], broken[2])
+    return found
+
+
+@lru_cache(maxsize=256)
+def _broken(apparatus: Apparatus, scene: Scene) -> tuple[str, str, str] | None:
+    """The rule that the scene with these settings breaks, the remedy, what breaks it; None where it breaks none."""
+    try:
+        there = apparatus.applied(scene)
+    except InputError as error:
+        lines = [text.strip().partition(": ")[2] for text in str(error).splitlines()]
+        return lines[1], lines[2], lines[0]
+    points = np.outer(np.linspace(0.0, there.length, 101), [1.0, 0.0, 0.0])
+    for solid in taken(there.field) if there.body.shape.line is not None else ():
+        if solid.depth(points).max() > 0:
+            center = ", ".join(f"{1e3 * part:.4g}" for part in solid.position)
+            rule, remedy = "the undeformed body must be outside of the magnet", "check its place and unit; the origin is the clamp"
+            return rule, remedy, f"{solid.name} centered at ({center}) mm"
+    return None
+
+
+def _vector(parts: Iterable[float]) -> Vector:
+    found = [float(part) for part in parts]
+    return found[0], found[1], found[2]
