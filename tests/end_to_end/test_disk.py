@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from test_commands import SCENE
+from test_motion_resumed import cut_short, emptied
 
 from magmpm.cli import main
 
@@ -26,14 +27,6 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def _truncated(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:1000])
-
-
-def _emptied(path: Path) -> None:
-    path.write_bytes(b"")
-
-
 def _null(path: Path) -> None:
     path.write_text("null")
 
@@ -45,8 +38,8 @@ def _null_inside(path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
-        ("state.npz", _truncated), ("state.npz", _emptied),
-        ("result.json", _truncated), ("result.json", _emptied), ("result.json", _null), ("result.json", _null_inside),
+        ("state.npz", cut_short), ("state.npz", emptied),
+        ("result.json", cut_short), ("result.json", emptied), ("result.json", _null), ("result.json", _null_inside),
     ],
 )  # fmt: skip
 def test_a_damaged_result_is_refused_by_its_file(

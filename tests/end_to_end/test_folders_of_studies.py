@@ -6,17 +6,12 @@ from pathlib import Path
 
 import pytest
 from test_commands import SCENE
+from test_run_folders import _inside  # noqa: F401
 
 from magmpm.cli import main
 from magmpm.studies.problem.file_names import OWNER, REPORT
 
 Said = pytest.CaptureFixture[str]
-
-
-@pytest.fixture(autouse=True)
-def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
 
 
 def folder_with(name: str, content: str = "{}", *, folder: str = "runs/small") -> Path:

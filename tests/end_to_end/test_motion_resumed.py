@@ -211,11 +211,11 @@ def test_a_motion_with_holes_is_not_resumed(
             Motion.load(out)
 
 
-def _cut_short(path: Path) -> None:
+def cut_short(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
 
 
-def _emptied(path: Path) -> None:
+def emptied(path: Path) -> None:
     path.write_bytes(b"")
 
 
@@ -243,7 +243,7 @@ def _without_state(path: Path) -> None:
     np.savez(path, about=about)
 
 
-@pytest.mark.parametrize("damage", [_cut_short, _emptied, _of_another_version, _no_archive, _a_byte_changed, _without_state])
+@pytest.mark.parametrize("damage", [cut_short, emptied, _of_another_version, _no_archive, _a_byte_changed, _without_state])
 def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With file and remedy; never a traceback."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"

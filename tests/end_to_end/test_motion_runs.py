@@ -20,6 +20,12 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
 
 
+def too_fast(model: object) -> object:
+    moved = begin(model)  # type: ignore[arg-type]
+    moved.control.step = 1.2 * moved.stable.largest
+    return moved
+
+
 @pytest.mark.parametrize("formulation", ["total", "updated"])
 def test_a_step_above_the_bound_is_refused(formulation: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With both numbers; a step just below the bound is accepted."""
@@ -39,12 +45,6 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A step of 1.2 of the bound, which scenes cannot request: exit 3, with step, time, cause, remedy; frames and result on disk."""
-
-    def too_fast(model: object) -> object:
-        moved = begin(model)  # type: ignore[arg-type]
-        moved.control.step = 1.2 * moved.stable.largest
-        return moved
-
     monkeypatch.setattr("magmpm.dynamics.time_loop.begin", too_fast)
     path, out = scene(tmp_path, "duration: 50 ms, output_every: 0.2 ms, time_step: 1 us"), tmp_path / "out"
     assert main(["run", str(path), "--json", "--out", str(out)]) == 3

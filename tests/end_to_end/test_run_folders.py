@@ -16,9 +16,9 @@ from swing import SCENE as SWING
 from swing import environment
 from test_commands import SCENE, STUDY
 from test_import import robot_file
+from test_motion_runs import too_fast
 
 from magmpm.cli import main
-from magmpm.dynamics.time_loop import begin
 from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE
 from magmpm.results.result import Result
@@ -204,12 +204,6 @@ def test_a_failed_equilibrium_keeps_what_was_there(failing: None, capsys: Said) 
 
 def test_a_motion_that_fails_keeps_what_was_there(monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
     """A good equilibrium; the frames up to the failure are beside it."""
-
-    def too_fast(model: Any) -> Any:
-        moved = begin(model)
-        moved.control.step = 1.2 * moved.stable.largest
-        return moved
-
     assert run(RESTING, "--render") == 0
     before = files(OUT)
     wild = SWING.format(dynamic="duration: 50 ms, output_every: 0.2 ms, time_step: 1 us")

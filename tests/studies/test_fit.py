@@ -22,15 +22,17 @@ from magmpm.studies.fitting import (
     read_measured,
     read_tables,
     residuals_table,
+    search,
     shown,
     summary,
     text,
 )
 from magmpm.studies.fitting.constants import applied, constants_of
 from magmpm.studies.fitting.identify import refuse_twins
-from magmpm.studies.fitting.prediction import Prediction
+from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import interval_of
 from magmpm.studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.table import Measured
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
@@ -357,6 +359,14 @@ def test_least_squares_finds_a_curved_valley() -> None:
         return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
 
     np.testing.assert_allclose(least_squares(model, np.array([-1.2, 1.0]), scale=1.0).x, [1, 1], atol=1e-4)
+
+
+def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() -> None:
+    """Of four lengths and an angle, whose share of the one constant's leverage is a half: 4 - 1/2 numbers are left."""
+    labels = [Label(k, "", angle=k == 4) for k in range(5)]
+    best = Minimum(np.zeros(1), np.array([1.0, -1.0, 2.0, 0.0, 9.0]), np.array([[1.0], [1.0], [0.0], [0.0], [2**0.5]]), 1, True)
+    one: Any = search._Search(Prediction(SCENE, Measured(Path(), "tips", (), (), (0, 1, 2)), (), 0, labels), (), None, None, 1.0, print)
+    assert one._estimated(best, search._Noise(1e-3, 1.0, False)) == pytest.approx(1e-3 * (6 / 3.5) ** 0.5)
 
 
 def test_two_answers_are_refused() -> None:

@@ -255,6 +255,26 @@ def test_the_radius_follows_how_well_a_step_was_foreseen(cost: float, radius: fl
     assert found == pytest.approx(min(radius, 1.0) if cost > 0.75 else radius)
 
 
+@pytest.mark.parametrize(("seen", "taken"), [(0.01, 0.1), (0.5, 0.5), (100.0, 10.0)])
+def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(seen: float, taken: float) -> None:
+    """A step of length 1 that the linear model left at 0.5, and that ended `seen` guesses above it."""
+    sampler, x, jacobian = GaussNewtonSampler([BALL], 1), np.array([0.0, 0.0, 5e-3]), 2e2 * np.eye(3)
+    guess = sampler._space.curvature(x, jacobian)
+    kept: Any = {"constraints": {}, "system_attrs": {PLAN: {"from": 0, "promised": 0.75, "length": 1.0}}}
+    before, last = (SimpleNamespace(user_attrs={"residuals": [r], "jacobian": []}, **kept) for r in (1.0, 0.5 + seen * guess))
+    assert sampler._curvature(last, {0: before}, x, jacobian) == pytest.approx(taken * guess)  # type: ignore[arg-type,dict-item]
+
+
+@pytest.mark.parametrize(("cost", "stuck"), [(0.55, False), (0.58, True)])
+def test_a_descent_that_hardly_moves_is_left(cost: float, stuck: bool) -> None:
+    """Five accepted steps have to bring the value below three quarters, its square below 9/16."""
+    chain = {k: SimpleNamespace(value=1.0, user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
+                                system_attrs={PLAN: {"from": k - 1 if k else None}}) for k in range(6)}  # fmt: skip
+    step, sampler = SimpleNamespace(promised=cost), GaussNewtonSampler([BALL], 1)
+    args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None)
+    assert sampler._stuck(*args) is stuck
+
+
 def test_workers_follow_a_descent_each() -> None:
     """Two begin at two starts; when both are told, one goes on from the second and the other, which finds that one busy, from the first."""
     model, _ = curved(ALL)

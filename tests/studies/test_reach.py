@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rod_solve import SCENE, STUDY, differentiate, solve, write_study
+from test_rod_starts import scene_of
 
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.csv_tables import write_centreline
@@ -41,10 +42,6 @@ def arc(angle: float) -> Array:
 
 def said(report: StudyReport) -> dict[str, Any]:
     return {one["what"]: one for one in report.limits}
-
-
-def scene_of(folder: Path, text: str = SCENE) -> Scene:
-    return load_study(write_study(folder, scene=text)).scene
 
 
 def test_a_target_that_is_reached_needs_no_explanation(tmp_path: Path) -> None:

@@ -94,6 +94,8 @@ def test_a_design_near_the_end_of_a_branch_comes_after_a_safe_one() -> None:
         rods=SimpleNamespace(grown=lambda path, rng: next(grown)), mended=lambda one: one, least_stability=lambda one: one.stability
     )
     assert search(way, None, seed=1, starts=2) == [safe, risky]
+    grown = iter([risky] * 3)
+    assert search(way, None, seed=1, starts=3, enough=1.5) == [risky] * 2, "one more of its kind ends the search"
 
 
 @pytest.mark.parametrize(("squares", "taken"), [(1.0, 5.0), (3.0, 0.0)])

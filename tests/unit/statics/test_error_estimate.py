@@ -12,8 +12,10 @@ def test_the_order_of_errors_that_fall_as_h_squared_is_two() -> None:
     assert observed_order({2: 1.0}) is None
 
 
-def test_a_finer_grids_error_is_foretold_by_the_order_shown() -> None:
+def test_a_finer_grids_error_is_foretold_by_the_last_order_shown_four_at_most_else_two() -> None:
     assert foretold({2: 1.0, 4: 0.25}, 8) == pytest.approx(1 / 16)
+    assert foretold({2: 1.0, 3: 0.9, 4: 0.225}, 8) == pytest.approx(0.225 / 16)
+    assert foretold({2: 1.0}, 4) == pytest.approx(1 / 4)
 
 
 def test_a_bound_counts_what_a_grid_in_between_tells() -> None:
