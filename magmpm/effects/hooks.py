@@ -247,9 +247,7 @@ def _deepest(effects, step, x):
         return lambda effects, step, x: deepest(effects[2:], step, x)
     if hook is None:
         return lambda effects, step, x: np.inf
-    return lambda effects, step, x: max(
-        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), deepest(effects[2:], step, x)
-    )
+    return lambda effects, step, x: max(hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), deepest(effects[2:], step, x))
 
 
 def push_time(effects, step, dt):
@@ -263,9 +261,7 @@ def _push_time(effects, step, dt):
     hook = _find("push", effects)
     if hook is None:
         return lambda effects, step, dt: push_time(effects[2:], step, dt)
-    return lambda effects, step, dt: (
-        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], dt) * push_time(effects[2:], step, dt)
-    )
+    return lambda effects, step, dt: (hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], dt) * push_time(effects[2:], step, dt))
 
 
 # Eight particles at a time (kernels.particle_group): first the effects whose hooks are wide, called once, then the others, lane by lane.

@@ -129,9 +129,7 @@ class _Problem:
             field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
         new = self.state(directions, field, at.quaternions.copy(), np.maximum(at.damping / 5, 1e-9))
         better = new.cost < at.cost
-        kept = {
-            name: np.where(better.reshape(-1, *(1,) * (value.ndim - 1)), getattr(new, name), value) for name, value in vars(at).items()
-        }
+        kept = {name: np.where(better.reshape(-1, *(1,) * (value.ndim - 1)), getattr(new, name), value) for name, value in vars(at).items()}
         kept["damping"] = np.where(better, new.damping, np.minimum(6 * at.damping, 1e6))
         return _Descents(**kept)
 

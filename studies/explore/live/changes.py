@@ -77,9 +77,7 @@ def saved(scene: Scene, source: Path, shown: Scene, known: Mapping[str, Control]
 
 
 def _head(source: Path, path: Path) -> str:
-    return (
-        f"# {source.name} as `magmpm view` showed it.\n#\n#   magmpm run {path} --render\n\n"
-    )
+    return (f"# {source.name} as `magmpm view` showed it.\n#\n#   magmpm run {path} --render\n\n")
 
 
 def _resolution(scene: Scene) -> Data:

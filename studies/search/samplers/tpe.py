@@ -73,20 +73,14 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     The choice depends on the study's seed, and on the finished and the running trials alone: running ones count as bad.
     """
 
-    def __init__(
-        self, space: SearchSpace, seed: int, finished: int, settings: Settings | None = None
-    ) -> None:
+    def __init__(self, space: SearchSpace, seed: int, finished: int, settings: Settings | None = None) -> None:
         self._space, self._settings = space, settings or Settings()
         self._seed, self._rng = seed, np.random.default_rng([seed, finished])
 
-    def infer_relative_search_space(
-        self, study: optuna.Study, trial: FrozenTrial
-    ) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         return self._space.distributions()
 
-    def sample_relative(
-        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         running, before = others_running(study, trial, search_space)
         if len(trials) + before < len(TETRAHEDRON):
@@ -116,13 +110,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
             parameters[choice.name] = known[int(self._rng.integers(len(known)))]
         return parameters
 
-    def sample_independent(
-        self,
-        study: optuna.Study,
-        trial: FrozenTrial,
-        param_name: str,
-        param_distribution: BaseDistribution,
-    ) -> float:
+    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> float:
         """For parameters that are not of the search space; a study has none."""
         assert isinstance(param_distribution, FloatDistribution)
         return float(self._rng.uniform(param_distribution.low, param_distribution.high))
