@@ -242,7 +242,7 @@ def depth(effect, data, x):
     # The nearest coefficient differs from the distance by at most 2 s: for most particles this decides.
     near = data[(int(p + 0.5) * rows + int(q + 0.5)) * columns + int(r + 0.5)]
     if near > effect.walls_reach + 2.0 * s:
-        return effect.walls_reach - near, 0.0, 0.0, 0.0
+        return effect.walls_reach - near + 2.0 * s, 0.0, 0.0, 0.0  # no point is deeper
     distance, sx, sy, sz = value(p, q, r, s, rows, columns, data)
     return effect.walls_reach - distance, sx, sy, sz
 

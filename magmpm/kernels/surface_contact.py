@@ -2,7 +2,7 @@
 
 The surface is a set of points (bodies.contact_surface) which move with the nodes of the cell they are in. Effects push each one as a
 particle of the mass of the layer it stands for, and the force goes to the nodes by the same splines, so momentum is kept to rounding.
-The points of a cell are a patch, left out while it is farther from every obstacle than it is wide.
+The points of a cell are a patch, left out until it has moved by its distance from the obstacles.
 """
 
 from __future__ import annotations
@@ -50,48 +50,36 @@ def _value(field, node, along_x, along_y, weights, at, out):
 
 
 @compiled
-def _spread(nodes, cells, node, u):
-    """Middle of the deformed places of a cell's 27 nodes, m, and their largest distance from it: nothing in the cell is farther away."""
-    middle = np.zeros(3)
-    for a in range(3):
-        for b in range(3):
-            k = 3 * (node + a * cells.along_x + b * cells.along_y)
-            for i in range(9):
-                middle[i % 3] += (nodes.place[k + i] + u[k + i]) / 27.0
+def _fastest(cells, node, v):
+    """Speed (m/s) of the fastest of a cell's 27 nodes: nothing in the cell is faster."""
     most = 0.0
     for a in range(3):
         for b in range(3):
             k = 3 * (node + a * cells.along_x + b * cells.along_y)
             for c in range(3):
-                square = 0.0
-                for i in range(3):
-                    square += (nodes.place[k + 3 * c + i] + u[k + 3 * c + i] - middle[i]) ** 2
-                most = max(most, square)
-    return middle, math.sqrt(most)
+                most = max(most, v[k + 3 * c] ** 2 + v[k + 3 * c + 1] ** 2 + v[k + 3 * c + 2] ** 2)
+    return math.sqrt(most)
 
 
 @compiled
-def touch(slab, step, dt, surface, cells, nodes, state, effects):
+def touch(slab, step, dt, surface, cells, state, effects):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
     x, v, f = np.empty(3), np.empty(3), np.empty(PARTS)
-    flags = ANCHOR * len(surface.mass)  # then a number a patch: 1 while some of its points may be held
+    room = ANCHOR * len(surface.mass)  # then a number a patch: how far it can move before a point of it may touch, m
     for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
-        node = surface.first_node[patch]
+        node, most, least = surface.first_node[patch], -np.inf, 0.0
         first, last = surface.first_point[patch], surface.first_point[patch + 1]
-        middle, wide = _spread(nodes, cells, node, state.u)
-        depth = deepest(effects, step, middle)
-        if depth + wide < 0.0 and depth > -np.inf:  # an obstacle that ends somewhere says -inf there: points may still touch it
-            if state.anchor[flags + patch] != 0.0:
-                state.anchor[flags + patch] = 0.0
-                for p in range(first, last):
-                    state.anchor[ANCHOR * p + 3] = 0.0
-            continue
-        state.anchor[flags + patch] = 1.0
+        if step > 0 and state.anchor[room + patch] > 0.0:  # the last displacement was dt v; before the first step it may have been another
+            state.anchor[room + patch] -= dt * _fastest(cells, node, state.v)
+            if state.anchor[room + patch] > 0.0:
+                continue
         for p in range(first, last):
             for i in range(3):
                 x[i] = surface.place[3 * p + i]
             _value(state.u, node, cells.along_x, cells.along_y, surface.weights, 9 * p, x)
-            if not deepest(effects, step, x) > 0.0:
+            depth = deepest(effects, step, x)
+            most, least = max(most, depth), min(least, depth)
+            if not depth > 0.0:
                 state.anchor[ANCHOR * p + 3] = 0.0
                 continue
             v[:], f[:] = 0.0, 0.0
@@ -104,6 +92,7 @@ def touch(slab, step, dt, surface, cells, nodes, state, effects):
                     anchor[i] = x[i]
             state.anchor[ANCHOR * p + 3] = SLIDES if hold(x, anchor, f) else STICKS
             _push(state.force, node, cells.along_x, cells.along_y, surface.weights, 9 * p, f)
+        state.anchor[room + patch] = -most if most < 0.0 and least > -np.inf else 0.0  # -inf: past an obstacle's end, who knows how far
 
 
 @inlined

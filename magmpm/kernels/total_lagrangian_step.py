@@ -309,7 +309,7 @@ def advance(steps, dt, cells, particles, nodes, correction, surface, state, effe
                     least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
                     high, change = particles_to_grid(cell, step, cells, particles, state, effects, room, work, high, change)
                 if has_contact(effects):
-                    touch(slab, step, push, surface, cells, nodes, state, effects)
+                    touch(slab, step, push, surface, cells, state, effects)
                 see(slabs, slab, least, bad, high, change)
         if stops(watch, slabs):
             clear(state.force)
