@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -366,7 +367,8 @@ def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() ->
     labels = [Label(k, "", angle=k == 4) for k in range(5)]
     best = Minimum(np.zeros(1), np.array([1.0, -1.0, 2.0, 0.0, 9.0]), np.array([[1.0], [1.0], [0.0], [0.0], [2**0.5]]), 1, True)
     one: Any = search._Search(Prediction(SCENE, Measured(Path(), "tips", (), (), (0, 1, 2)), (), 0, labels), (), None, None, 1.0, print)
-    assert one._estimated(best, search._Noise(1e-3, 1.0, False)) == pytest.approx(1e-3 * (6 / 3.5) ** 0.5)
+    one.prediction.measured = SimpleNamespace(angles_alone=False)
+    assert one._estimated(best, search._Noise(1e-3, 1.0, False))[0].length == pytest.approx(1e-3 * (6 / 3.5) ** 0.5)
 
 
 def test_two_answers_are_refused() -> None:
