@@ -23,11 +23,13 @@ x (3,) its deformed position (m), F (3, 3) its deformation gradient:
                                                                 linear in magnet, or in rho)
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
-``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a particle of mass (kg), velocity v (m/s), to f[:3], N;
-                                                                an obstacle with friction, what f[3:7] hold (effects.contact_force)
-                                                                (x, v and f only indexed, v[i]: kernels pass views)
-``near(effect, data, x) -> float``                              above 0 where `contact` can push a particle at x: if an effect has it,
-                                                                contact and the velocities it needs are left out elsewhere
+``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface (in the updated formulation, a
+                                                                particle) of mass (kg), velocity v (m/s; 0 while friction holds it), to
+                                                                f[:3], N; an obstacle with friction, what f[3:7] hold
+                                                                (effects.contact_force; x, v and f only indexed: kernels pass views)
+``near(effect, data, x) -> float``                              above 0 where `contact` can push what is at x; else minus a distance (m)
+                                                                within which nothing is pushed, -inf if that is unknown: contact is left
+                                                                out until a point may have moved that far
 ``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
                                                                 (only indexed)
 ``push(effect, data, dt) -> float``                             seconds for which forces push in a step of dt, over dt: more than 1 where

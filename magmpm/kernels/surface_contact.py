@@ -37,46 +37,58 @@ class Surface(NamedTuple):
     mass: Array
 
 
-@inlined
-def _value(field, node, along_x, along_y, weights, at, out):
-    """out (3,) += value of a nodal field (3 nodes,) at a point whose splines begin at index `at`."""
+@compiled
+def _around(node, along_x, along_y, where):
+    """Write to where (27,) the index in a nodal field (3 nodes,) of each node that a cell with this first node sees."""
     for a in range(3):
         for b in range(3):
-            k, w = 3 * (node + a * along_x + b * along_y), weights[at + a] * weights[at + 3 + b]
             for c in range(3):
-                share = w * weights[at + 6 + c]
-                for i in range(3):
-                    out[i] += share * field[k + 3 * c + i]
+                where[9 * a + 3 * b + c] = 3 * (node + a * along_x + b * along_y + c)
 
 
 @compiled
-def _fastest(cells, node, v):
-    """Speed (m/s) of the fastest of a cell's 27 nodes: nothing in the cell is faster."""
-    most = 0.0
+def _share(weights, at, share):
+    """Write to share (27,) the splines of these nodes at a point whose values along each axis begin at index `at`."""
     for a in range(3):
         for b in range(3):
-            k = 3 * (node + a * cells.along_x + b * cells.along_y)
             for c in range(3):
-                most = max(most, v[k + 3 * c] ** 2 + v[k + 3 * c + 1] ** 2 + v[k + 3 * c + 2] ** 2)
+                share[9 * a + 3 * b + c] = weights[at + a] * weights[at + 3 + b] * weights[at + 6 + c]
+
+
+@inlined
+def _add(field, where, share, out):
+    """out (3,) += value of a nodal field (3 nodes,) at a point."""
+    for j in range(27):
+        for i in range(3):
+            out[i] += share[j] * field[where[j] + i]
+
+
+@compiled
+def _fastest(v, where):
+    """Speed (m/s) of the fastest of a cell's nodes: nothing in the cell is faster."""
+    most = 0.0
+    for k in where:
+        most = max(most, v[k] ** 2 + v[k + 1] ** 2 + v[k + 2] ** 2)
     return math.sqrt(most)
 
 
 @compiled
 def touch(slab, step, dt, surface, cells, state, effects):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
-    x, v, f = np.empty(3), np.empty(3), np.empty(PARTS)
+    x, v, f, share, where = np.empty(3), np.empty(3), np.empty(PARTS), np.empty(27), np.empty(27, np.int64)
     room = ANCHOR * len(surface.mass)  # then a number a patch: how far it can move before a point of it may touch, m
     for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
-        node, most, least = surface.first_node[patch], -np.inf, 0.0
-        first, last = surface.first_point[patch], surface.first_point[patch + 1]
+        _around(surface.first_node[patch], cells.along_x, cells.along_y, where)
         if step > 0 and state.anchor[room + patch] > 0.0:  # the last displacement was dt v; before the first step it may have been another
-            state.anchor[room + patch] -= dt * _fastest(cells, node, state.v)
+            state.anchor[room + patch] -= dt * _fastest(state.v, where)
             if state.anchor[room + patch] > 0.0:
                 continue
-        for p in range(first, last):
+        most, least = -np.inf, 0.0
+        for p in range(surface.first_point[patch], surface.first_point[patch + 1]):
+            _share(surface.weights, 9 * p, share)
             for i in range(3):
                 x[i] = surface.place[3 * p + i]
-            _value(state.u, node, cells.along_x, cells.along_y, surface.weights, 9 * p, x)
+            _add(state.u, where, share, x)
             depth = deepest(effects, step, x)
             most, least = max(most, depth), min(least, depth)
             if not depth > 0.0:
@@ -84,33 +96,26 @@ def touch(slab, step, dt, surface, cells, state, effects):
                 continue
             v[:], f[:] = 0.0, 0.0
             if state.anchor[ANCHOR * p + 3] != STICKS:
-                _value(state.v, node, cells.along_x, cells.along_y, surface.weights, 9 * p, v)
+                _add(state.v, where, share, v)
             add_contact(effects, step, x, v, surface.mass[p], dt, f)
             anchor = row(state.anchor, ANCHOR * p)
             if state.anchor[ANCHOR * p + 3] == 0.0:
                 for i in range(3):
                     anchor[i] = x[i]
             state.anchor[ANCHOR * p + 3] = SLIDES if hold(x, anchor, f) else STICKS
-            _push(state.force, node, cells.along_x, cells.along_y, surface.weights, 9 * p, f)
-        state.anchor[room + patch] = -most if most < 0.0 and least > -np.inf else 0.0  # -inf: past an obstacle's end, who knows how far
-
-
-@inlined
-def _push(force, node, along_x, along_y, weights, at, f):
-    """force (3 nodes,) += f (3,) by a point's splines, which begin at index `at`."""
-    for a in range(3):
-        for b in range(3):
-            k, w = 3 * (node + a * along_x + b * along_y), weights[at + a] * weights[at + 3 + b]
-            for c in range(3):
-                share = w * weights[at + 6 + c]
+            for j in range(27):
                 for i in range(3):
-                    force[k + 3 * c + i] += share * f[i]
+                    state.force[where[j] + i] += share[j] * f[i]
+        state.anchor[room + patch] = -most if most < 0.0 and least > -np.inf else 0.0  # -inf: past an obstacle's end, who knows how far
 
 
 @compiled
 def at_points(surface, along_x, along_y, first_node, u, v, x, speed):
     """Write position x (n, 3) m and velocity (n, 3) m/s of the points; u, v (3 nodes,); first_node (n,)."""
+    share, where = np.empty(27), np.empty(27, np.int64)
     for p in range(len(surface.mass)):
+        _around(first_node[p], along_x, along_y, where)
+        _share(surface.weights, 9 * p, share)
         x[p], speed[p] = surface.place[3 * p : 3 * p + 3], 0.0
-        _value(u, first_node[p], along_x, along_y, surface.weights, 9 * p, x[p])
-        _value(v, first_node[p], along_x, along_y, surface.weights, 9 * p, speed[p])
+        _add(u, where, share, x[p])
+        _add(v, where, share, speed[p])

@@ -176,6 +176,18 @@ def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Gen
     assert not told.all()
 
 
+@pytest.mark.parametrize("key", having("near"))
+def test_nothing_touches_within_the_distance_that_near_tells(key: str, rng: np.random.Generator) -> None:
+    """Kernels do not look again before a point has moved that far. A tenth of the table's spacing is its error."""
+    near, checked = hook(acting(key).own, "near"), 0
+    for x, way in zip(3e-3 * rng.uniform(-1, 1, (3000, 3)), rng.standard_normal((3000, 3)), strict=True):
+        gap = -near(x)
+        if 0 < gap < math.inf:
+            assert near(x + gap * way / np.linalg.norm(way)) < 0.1 * 2e-3 / 6
+            checked += 1
+    assert checked > 200
+
+
 # nodes
 
 
