@@ -70,10 +70,7 @@ def test_pictures_go_where_out_says(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("options", "says"),
-    [
-        (["--frames", "7"], ("--frames", "'7'", "0 to 6")),
-        (["--frames", "first"], ("--frames", "'first'", "all")),
-    ],
+    [(["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all"))],
 )
 def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "runs/bending", *options]) == 2

@@ -70,13 +70,7 @@ def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: fl
                 "elastic": float(elastic),
                 "magnetic_torque": -1e-6 * float(np.sin(phase)),
             },
-            contacts={
-                "ground": {
-                    "force": np.array([0.0, 0.0, 1e3 * down]),
-                    "count": int(1e6 * down),
-                    "depth": down,
-                }
-            },
+            contacts={"ground": { "force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down, }},
             field=field,
         )
 

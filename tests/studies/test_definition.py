@@ -75,11 +75,7 @@ def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: P
         (STUDY, SCENE.replace("cells_across: 4", "cells_across: 5"), "scene.resolution.cells_across: 4 -> 5"),
         (STUDY, SCENE + "solver: {static: {tolerance: 1e-6}}\n", "scene.solver.static.tolerance: 1e-11 -> 1e-06"),
         (STUDY, SCENE + "solver: {anti_locking: none}\n", "scene.solver.anti_locking: f-bar -> none"),
-        (
-            STUDY,
-            SCENE.replace("torque: {}", "torque: {}, gravity: {}"),
-            "gravity.acceleration[2]: nothing -> -9.81",
-        ),
+        (STUDY, SCENE.replace("torque: {}", "torque: {}, gravity: {}"), "gravity.acceleration[2]: nothing -> -9.81"),
     ],
     ids=["seed", "sampler", "field", "material", "scene's field", "unmagnetised", "resolution", "tolerance", "anti-locking", "effect"],
 )

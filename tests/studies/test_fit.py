@@ -335,6 +335,13 @@ def test_the_profile_of_a_curved_problem() -> None:
     assert np.exp(found.high) == pytest.approx(4 + 1.96, abs=0.02 * 1.96)
 
 
+def test_one_curved_side_takes_the_profile() -> None:
+    """Residuals twice as steep below: that end is half as far."""
+    best = Minimum(np.zeros(1), np.zeros(1), np.ones((1, 1)), 1, True)
+    found = interval_of(lambda x, _: ((1 + (x < 0)) * x, 1.0 + (x < 0)[:, None]), best, np.ones((1, 1)), 0, 2.0, lambda: None)
+    assert (found.method, found.low, found.high) == ("profile", pytest.approx(-1.0, abs=0.02), pytest.approx(2.0, abs=0.04))
+
+
 def test_an_end_that_the_data_do_not_give_is_open() -> None:
     """exp(x) = 1 +- 1.96 has no lower end: the sum of squares never rises that much."""
     model, best = exponential(1.0)
@@ -406,6 +413,9 @@ def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: d
     assert one.method in ("widened", "withheld")
     assert one.low is None or one.low < 118e3
     assert one.high is None or one.high > 118e3
+    if "turn" in lacks:  # to first order, what a fit says that varies the direction as well
+        freed = fit(found.measured, SCENE, vary=["shear_modulus", "magnetization"], thorough=False).constants[0]
+        assert found.suspects[0].errors[0] == pytest.approx(freed.error / freed.value, rel=0.04)
 
 
 def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
@@ -414,6 +424,8 @@ def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
     (one,) = found.constants
     assert one.method == "linear", "nothing else explains the residuals"
     assert one.value == pytest.approx(1.21 * 118e3, rel=0.02)  # d^4 over d^2, less the clamp's share of the length, d/L
+    finer = fit(found.measured, SCENE.with_cells(4), vary=["shear_modulus"], thorough=False).constants[0]
+    assert one.grid_shift == pytest.approx(finer.value - one.value, rel=0.1)  # one Gauss-Newton step
     assert found.by_diameter[one.constant.name] == pytest.approx(-2.0, abs=0.1)  # likewise
     assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 

@@ -231,11 +231,7 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("sampler", "module", "extra"),
-    [
-        ("cmaes", "cmaes", "cmaes"),
-        ("optuna:GPSampler", "torch", "gp"),
-        ("optuna:CmaEsSampler", "cmaes", "cmaes"),
-    ],
+    [("cmaes", "cmaes", "cmaes"), ("optuna:GPSampler", "torch", "gp"), ("optuna:CmaEsSampler", "cmaes", "cmaes")],
 )
 def test_missing_extra_is_said_before_any_trial(
     sampler: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -93,10 +93,7 @@ def test_a_lost_result_of_the_best_is_solved_again(tmp_path: Path) -> None:
     ("error", "reason"),
     [
         (SolveError("no equilibrium at 60 % of the load"), "no equilibrium at 60 % of the load"),
-        (
-            FloatingPointError("overflow encountered in exp"),
-            "FloatingPointError: overflow encountered in exp",
-        ),
+        (FloatingPointError("overflow encountered in exp"), "FloatingPointError: overflow encountered in exp"),
         (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
         (ValueError("shapes differ"), "ValueError: shapes differ"),
         (MemoryError(), "MemoryError: "),

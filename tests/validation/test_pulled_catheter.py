@@ -34,9 +34,7 @@ CASES = {
     "beside and beyond": {"magnet": MAGNET},
     "repelled": {"magnet": {**MAGNET, "position": (30e-3, 5e-3, 45e-3)}},
     "coil": {"coils": {"position": (80e-3, 0, 20e-3), "axis": (0.6, 0, 0.8), "diameter": 60e-3, "current": 20.0, "turns": 300}},
-    "inside a coil": {
-        "coils": {"position": (20e-3, 0, 0), "axis": (0, 0, 1), "diameter": 120e-3, "current": 10.0, "turns": 300}
-    },
+    "inside a coil": {"coils": {"position": (20e-3, 0, 0), "axis": (0, 0, 1), "diameter": 120e-3, "current": 10.0, "turns": 300}},
     "dipole in a uniform field": {
         "uniform": (0, 4e-3, 0),
         "dipole": {"position": (70e-3, 0, 15e-3), "moment": (4.0, 0, 0), "diameter": 18e-3},

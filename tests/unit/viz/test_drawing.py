@@ -50,9 +50,7 @@ def test_both_backends_show_things_at_the_same_place(motion: MotionRenderer, fla
     for one, other in zip(pictures(flat, motion), pictures(solid, motion)):
         for color in (style.SOUTH, style.SEGMENTS[1]):
             places = [
-                np.argwhere(
-                    np.abs(i.astype(int) - np.round(255 * np.array(style.rgb(color)))).max(axis=2) < 50
-                )[:, :2].mean(axis=0)
+                np.argwhere(np.abs(i.astype(int) - np.round(255 * np.array(style.rgb(color)))).max(axis=2) < 50)[:, :2].mean(axis=0)
                 for i in (one[:350], other[:350])
             ]
             # Shading decides which pixels come near the color: a few of 450.

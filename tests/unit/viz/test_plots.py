@@ -53,12 +53,7 @@ def test_a_failed_trials_penalty_counts_for_nothing(figures: list[Figure]) -> No
 
 @pytest.mark.parametrize(
     ("rms", "stop", "scale"),
-    [
-        ([5e-3, 4e-3], None, "linear"),
-        ([5e-3, 4e-4], None, "log"),
-        ([5e-3, 4e-3], 1e-4, "log"),
-        ([None], None, "linear"),
-    ],
+    [([5e-3, 4e-3], None, "linear"), ([5e-3, 4e-4], None, "log"), ([5e-3, 4e-3], 1e-4, "log"), ([None], None, "linear")],
 )
 def test_the_axis_is_logarithmic_where_values_span_more_than_ten(
     figures: list[Figure], rms: list[float | None], stop: float | None, scale: str
