@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.contact_surface import ContactSurface, cells_of, layer_mass
-from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, each_node
+from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line
 from magmpm.bodies.section_quadrature import Particles
@@ -103,9 +103,8 @@ class Model:
         free = points.free_of(~np.array([region.held for region in shape.regions()])) if self.held.any() else points
         cell = cells_of(free, self.grid, self.particles, shape.part_of(self.particles))
         (weights, _), first = self.splines_at(free.position, cell, np.zeros(len(cell), bool)), self.first_nodes(cell)
-        mass = np.zeros(int(np.prod(self.grid.nodes)))
-        for node, share in each_node(self.first_nodes(self.particles.cell), self.grid.nodes, self.splines()[0]):
-            mass += np.bincount(node, self.density * self.particles.volume * share, len(mass))
+        own = self.density * self.particles.volume
+        mass = spread(own, self.first_nodes(self.particles.cell), self.grid.nodes, self.splines()[0])
         return ContactSurface(free.position, first, weights, layer_mass(free.area, first, weights, mass, self.grid.nodes))
 
     def steepness(self) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Grid, each_node
+from magmpm.bodies.grid import Grid, each_node, spread
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
@@ -54,9 +54,7 @@ def layer_mass(area: Array, first: NDArray[np.int64], weights: Array, mass: Arra
     row sum of sqrt(m_s m_t) N(s) . N(t) / m, scaled: Hughes, The Finite Element Method, section 9.1). So the layer is
     about half a cell thick. area (n,) m^2; first, weights: as in ContactSurface; mass: of all nodes, kg.
     """
-    covered = np.zeros(len(mass))
-    for node, share in each_node(first, nodes, weights):
-        covered += np.bincount(node, area * np.abs(share), len(mass))
+    covered = spread(area, first, nodes, np.abs(weights))
     ratio = np.divide(covered, mass, out=np.zeros_like(mass), where=mass > 0)
     sums = np.zeros(len(area))
     for node, share in each_node(first, nodes, weights):

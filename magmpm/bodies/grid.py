@@ -79,6 +79,12 @@ def each_node(first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Ar
         yield node, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
 
 
+def spread(values: Array, first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array) -> Array:
+    """Sums (nodes,) over points of their values (n,) times their weights at each node of the whole grid; others as in `each_node`."""
+    count = int(np.prod(nodes))
+    return np.asarray(sum(np.bincount(node, values * share, count) for node, share in each_node(first, nodes, weights)))
+
+
 @dataclass(frozen=True)
 class Run:
     """Equal cells along x: start m from the grid's lower face, width m, and their number. after: the segment that ends where the run

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.grid import each_node
+from magmpm.bodies.grid import spread
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
@@ -153,13 +153,9 @@ def _nodes(model: Model, w: Array, first: Index) -> tuple[Array, Array, Array]:
 
     w (n, 3, 3): values of the particles' splines; first (n, 3): their first nodes.
     """
-    nodes = int(np.prod(model.grid.nodes))
-    mass, held = np.zeros(nodes), np.zeros(nodes)
-    weight = model.density * model.particles.volume
-    for node, share in each_node(first, model.grid.nodes, w):
-        mass += np.bincount(node, weight * share, nodes)
-        held += np.bincount(node, model.held * share, nodes)
-    inverse = np.zeros((nodes, 3))
+    own = model.density * model.particles.volume, model.held.astype(float)
+    mass, held = (spread(of, first, model.grid.nodes, w) for of in own)
+    inverse = np.zeros((len(mass), 3))
     free = (mass > 0) & (held == 0)
     inverse[free] = 1.0 / mass[free, None]
     if model.plane_strain:

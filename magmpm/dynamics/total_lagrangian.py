@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects.base import Touching
 from magmpm.kernels import total_lagrangian_step
-from magmpm.kernels.surface_contact import ANCHOR, at_points
+from magmpm.kernels.surface_contact import ANCHOR
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
@@ -143,9 +144,12 @@ class TotalMotion:
         on, cells = self.packed.surface, self.packed.cells
         if not len(on.mass):
             return Touching(np.zeros((0, 3)), np.zeros((0, 3)), on.mass, np.zeros((0, 3)))
-        x, v = np.empty((len(on.mass), 3)), np.empty((len(on.mass), 3))
-        node = np.repeat(on.first_node, np.diff(on.first_point))
-        at_points(on, cells.along_x, cells.along_y, node, self.u, self.velocity(), x, v)
+        weights, node = on.weights.reshape(-1, 3, 3), np.repeat(on.first_node, np.diff(on.first_point))
+        x, v = on.place.reshape(-1, 3).copy(), np.zeros((len(on.mass), 3))
+        moved, speed = self.u.reshape(-1, 3), self.velocity().reshape(-1, 3)
+        for a, b, c in product(range(3), repeat=3):
+            at, share = node + a * cells.along_x + b * cells.along_y + c, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
+            x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
         anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
         return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x))
 

@@ -107,15 +107,3 @@ def touch(slab, step, dt, surface, cells, state, effects):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
         state.anchor[room + patch] = -most if most < 0.0 and least > -np.inf else 0.0  # -inf: past an obstacle's end, who knows how far
-
-
-@compiled
-def at_points(surface, along_x, along_y, first_node, u, v, x, speed):
-    """Write position x (n, 3) m and velocity (n, 3) m/s of the points; u, v (3 nodes,); first_node (n,)."""
-    share, where = np.empty(27), np.empty(27, np.int64)
-    for p in range(len(surface.mass)):
-        _around(first_node[p], along_x, along_y, where)
-        _share(surface.weights, 9 * p, share)
-        x[p], speed[p] = surface.place[3 * p : 3 * p + 3], 0.0
-        _add(u, where, share, x[p])
-        _add(v, where, share, speed[p])

@@ -18,9 +18,9 @@ with folder_lock(sys.argv[1]):
 
 
 @contextmanager
-def holding(folder: Path) -> Iterator[int]:
-    """Another process holds the folder until the context ends or the process is killed. Yields its process number."""
-    command = [sys.executable, "-c", _HOLDER, str(folder)]
+def holding(path: Path, script: str = _HOLDER) -> Iterator[int]:
+    """Another process holds the folder, or what another script holds, until the context ends or it is killed. Yields its process number."""
+    command = [sys.executable, "-c", script, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "held\n"

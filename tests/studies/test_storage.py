@@ -11,8 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -38,26 +36,13 @@ LOCKER = """\
 import sqlite3, sys
 connection = sqlite3.connect(sys.argv[1], isolation_level=None)
 connection.execute("BEGIN EXCLUSIVE")
-print("locked", flush=True)
+print("held", flush=True)
 sys.stdin.read()
 """
 
 
 def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> StudyReport:
     return run_study(load_study(write_study(folder, text)), solve=how, **{"out": folder / "out", **options})
-
-
-@contextmanager
-def locked(database: Path) -> Iterator[None]:
-    """Another process locks the database."""
-    command = [sys.executable, "-c", LOCKER, str(database)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        assert child.stdout.readline() == "locked\n"
-        try:
-            yield
-        finally:
-            child.communicate("")
 
 
 def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) -> None:
@@ -76,7 +61,7 @@ def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) ->
 
 def test_a_locked_database_is_waited_for_then_said(tmp_path: Path) -> None:
     run(tmp_path, trials=2)
-    with locked(tmp_path / "out/study.db"):
+    with holding(tmp_path / "out/study.db", LOCKER):
         begun = time.monotonic()
         with pytest.raises(StorageError) as caught:
             run(tmp_path, storage_timeout=0.5)

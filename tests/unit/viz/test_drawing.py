@@ -31,14 +31,8 @@ def test_both_backends_show_body_magnet_ground_and_contact(backend: str, motion:
     assert up.shape == (450, 800, 3)
 
 
-def test_without_an_opengl_library_matplotlib_draws_the_motion(
-    motion: MotionRenderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_an_opengl_library_matplotlib_draws_the_motion(motion: MotionRenderer, no_opengl: None, tmp_path: Path) -> None:
     """As where no OpenGL is installed: VTK's window crashes its process, and nothing else."""
-    pytest.importorskip("pyvista")
-    for name in ("libEGL.so", "libEGL.so.1", "libOSMesa.so", *(f"libOSMesa.so.{n}" for n in range(6, 9))):
-        (tmp_path / name).write_text("not a library")
-    monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
     with Renderer() as renderer:
         made = movies.movie(motion, tmp_path / "movie.mp4", renderer, size=SIZE)
         assert renderer.backend == "matplotlib"
