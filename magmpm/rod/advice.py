@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.effects.acting import NO_LOADS
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.rod.shifts import RodAnswers, Shift, is_rod
 from magmpm.scene import Scene
@@ -86,7 +87,7 @@ def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment
     both = variants(scene, key)
     if isinstance(both, str):
         return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
-    if key not in IN_RODS:
+    if key not in IN_RODS or (scene.solver.dynamic is None and key in NO_LOADS):
         return unknown(key, named, "rods do not have this effect")
     try:
         moved = _touches(answers, both) if key == "self_contact" else answers.shift(*both)

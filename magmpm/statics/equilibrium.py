@@ -124,8 +124,8 @@ def solve_static(
         )
     model.scene.check_energy()
     body = model.scene.body.shape
-    if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody)):
-        raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone")
+    if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None):
+        raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone and touch no obstacle")
     if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
         lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
         raise ValueError(f"start: {lengths}; give a rod of its length")
@@ -243,7 +243,7 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
     body = model.scene.body.shape
     if start.rod is not None:
         return _near_rod(energy, start.rod, on_step)
-    if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
+    if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None:
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
         rod = solve_rod(model.scene, time=model.time)
