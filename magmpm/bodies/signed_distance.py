@@ -71,6 +71,13 @@ def to_path(points: Array, path: Array) -> Array:
     return best
 
 
+def along_path(points: Array, path: Array) -> Array:
+    """Where points (n, 3) are beside a finely sampled curve (m, 3): its nearest sample, (n,)."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(path).query(points)[1], dtype=float)
+
+
 def past_ends(radius: float, spacing: float) -> float:
     """Length (m) by which the table of a tube, and the tube's wall with it, extends past its ends, at most."""
     return radius + BAND * spacing

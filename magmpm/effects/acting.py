@@ -122,6 +122,11 @@ def warnings(scene: SceneLike) -> list[str]:
     return [text for effect in scene.effects.named().values() for text in effect.warnings(scene)]
 
 
+def passed(scene: SceneLike, x: Array) -> str | None:
+    """Reason why the points of a surface can't rest at x (n, 3) m: it has gone through an obstacle (Effect.passed)."""
+    return next((why for effect in scene.effects.named().values() if (why := effect.passed(scene, x)) is not None), None)
+
+
 def stable_steps(model: Any) -> dict[str, float]:
     """The largest stable step (s) of each named effect that sets one."""
     acting = {key: effect for key, effect in model.scene.effects.named().items() if effect.records(model.scene)}

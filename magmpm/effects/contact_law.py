@@ -164,6 +164,11 @@ class Obstacle(Effect):
         """Contact of a model, in steps of dt (s)."""
         return contact_of(self.records(model.scene), touching.x, touching.v, touching.mass, dt, touching.anchor)
 
+    def passed(self, scene: SceneLike, x: Array) -> str | None:
+        """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
+        depth = contact_of(self.records(scene), x, np.zeros_like(x), np.ones(len(x)), 0.0)["depth"]
+        return f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed or got through" if depth > scene.cell else None
+
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         x, v, masses, anchor = touching_at_start(model)

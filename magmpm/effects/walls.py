@@ -175,6 +175,14 @@ class Walls(Obstacle):
         found, _ = self._table(scene).at(points)
         return np.where(np.isfinite(found), found, -np.inf)
 
+    def passed(self, scene: SceneLike, x: Array) -> str | None:
+        """Reason why points can't rest at x (n, 3) m: as of any obstacle; or they are outside, past the table, but beside the lumen."""
+        out = x[~np.isfinite(self._table(scene).at(x)[0])]
+        if self.tube is not None and len(out):
+            place = distance.along_path(out, path := _path(self.tube))
+            out = out[(place > 0.0) & (place < len(path) - 1.0)]
+        return f"the body has gone through {self.WORDS}" if len(out) else super().passed(scene, x)
+
     def warnings(self, scene: SceneLike) -> list[str]:
         """Warn of a wall that is too far away to be touched."""
         limits = body_reach(scene)

@@ -186,8 +186,12 @@ def _solve(model: StaticModel, start: _Start, on_step: Callable[[int, float], No
 
 
 def _outside_domain(model: StaticModel, point: object, state: object) -> SolveError | None:
-    """The error if a solve has led into a magnet, or to where the field is not known; else None."""
-    if not isinstance(point, Point) or not model.scene.effects.in_a_field:
+    """The error if a solve has led into a magnet, to where the field is not known, or through an obstacle; else None."""
+    if not isinstance(point, Point):
+        return None
+    if model.touching is not None and (through := acting.passed(model.scene, model.touching.positions(point.grid))) is not None:
+        return SolveError(through, state)
+    if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
     return None if found is None else LeftField(f"{found[0]}; {found[2]}", state)

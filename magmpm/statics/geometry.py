@@ -15,9 +15,10 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.model import Model, reshaped
+from magmpm.model import Model, build, reshaped
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
+from magmpm.statics.axis_order import arranged
 from magmpm.statics.energy import Energy
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel, static_model
@@ -44,6 +45,19 @@ def geometry_changes(model: StaticModel, grid: Array, variables: Sequence[Variab
     residual(model, grid): of a model that differs from the given one in shape alone, at coefficients (planes, m) m.
     """
     return {k: _change(model, grid, one, residual) for k, one in enumerate(variables) if one.kind in ("length", "diameter")}
+
+
+def contact_changes(model: StaticModel, grid: Array, variables: Sequence[Variable]) -> dict[int, Array]:
+    """Change (planes, m) N per unit of the force of contact, whose stiffness goes with the body's own, with each modulus and density, by
+    its number: central differences of a force that is nearly linear in them."""
+    found = {}
+    for k, one in enumerate(variables if model.touching is not None else ()):
+        if one.kind in ("shear_modulus", "density"):
+            step = STEP * getattr(model.scene.materials[one.material], one.kind)
+            sides = [arranged(static_model(build(one.changed(model.scene, side * step), time=model.time)))[0] for side in (1.0, -1.0)]
+            ahead, behind = (near.touching.force(near.touching.touched(near.effects, grid)) for near in sides)
+            found[k] = (behind - ahead).reshape(grid.shape) / (2 * step)
+    return found
 
 
 def residual_alone(model: StaticModel, grid: Array) -> Array:

@@ -57,6 +57,10 @@ CASES = {
     "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness") + UNIFORM.replace("4 mT", "0 mT"),
     "pulled": CATHETER + DIPOLE,
     "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
+    "under a ceiling": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, ground: {point: [0 mm, 0 mm, 2.5 mm], normal: [0.1, 0, -1]}"),
+    "in a lumen": CATHETER + UNIFORM.replace(
+        "gravity: {}", "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm], [40 mm, 0 mm, 0.6 mm]]}}"
+    ),
     "rotating": CATHETER + UNIFORM,
     "rotating, pulled": CATHETER + DIPOLE,
     "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
