@@ -247,15 +247,17 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
     body = model.scene.body.shape
     if start.rod is not None:
         return _near_rod(energy, start.rod, on_step)
-    if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None:
+    if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
         rod = solve_rod(model.scene, time=model.time)
     except SolveError as error:
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
-    steps = 0
-    for begin in _starts(energy, rod, start):
+    steps, starts = 0, _starts(energy, rod, start)
+    if model.touching is not None and any(len(model.touching.touched(model.effects, begin).on) for begin in starts):
+        return _ramp(model, RAMP_STEPS, on_step, warnings)  # rods know no obstacles: this one lies in one
+    for begin in starts:
         try:
             found = newton(begin)
         except TimeOver:
