@@ -9,12 +9,13 @@ then have all powers of the step, D(h) = D + a h + b h^2 + ..., and D is extrapo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
+from magmpm.effects.hooks import each_record
 from magmpm.model import Model, build, reshaped
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
@@ -99,9 +100,12 @@ def _step(model: StaticModel) -> float:
 
 def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     """The model with a shape in which the variable is larger by an amount (m), on as many cells, under the same loads."""
-    shape = variable.changed(model.scene, amount).body.shape
+    scene = variable.changed(model.scene, amount)
     base = Model(**{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__})
-    near = static_model(reshaped(base, shape))
+    touched = [effect.records(scene)[0] for effect in scene.effects.named().values() if effect.PHASE == "contact"]  # as stiff as its cells
+    stiff = {record.dtype: record for record in touched}
+    base = replace(base, effects=each_record(lambda record: stiff.get(record.dtype, record), base.effects))
+    near = static_model(reshaped(base, scene.body.shape))
     same = near.layout.planes == model.layout.planes and np.array_equal(near.layout.node_yz, model.layout.node_yz)
     if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
         raise ValueError(f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative by differences")

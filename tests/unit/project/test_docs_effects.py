@@ -14,7 +14,7 @@ from magmpm.inputs.settings import validate
 TEXT = (Path(__file__).resolve().parents[3] / "docs/effects.md").read_text(encoding="utf-8")
 
 
-def test_its_example_names_all_effects_of_motion() -> None:
+def test_its_example_names_all_effects_but_loads() -> None:
     (block,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
     settings = yaml.safe_load(block)
     named = validate(Effects, settings, "effects.md")
