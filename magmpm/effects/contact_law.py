@@ -167,7 +167,8 @@ class Obstacle(Effect):
     def passed(self, scene: SceneLike, x: Array) -> str | None:
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
         depth = contact_of(self.records(scene), x, np.zeros_like(x), np.ones(len(x)), 0.0)["depth"]
-        return f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed or got through" if depth > scene.cell else None
+        found = f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed or went through"
+        return found if depth > scene.cell else None
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""

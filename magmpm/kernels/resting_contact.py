@@ -12,10 +12,7 @@ from magmpm.kernels.equilibrium import STENCIL, _scatter_matrix
 
 @kernel
 def touch(effects, x, mass, energy, f, H):
-    """Write the energy (n,) J of points of the surface at x (n, 3) m with mass (n,) kg, their force f (n, 3) N and its slope H (n, 3, 3) N/m.
-
-    Those of points that do not touch stay as they are.
-    """
+    """Write the energy (n,) J, force f (n, 3) N and tangent H (n, 3, 3) N/m of those points at x (n, 3) m that touch; mass (n,) kg."""
     for p in prange(len(x)):
         if deepest(effects, 0, x[p]) > 0.0:
             energy[p] = add_touch(effects, x[p], mass[p], f[p], H[p])
@@ -23,7 +20,7 @@ def touch(effects, x, mass, energy, f, H):
 
 @kernel
 def contact_to_panels(cells, weights, H, split, panels):
-    """P2G: add the sum of N_a H N_b over points to panels (planes, m, 3 m), N/m. weights (n, 3, 3) of the splines N; H (n, 3, 3), often 0."""
+    """P2G: add the sum of N_a H N_b over points to panels (planes, m, 3 m), N/m. weights (n, 3, 3): of splines N; H (n, 3, 3): often 0."""
     slabs = len(cells.slab_first) - 1
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):

@@ -25,9 +25,9 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     if scene.effects.feed is not None and scene.field.varies:
         rule = "the exit of the guide becomes the origin, and magnets, coils, dipoles and maps do not move with it"
         raise _refused("effects.feed", rule, "give their places from the exit on, and do not name feed")
-    if scene.solver.dynamic is None and (kept := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]):
+    if scene.solver.dynamic is None and (met := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]):
         rule, remedy = "an inserted length is solved without obstacles", "follow the insertion: name feed, with solver.quasi_static"
-        raise _refused(f"effects.{kept[0]}", rule, remedy)
+        raise _refused(f"effects.{met[0]}", rule, remedy)
     least, most = LEAST * catheter.diameter, catheter.length
     length = float(length)
     if not least * (1 - 1e-9) <= length <= most * (1 + 1e-9):

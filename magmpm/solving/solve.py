@@ -293,4 +293,4 @@ def _contacts(model: Model, position: Array, touched: Touched | None) -> dict[st
 
 def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:
     """Contacts by effect, as plain data."""
-    return {key: {"force": [float(f) for f in one["force"]], "count": int(one["count"]), "depth": float(one["depth"])} for key, one in contacts.items()}
+    return {key: {"force": one["force"].tolist(), "count": one["count"], "depth": one["depth"]} for key, one in contacts.items()}

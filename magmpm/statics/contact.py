@@ -85,15 +85,15 @@ def resting(surface: ContactSurface, layout: Layout, nodes: tuple[int, int, int]
     """A model's surface on the unknowns of its layout; nodes: of its grid; clamped_face, one_wide: as Model.clamped_face, plane_strain."""
     from scipy.sparse import csr_matrix  # 0.1 s to import, and most scenes have no obstacles
 
-    number = np.ravel_multi_index(surface.first.T, nodes)
+    number: Index = np.asarray(np.ravel_multi_index(surface.first.T, nodes))
     order = np.argsort(number, kind="stable")
     first, weights = surface.first[order], np.ascontiguousarray(surface.weights[order])
     begins = np.flatnonzero(np.diff(number[order], prepend=-1))
     in_plane = np.zeros(nodes[1:], np.int64)
     in_plane[tuple(layout.node_yz.T)] = np.arange(layout.nodes_per_plane)
-    plane = first[:, 0] - int(clamped_face)
+    plane: Index = first[:, 0] - int(clamped_face)
     row = np.stack([in_plane[(first[:, 1] + b) % nodes[1], first[:, 2]] for b in ([1, 1, 1] if one_wide else [0, 1, 2])], axis=1)
-    slab = plane[begins] // 2
+    slab: Index = plane[begins] // 2
     n, size = len(first), layout.planes * layout.nodes_per_plane
     cells = Cells(
         np.searchsorted(slab, np.arange(slab[-1] + 2)), np.append(begins, n), plane[begins], np.ascontiguousarray(row[begins]), STENCIL

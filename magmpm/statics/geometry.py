@@ -51,13 +51,15 @@ def geometry_changes(model: StaticModel, grid: Array, variables: Sequence[Variab
 def contact_changes(model: StaticModel, grid: Array, variables: Sequence[Variable]) -> dict[int, Array]:
     """Change (planes, m) N per unit of the force of contact, whose stiffness goes with the body's own, with each modulus and density, by
     its number: central differences of a force that is nearly linear in them."""
-    found = {}
+    found: dict[int, Array] = {}
     for k, one in enumerate(variables if model.touching is not None else ()):
         if one.kind in ("shear_modulus", "density"):
-            step = STEP * getattr(model.scene.materials[one.material], one.kind)
-            sides = [arranged(static_model(build(one.changed(model.scene, side * step), time=model.time)))[0] for side in (1.0, -1.0)]
-            ahead, behind = (near.touching.force(near.touching.touched(near.effects, grid)) for near in sides)
-            found[k] = (behind - ahead).reshape(grid.shape) / (2 * step)
+            step, total = STEP * getattr(model.scene.materials[str(one.material)], one.kind), np.zeros((grid.size // 3, 3))
+            for side in (1.0, -1.0):
+                near = arranged(static_model(build(one.changed(model.scene, side * step), time=model.time)))[0]
+                assert near.touching is not None  # as the model's
+                total -= side * near.touching.force(near.touching.touched(near.effects, grid))
+            found[k] = total.reshape(grid.shape) / (2 * step)
     return found
 
 

@@ -42,9 +42,11 @@ def strip(length: float = 16e-3, width: float = 3e-3, thickness: float = 1.5e-3,
 
 
 LUMEN = {"tube": {"radius": 1.4e-3, "path": [[-4e-3, 0.0, 0.0], [6e-3, 0.0, 0.05e-3], [12e-3, 0.0, 0.2e-3], [24e-3, 0.0, 0.6e-3]]}}
+HEAVY: dict[str, Any] = {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "ground": {"point": [0.0, 0.0, -1e-3]}}
 CASES: dict[str, dict[str, Any]] = {
     "a magnetized tip is pressed onto a plane": {
-        "body": rod(), "effects": {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1.4e-3]}}, "field": {"uniform": [0.0, 0.0, -15e-3]},
+        "body": rod(), "field": {"uniform": [0.0, 0.0, -15e-3]},
+        "effects": {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1.4e-3]}},
     },
     "on a slope, sideways": {
         "body": rod(), "field": {"uniform": [0.0, 8e-3, -15e-3]},
@@ -53,7 +55,7 @@ CASES: dict[str, dict[str, Any]] = {
     "on the wall of a curved lumen": {
         "body": rod(), "effects": {"magnetic_torque": {}, "walls": LUMEN}, "field": {"uniform": [0.0, 8e-3, -15e-3]},
     },
-    "a strip lies down": {"body": strip(), "effects": {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "ground": {"point": [0.0, 0.0, -1e-3]}}},
+    "a strip lies down": {"body": strip(), "effects": HEAVY},
     "a strip lies on the ground": {"body": strip(), "effects": {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.75e-3]}}},
 }  # fmt: skip
 
@@ -73,7 +75,7 @@ def assert_settles_there(case: dict[str, Any], cells: int, settle: float = 0.25)
     assert told["depth"] == pytest.approx(then["depth"], rel=1e-2)
 
 
-@pytest.mark.parametrize("name", [list(CASES)[0], *(pytest.param(name, marks=pytest.mark.slow) for name in list(CASES)[1:])])
+@pytest.mark.parametrize("name", [next(iter(CASES)), *(pytest.param(name, marks=pytest.mark.slow) for name in list(CASES)[1:])])
 def test_a_damped_motion_settles_at_the_equilibrium(name: str) -> None:
     assert_settles_there(CASES[name], 2)
 
@@ -106,7 +108,7 @@ def test_the_prop_bears_what_beam_theory_says(gap: float) -> None:
 
 def test_ground_and_clamp_bear_the_weight() -> None:
     """Newton's third law: the force through the section at the clamp and that of the ground are the weight."""
-    there = scene(strip(), {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "ground": {"point": [0.0, 0.0, -1e-3]}}, cells=3)
+    there = scene(strip(), HEAVY, cells=3)
     model = static_model(build(there))
     found = solve_static(model)
     _, P = energies.elastic(model, found.point.F, True)

@@ -11,8 +11,10 @@ from reference.panels import multiply
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import write_stl
+from magmpm.effects import acting
 from magmpm.errors import InputError
 from magmpm.model import build
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.statics.axis_order import arranged
@@ -26,7 +28,8 @@ WALLS = {"tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e
 
 def scene(body: dict[str, Any], **effects: Any) -> Scene:
     material = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}
-    return Scene.from_si({"name": "touching", "materials": {"m": material}, "body": body, "effects": effects, "resolution": {"cells_across": 2}})
+    grid = {"cells_across": 2}
+    return Scene.from_si({"name": "touching", "materials": {"m": material}, "body": body, "effects": effects, "resolution": grid})
 
 
 def catheter(**more: Any) -> dict[str, Any]:
@@ -161,13 +164,24 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
     there = scene(catheter(), ground=GROUND)
     rod = run(scene(catheter(), gravity={}))
     assert rod.contacts == {}
+    model, shape, deep = static_model(build(there)), solve_rod(there), scene(catheter(), ground={"point": [0.0, 0.0, 0.0]})
     with pytest.raises(ValueError, match="touch no obstacle"):
-        from magmpm.rod.cosserat import solve_rod
-
-        solve_static(static_model(build(there)), rod=solve_rod(there))
-    with pytest.raises(InputError, match="(?s)effects.ground.*without obstacles.*name feed, with solver.quasi_static"):
+        solve_static(model, rod=shape)
+    with pytest.raises(InputError, match=r"(?s)effects\.ground.*without obstacles.*name feed, with solver\.quasi_static"):
         there.inserted(6e-3)
-    with pytest.raises(InputError, match="(?s)effects.ground.*begin clear of it"):
-        build(scene(catheter(), ground={"point": [0.0, 0.0, 0.0]}))
+    with pytest.raises(InputError, match=r"(?s)effects\.ground.*begin clear of it"):
+        build(deep)
     assert any("effects.ground.friction" in text for text in scene(catheter(), ground={**GROUND, "friction": 0.3}).warnings())
     assert not any("friction" in text for text in there.warnings())
+
+
+def test_points_that_went_through_an_obstacle_are_told() -> None:
+    """More than a cell deep, or past the table but beside the lumen; what is past its open ends is not in it."""
+    inside = [3e-3, 0.0, 0.0]
+    for effects, deep in (({"ground": GROUND}, [3e-3, 0.0, -3e-3]), ({"walls": WALLS}, [3e-3, 0.0, -2.3e-3])):
+        there = scene(catheter(), **effects)
+        assert acting.passed(there, np.array([inside])) is None
+        assert "more than a cell" in str(acting.passed(there, np.array([inside, deep])))
+    beside, past = [3e-3, 0.0, -20e-3], [60e-3, 0.0, -20e-3]
+    assert acting.passed(there, np.array([inside, beside])) == "the body has gone through the wall"
+    assert acting.passed(there, np.array([inside, past])) is None

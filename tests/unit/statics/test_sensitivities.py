@@ -49,6 +49,7 @@ field:
   dipole: {position: [40 mm, 10 mm, 20 mm], moment: [2 A*m^2, 1 A*m^2, -3 A*m^2]}
 effects: {magnetic_torque: {}, magnetic_force: {}, gravity: {}}
 """
+LUMEN = "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm], [40 mm, 0 mm, 0.6 mm]]}}"
 CASES = {
     "catheter": CATHETER + UNIFORM,
     "tube": CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm") + UNIFORM,
@@ -58,9 +59,7 @@ CASES = {
     "pulled": CATHETER + DIPOLE,
     "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
     "on the ground": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, ground: {point: [0 mm, 0 mm, -3 mm], normal: [0.02, 0.1, 1]}"),
-    "in a lumen": CATHETER + UNIFORM.replace(
-        "gravity: {}", "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm], [40 mm, 0 mm, 0.6 mm]]}}"
-    ),
+    "in a lumen": CATHETER + UNIFORM.replace("gravity: {}", LUMEN),
     "rotating": CATHETER + UNIFORM,
     "rotating, pulled": CATHETER + DIPOLE,
     "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
@@ -77,9 +76,11 @@ body:
 MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
-    for name in ("tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts", "on the ground",
-        "in a lumen")
-]
+    for name in (
+        "tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts", "on the ground",
+        "in a lumen",
+    )
+]  # fmt: skip
 # Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
 CLOSE = 1e-7
 
