@@ -72,7 +72,7 @@ def to_path(points: Array, path: Array) -> Array:
 
 
 def along_path(points: Array, path: Array) -> Array:
-    """Where points (n, 3) are beside a finely sampled curve (m, 3): its nearest sample, (n,)."""
+    """Index (n,) of the sample of a finely sampled curve (m, 3) that is nearest to each of the points (n, 3)."""
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(path).query(points)[1], dtype=float)

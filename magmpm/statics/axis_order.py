@@ -72,7 +72,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     layout, touching = make_layout(turned, turned.weights), model.touching
     if touching is not None:
         touching = replace(touching, first=touching.first[:, axes], weights=touching.weights[:, axes])
-        touching = resting(touching, layout, grid.nodes, clamped_face=False, one_wide=False)
+        touching = resting(touching, layout.planes, layout.node_yz, turned)
     return replace(turned, layout=layout, touching=touching), of
 
 

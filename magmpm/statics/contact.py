@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from magmpm.effects.base import Contact, Records, Touching
 from magmpm.kernels.equilibrium import STENCIL, Cells
 from magmpm.kernels.resting_contact import contact_to_panels, touch
 from magmpm.model import Model
-
-if TYPE_CHECKING:
-    from magmpm.statics.layout import Layout
 
 
 class Touched(NamedTuple):
@@ -81,24 +78,25 @@ def contacts_at_rest(model: Model, position: Array, touched: Touched) -> dict[st
     return {key: contact for key, contact in found.items() if contact is not None}
 
 
-def resting(surface: ContactSurface, layout: Layout, nodes: tuple[int, int, int], *, clamped_face: bool, one_wide: bool) -> RestingSurface:
-    """A model's surface on the unknowns of its layout; nodes: of its grid; clamped_face, one_wide: as Model.clamped_face, plane_strain."""
+def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) -> RestingSurface:
+    """The surface of a model on its unknowns; planes, node_yz: of its layout (statics.layout)."""
     from scipy.sparse import csr_matrix  # 0.1 s to import, and most scenes have no obstacles
 
+    nodes = model.grid.nodes
     number: Index = np.asarray(np.ravel_multi_index(surface.first.T, nodes))
     order = np.argsort(number, kind="stable")
     first, weights = surface.first[order], np.ascontiguousarray(surface.weights[order])
     begins = np.flatnonzero(np.diff(number[order], prepend=-1))
     in_plane = np.zeros(nodes[1:], np.int64)
-    in_plane[tuple(layout.node_yz.T)] = np.arange(layout.nodes_per_plane)
-    plane: Index = first[:, 0] - int(clamped_face)
-    row = np.stack([in_plane[(first[:, 1] + b) % nodes[1], first[:, 2]] for b in ([1, 1, 1] if one_wide else [0, 1, 2])], axis=1)
+    in_plane[tuple(node_yz.T)] = np.arange(len(node_yz))
+    plane: Index = first[:, 0] - int(model.clamped_face)
+    row = np.stack([in_plane[(first[:, 1] + b) % nodes[1], first[:, 2]] for b in ([1, 1, 1] if model.plane_strain else [0, 1, 2])], axis=1)
     slab: Index = plane[begins] // 2
-    n, size = len(first), layout.planes * layout.nodes_per_plane
+    n, wide = len(first), len(node_yz)
     cells = Cells(
         np.searchsorted(slab, np.arange(slab[-1] + 2)), np.append(begins, n), plane[begins], np.ascontiguousarray(row[begins]), STENCIL
     )
-    at = [np.minimum(plane + a, layout.planes - 1) * layout.nodes_per_plane + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
+    at = [np.minimum(plane + a, planes - 1) * wide + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
     share = [weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] for a, b, c in product(range(3), repeat=3)]
-    splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, size))
+    splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, planes * wide))
     return RestingSurface(surface.place[order], first, weights, surface.mass[order], cells, splines)

@@ -106,7 +106,7 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     base = Model(**{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__})
     touched = [effect.records(scene)[0] for effect in scene.effects.named().values() if effect.PHASE == "contact"]  # as stiff as its cells
     stiff = {record.dtype: record for record in touched}
-    base = replace(base, effects=each_record(lambda record: stiff.get(record.dtype, record), base.effects))
+    base = replace(base, scene=scene, effects=each_record(lambda record: stiff.get(record.dtype, record), base.effects))
     near = static_model(reshaped(base, scene.body.shape))
     same = near.layout.planes == model.layout.planes and np.array_equal(near.layout.node_yz, model.layout.node_yz)
     if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):

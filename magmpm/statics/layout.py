@@ -82,9 +82,8 @@ def static_model(model: Model) -> StaticModel:
     """
     weights, slopes = model.splines()
     axes = model.grid.axes_at(model.particles.position)
-    layout, about, touching = make_layout(model, weights), {name: vars(model)[name] for name in Model.__dataclass_fields__}, None
-    if model.surface is not None:
-        touching = resting(model.surface, layout, model.grid.nodes, clamped_face=model.clamped_face, one_wide=model.plane_strain)
+    layout, about = make_layout(model, weights), {name: vars(model)[name] for name in Model.__dataclass_fields__}
+    touching = None if model.surface is None else resting(model.surface, layout.planes, layout.node_yz, model)
     made = StaticModel(**about, layout=layout, weights=weights, slopes=slopes, axes=axes, touching=touching)
     if axes.ndim == 2:
         return made

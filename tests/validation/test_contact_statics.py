@@ -107,7 +107,7 @@ def test_the_prop_bears_what_beam_theory_says(gap: float) -> None:
 
 
 def test_ground_and_clamp_bear_the_weight() -> None:
-    """Newton's third law, to 1e-6. The clamp makes the coefficients of the first two planes of nodes opposite: both feel the same force."""
+    """Newton's third law, to 1e-5. The clamp makes the coefficients of the first two planes of nodes opposite: both feel the same force."""
     there = scene(strip(), HEAVY, cells=3)
     model = static_model(build(there))
     found = solve_static(model)
@@ -117,4 +117,4 @@ def test_ground_and_clamp_bear_the_weight() -> None:
     clamp = 2.0 * (body.volume * P[:, 2, 0] * slopes[:, 0, 0] + weight * splines[:, 0, 0])[first].sum()
     pressed = run(there).contacts["ground"]["force"][2]
     assert 0.1 * weight.sum() < pressed < 0.9 * weight.sum()
-    assert clamp + pressed == pytest.approx(weight.sum(), rel=1e-6)
+    assert clamp + pressed == pytest.approx(weight.sum(), rel=1e-5)

@@ -113,7 +113,7 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
 
 @pytest.mark.parametrize("key", [key for key in CONTACT if not effects.every()[key].ONLY_IN_MOTION])
 def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Generator) -> None:
-    """Without friction the force of `touch` is that of `contact` on what stays in place, the slope of its energy; H is minus the force's."""
+    """Without friction: the force of `touch` is that of `contact` on what stays in place, minus the slope of its energy; H is its own."""
     slippery = scene(key, {"friction": 0.0})
     found = slippery.effects.named()[key].records(slippery)
     push, touch = hook(found, "contact"), hook(found, "touch")
