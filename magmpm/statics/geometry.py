@@ -25,6 +25,7 @@ from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel, static_model
 
 STEP = 1e-3  # of a cell's width
+TOUCHING = 1e-2  # of that step, with obstacles: in a longer one points begin or cease to touch
 WEIGHTS = (3.0, -3.0, 1.0)
 ON_A_FACE = 1e-9  # of a cell: a segment's end nearer than this to a face is on it (bodies.section_quadrature)
 Residual = Callable[[StaticModel, Array], Array]
@@ -97,7 +98,7 @@ def _step(model: StaticModel) -> float:
     within = (ends - spans.start[cell]) / spans.width[cell] - spans.index[cell]
     off = np.abs(within - np.round(within))
     least = float(np.min(off[off > ON_A_FACE], initial=1.0))
-    return min(STEP, least / 8) * float(model.grid.spacing.min())
+    return min(STEP, least / 8) * float(model.grid.spacing.min()) * (1.0 if model.touching is None else TOUCHING)
 
 
 def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
