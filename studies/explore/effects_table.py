@@ -17,7 +17,7 @@ from magmpm.errors import MagmpmError, SolveError
 from magmpm.fields.sources import FieldSource
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
-from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, variants, verdict
+from magmpm.rod.advice import Judgment, allowed_error, judge, meets, reason, unknown, variants, verdict
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.shifts import RodAnswers, Shift, flat_stiffening, is_cantilever, is_rod
 from magmpm.scene import Scene
@@ -200,7 +200,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
         named = getattr(scene.effects, key) is not None
         at_rest_m, says = _judged(scene, body, key, kind) if is_rod(scene) or not scene.in_time else (None, "none of its parts is a rod")
         found = judge(scene, key, answers, error) if is_rod(scene) else _coarse(scene, key, at_rest_m, says, error)
-        if found.shift is None and at_rest_m and key not in NO_LOADS:
+        if found.shift is None and at_rest_m and key not in NO_LOADS and not meets(scene):
             found = _by_rest(scene, key, at_rest_m, found, error)
         moving = found.shift if scene.in_time else None
         if at_rest_m is not None and body.line is not None:

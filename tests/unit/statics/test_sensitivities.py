@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from reference.differences import STEPS, differences, tight
+from reference.differences import STEPS, differences, solution, tight
 from reference.solids import box
 
 import magmpm
@@ -77,8 +77,7 @@ MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3,
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
     for name in (
-        "tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts", "on the ground",
-        "in a lumen",
+        "tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts",
     )
 ]  # fmt: skip
 # Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
@@ -126,6 +125,19 @@ def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
     slope = (ahead - behind) / (2 * h)
     # the difference's own error: (h / remanence)^2, 1e-5, and what the solves leave, 1e-7 of the motion over h / remanence, 3e-5
     np.testing.assert_allclose(found.tip[:, 0], slope, rtol=0, atol=5e-5 * np.abs(slope).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["on the ground", "in a lumen"])
+def test_where_it_touches_derivatives_hold_until_other_points_touch(name: str, tmp_path: Path) -> None:
+    """The tip, against differences of a tenth of the usual steps, to 1e-5 of the largest entry: moduli and densities stiffen the contact."""
+    scene = scene_of(name, tmp_path)
+    found = magmpm.sensitivities(scene)
+    assert next(iter(found.result.contacts.values()))["count"] > 0
+    for k, variable in enumerate(found.variables):
+        step = 0.1 * STEPS[variable.kind]
+        ahead, behind = (solution(variable.changed(scene, side * step))[1] for side in (1, -1))
+        np.testing.assert_allclose(found.tip[:, k], (ahead - behind) / (2 * step), rtol=0, atol=1e-5 * np.abs(found.tip[:, k]).max())
 
 
 def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) -> None:
