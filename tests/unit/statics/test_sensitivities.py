@@ -130,7 +130,7 @@ def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["on the ground", "in a lumen"])
 def test_where_it_touches_derivatives_hold_until_other_points_touch(name: str, tmp_path: Path) -> None:
-    """The tip, against differences of a tenth of the usual steps, to 1e-5 of the largest entry: moduli and densities stiffen the contact."""
+    """The tip, against differences of a tenth of the usual steps, within 1e-5 of the largest: moduli and densities stiffen the contact."""
     scene = scene_of(name, tmp_path)
     found = magmpm.sensitivities(scene)
     assert next(iter(found.result.contacts.values()))["count"] > 0
