@@ -18,7 +18,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import self_contact
-from magmpm.effects.acting import ONLY_IN_MOTION
+from magmpm.effects.acting import NO_LOADS
 from magmpm.fields.dipole import MU0
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
@@ -33,7 +33,7 @@ def equilibrium_of(scene: Scene) -> Result:
     """The static equilibrium of a dynamic scene, without the effects that act only in motion."""
     data = scene.to_si()
     data["solver"]["dynamic"] = None
-    data["effects"].update(dict.fromkeys(ONLY_IN_MOTION))
+    data["effects"].update(dict.fromkeys(NO_LOADS))
     return run(Scene.from_si(data))
 
 

@@ -158,7 +158,8 @@ class Catheter(StraightBody):
         return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
 
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
-        return rod_surface(grid.origin[0] + grid.faces, **self.radii, cell=float(grid.spacing[1]), base=base)
+        width = grid.spacing[1] * (self.diameter / 2 if isinstance(grid, PolarGrid) else 1.0)
+        return rod_surface(grid.origin[0] + grid.faces, **self.radii, cell=float(width), base=base)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
         return ring(**self.radii, G=shear, E=young, nu=poisson)

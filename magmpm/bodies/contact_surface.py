@@ -148,8 +148,10 @@ def cells_of(points: SurfacePoints, grid: Grid, particles: Particles, region: ND
         on, mine = points.region == one, np.flatnonzero(region == one)
         nearest = mine[cKDTree(particles.position[mine]).query(points.position[on])[1]]
         inward = 1e-6 * (particles.position[nearest] - points.position[on])
-        inside = points.position[on] + inward - grid.origin
+        inside = grid.own(points.position[on] + inward, particles.cell[nearest]) - grid.origin
         own = np.column_stack([grid.cell_along(inside[:, 0]), np.floor(inside[:, 1:] / grid.spacing[1:]).astype(np.int64)])
+        if grid.nodes[1] == grid.cells[1]:  # around a tube
+            own[:, 1] %= grid.cells[1]
         own = np.clip(own, 0, np.array(grid.cells) - 1)
         number, filled = (np.ravel_multi_index(each.T, grid.cells) for each in (own, particles.cell[mine]))
         cell[on] = np.where(np.isin(number, filled)[:, None], own, particles.cell[nearest])

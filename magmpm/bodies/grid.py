@@ -75,7 +75,7 @@ def each_node(first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Ar
     first (n, 3): of the first ones; nodes: of the grid along x, y, z; weights (n, 3, 3): of the splines along each axis.
     """
     for a, b, c in product(range(3), repeat=3):
-        node = np.ravel_multi_index((first + np.array([a, b, c])).T, nodes, mode="clip")
+        node = np.ravel_multi_index((first + np.array([a, b, c])).T, nodes, mode=("clip", "wrap", "clip"))  # wrap: around a tube
         yield node, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
 
 

@@ -71,6 +71,13 @@ def to_path(points: Array, path: Array) -> Array:
     return best
 
 
+def along_path(points: Array, path: Array) -> Array:
+    """Index (n,) of the sample of a finely sampled curve (m, 3) that is nearest to each of the points (n, 3)."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(path).query(points)[1], dtype=float)
+
+
 def past_ends(radius: float, spacing: float) -> float:
     """Length (m) by which the table of a tube, and the tube's wall with it, extends past its ends, at most."""
     return radius + BAND * spacing
@@ -226,3 +233,29 @@ def value(p, q, r, spacing, rows, columns, coefficients):
             sy += u[a] * dv[b] * line
             sz += u[a] * v[b] * (dw[0] * c0 + dw[1] * c1 + dw[2] * c2)
     return total, sx / spacing, sy / spacing, sz / spacing
+
+
+@compiled
+def curvature(p, q, r, spacing, rows, columns, coefficients):
+    """Second derivatives (1/m) of the distance along xx, yy, zz, xy, xz, yz, constant or linear in each cell; arguments as of `value`."""
+    i, j, k = int(p + 0.5), int(q + 0.5), int(r + 0.5)
+    d, e, f = p - i, q - j, r - k
+    u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
+    v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
+    w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
+    du, dv, dw = (d - 0.5, -2.0 * d, d + 0.5), (e - 0.5, -2.0 * e, e + 0.5), (f - 0.5, -2.0 * f, f + 0.5)
+    second = (1.0, -2.0, 1.0)
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for a in range(3):
+        for b in range(3):
+            first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
+            c0, c1, c2 = coefficients[first], coefficients[first + 1], coefficients[first + 2]
+            line, slope = w[0] * c0 + w[1] * c1 + w[2] * c2, dw[0] * c0 + dw[1] * c1 + dw[2] * c2
+            xx += second[a] * v[b] * line
+            yy += u[a] * second[b] * line
+            zz += u[a] * v[b] * (c0 - 2.0 * c1 + c2)
+            xy += du[a] * dv[b] * line
+            xz += du[a] * v[b] * slope
+            yz += u[a] * dv[b] * slope
+    scale = 1.0 / spacing**2
+    return xx * scale, yy * scale, zz * scale, xy * scale, xz * scale, yz * scale

@@ -22,6 +22,7 @@ from magmpm.scene import Scene
 from magmpm.statics import axis
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.between_grids import along
+from magmpm.statics.contact import Touched
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, static_model
@@ -35,7 +36,7 @@ RAMP = 8  # load steps to the first equilibrium of a fed part in a field that va
 @dataclass(frozen=True)
 class Shape:
     """The whole body at one equilibrium: position (n, 3) m and F (n, 3, 3) of the model's particles, axis rows [s, x, y, z] (m, 4) m and
-    tip (3,) m; min_det_F and max_det_F; dof: unknowns of the solve."""
+    tip (3,) m; min_det_F and max_det_F; dof: unknowns of the solve; touched: the points that touch obstacles."""
 
     model: Model
     position: Array
@@ -45,6 +46,7 @@ class Shape:
     min_det_F: float
     max_det_F: float
     dof: int
+    touched: Touched | None = None
 
 
 class FieldLoads:
@@ -86,7 +88,7 @@ class FieldLoads:
         model = replace(self.model, time=time)
         tip = measures.region_means(model, found.position)[-1] if model.line is None else axis.tip(model, point.grid)
         rows = axis.centreline(model, point.grid)
-        return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof)
+        return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof, found.touched)
 
     def _named(self, time: float) -> Records:
         return acting.collect(self.model.scene, times=np.array([time]))
@@ -102,6 +104,7 @@ class FeedLoads:
         self.scene = scene
         self.whole = build(scene, time=time)
         self._free = scene.with_effects(feed=None)
+        self._bare = self._free.with_effects(ground=None, walls=None)  # obstacles stay where they are, whatever is fed
         self._models: OrderedDict[float, StaticModel] = OrderedDict()
 
     def inserted(self, time: float) -> float:
@@ -115,7 +118,7 @@ class FeedLoads:
     def at(self, time: float) -> StaticModel:
         """The model of the part outside the guide, clamped at its exit."""
         if time not in self._models:
-            part = self._free.inserted(self.inserted(time))
+            part = self._bare.inserted(self.inserted(time))
             base = np.array([self._exit, 0.0, 0.0])
             shape, resolution = part.body.shape, part.resolution
             made = shape.discretize(resolution.cells_across, resolution.particles_per_cell, knots_of(part))
@@ -123,9 +126,8 @@ class FeedLoads:
             made = replace(
                 made, grid=replace(grid, origin=grid.origin + base), particles=replace(particles, position=particles.position + base)
             )
+            named, line = acting.collect(self._free, times=np.array([time])), Line((self._exit, 0.0, 0.0), shape.length)
             model = reshaped(replace(self.whole, scene=self._free), shape, made)
-            named = acting.collect(self._free, times=np.array([time]))
-            line = Line((self._exit, 0.0, 0.0), shape.length)
             self._models[time] = static_model(replace(model, effects=named, time=time, line=line))
             while len(self._models) > KEPT:
                 self._models.popitem(last=False)
@@ -134,11 +136,11 @@ class FeedLoads:
     def first(self, time: float, on_step: Tell | None = None) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one: from the rod, or in a field that varies by a ramp of the load."""
         model = self.at(time)
-        if self.scene.field.varies:  # the rod would need the field's tables around a body that begins at the exit
+        if self.scene.field.varies or model.touching is not None:  # the rod would need what is around a body that begins at the exit
             slow = self._free.solver.static.model_copy(update={"field_steps": RAMP})
             scene = self._free.model_copy(update={"solver": self._free.solver.model_copy(update={"static": slow})})
         else:
-            scene = self._free.inserted(self.inserted(time)).model_copy(update={"field": self.scene.field})
+            scene = self._bare.inserted(self.inserted(time)).model_copy(update={"field": self.scene.field})
         return solve_static(replace(model, scene=scene), on_step=on_step)
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
@@ -167,7 +169,8 @@ class FeedLoads:
             rows[out, 1:] = axis.along_axis(part, point.grid, axis.section_weights(part), s[out] - clamp)
             tip, dof = axis.tip(part, point.grid), part.dof
         low, high = (1.0, 1.0) if point is None else (point.min_det_F, point.max_det_F)
-        return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof)
+        touched = None if point is None else point.touched
+        return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof, touched)
 
 
 def _all_planes(model: StaticModel, grid: Array) -> Array:

@@ -28,6 +28,7 @@ from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene
 from magmpm.statics.branch import Branch, Jump, Reached, point_of
+from magmpm.statics.contact import contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
 FORMULATION = "quasi_static"
@@ -237,7 +238,8 @@ class _Files:
         acting.refresh(named, model, x, F)
         energies.add_effects_stress(model, x, F, named, stress)
         known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}
-        self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, {}, field_at(model, x))
+        contacts = {} if shape.touched is None else contacts_at_rest(model, x, shape.touched)
+        self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, contacts, field_at(model, x))
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:
             self.jumps.add(path_row(jump))

@@ -51,8 +51,8 @@ class Effects(Settings):
     gravity: Gravity | None = _key("Weight: {} for 9.81 m/s^2 along -z.", {})
     viscosity: Viscosity | None = _key("In motion: losses in the material (Kelvin-Voigt).", {"viscosity": "5 Pa s"})
     damping: Damping | None = _key("In motion: resistance of the surroundings, in proportion to mass.", {"rate": "60 1/s"})
-    ground: Ground | None = _key("In motion: contact with a plane.", _PLANE)
-    walls: Walls | None = _key("In motion: contact with the wall of a lumen.", _LUMEN)
+    ground: Ground | None = _key("Contact with a plane.", _PLANE)
+    walls: Walls | None = _key("Contact with the wall of a lumen.", _LUMEN)
     self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
     feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
     # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named with it.
@@ -86,6 +86,7 @@ class Effects(Settings):
 
 
 ONLY_IN_MOTION = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION)
+NO_LOADS = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION or kind.PHASE == "contact")  # rods at rest lack these
 
 
 def every() -> dict[str, type[Effect]]:
@@ -119,6 +120,11 @@ def check(model: Any) -> None:
 def warnings(scene: SceneLike) -> list[str]:
     """Warnings of the effects that a scene names: ground too far away to be touched, say."""
     return [text for effect in scene.effects.named().values() for text in effect.warnings(scene)]
+
+
+def passed(scene: SceneLike, x: Array) -> str | None:
+    """Reason why the points of a surface can't rest at x (n, 3) m: it has gone through an obstacle (Effect.passed)."""
+    return next((why for effect in scene.effects.named().values() if (why := effect.passed(scene, x)) is not None), None)
 
 
 def stable_steps(model: Any) -> dict[str, float]:

@@ -178,6 +178,10 @@ class Effect(Settings):
     def check(self, model: Any) -> None:
         """Raises InputError where the effect can't begin: a body that starts inside a wall, say."""
 
+    def passed(self, scene: SceneLike, x: Array) -> str | None:
+        """Reason why the points of a body's surface can't rest at x (n, 3) m: it has gone through an obstacle. None where all is well."""
+        return None
+
     def warnings(self, scene: SceneLike) -> list[str]:
         """Warn of settings that the author of the scene may not have meant."""
         return []

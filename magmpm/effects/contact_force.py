@@ -41,6 +41,20 @@ def push(depth, n0, n1, n2, leaving, mass, stiffness, soft, knee, damping, frict
 
 
 @compiled
+def spring(depth, s0, s1, s2, rigidity, f, H):
+    """Energy (J) of the push at rest, without friction: rigidity depth^2 / 2. f (3,) += its force, H (3, 3) += rigidity s s^T.
+
+    s: slope of the distance out of the obstacle, so minus that of the depth (m); rigidity: mass times stiffness, N/m.
+    """
+    s = (s0, s1, s2)
+    for i in range(3):
+        f[i] += rigidity * depth * s[i]
+        for j in range(3):
+            H[i, j] += rigidity * s[i] * s[j]
+    return 0.5 * rigidity * depth * depth
+
+
+@compiled
 def hold(x, anchor, f):
     """Add the friction of f's grip to f[:3], for a particle at x (3,) m, and move its anchor to where it is held next. True if it slides,
     or nothing grips it."""

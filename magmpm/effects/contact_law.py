@@ -138,10 +138,12 @@ def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, ancho
 
 
 class Obstacle(Effect):
-    """Obstacle that a body presses on and slides over. Its hook `near` is the depth of a particle in it, and `contact` pushes by `push`."""
+    """Obstacle that a body presses on and slides over. Its hook `near` is the depth of a particle in it, and `contact` pushes by `push`.
+
+    At equilibrium the surface's points have the energy m w^2 depth^2 / 2 of the push without friction (hook `touch`).
+    """
 
     PHASE = "contact"
-    ONLY_IN_MOTION = True
     WORDS: ClassVar[str]  # what it is, in messages
     CLEAR: ClassVar[str]  # how to get the body out of it
 
@@ -149,20 +151,30 @@ class Obstacle(Effect):
         friction: Friction
         stiffness: Stiffness
 
+    def law(self, scene: SceneLike) -> dict[str, float]:
+        """The `law` of a scene's body; at equilibrium there is no friction."""
+        return law(scene, self.stiffness, 0.0 if scene.solver.dynamic is None else self.friction)
+
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        found = law(model.scene, self.stiffness, self.friction)
+        found = self.law(model.scene)
         return stable_step(found["stiffness"], found.get("damping", 0.0))
 
     def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
         """Contact of a model, in steps of dt (s)."""
         return contact_of(self.records(model.scene), touching.x, touching.v, touching.mass, dt, touching.anchor)
 
+    def passed(self, scene: SceneLike, x: Array) -> str | None:
+        """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
+        depth = contact_of(self.records(scene), x, np.zeros_like(x), np.ones(len(x)), 0.0)["depth"]
+        found = f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed or went through"
+        return found if depth > scene.cell else None
+
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         x, v, masses, anchor = touching_at_start(model)
         _, point, depth, squares = _touching(self.records(model.scene), x, v, masses, 1.0, anchor, np.zeros(3))
-        energy = 0.5 * law(model.scene, self.stiffness, self.friction)["stiffness"] * squares
+        energy = 0.5 * self.law(model.scene)["stiffness"] * squares
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:

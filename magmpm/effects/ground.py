@@ -14,8 +14,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
-from magmpm.effects.contact_force import push
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, law, reach
+from magmpm.effects.contact_force import push, spring
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, reach
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
@@ -81,7 +81,7 @@ class Ground(Obstacle):
             point=self.point,
             normal=self.normal,
             friction=self.friction,
-            **law(scene, self.stiffness, self.friction),
+            **self.law(scene),
             reach=reach(scene, -np.array(self.normal)),
         )
 
@@ -121,4 +121,11 @@ def contact(effect, data, x, v, mass, dt, f):
         )  # fmt: skip
 
 
-register(DTYPE, contact=contact, near=near)
+@compiled
+def touch(effect, data, x, mass, f, H):
+    """Energy (J) of a point at rest on the plane, its force and its tangent (contact_force.spring)."""
+    n = effect.ground_normal
+    return spring(max(near(effect, data, x), 0.0), n[0], n[1], n[2], mass * effect.ground_stiffness, f, H)
+
+
+register(DTYPE, contact=contact, near=near, touch=touch)

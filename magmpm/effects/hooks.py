@@ -21,6 +21,8 @@ x (3,) its deformed position (m), F (3, 3) its deformation gradient:
 ``force_change(effect, data, magnet, rho, dmagnet, drho, x, F, f)``  the same of its force, to f (3,), N/m^3
                                                                 (sensitivities; these two are only needed where stress or force is not
                                                                 linear in magnet, or in rho)
+``touch(effect, data, x, mass, f, H) -> float``                 energy (J) of a point of the surface at equilibrium, for obstacles; adds its
+                                                                force to f (3,), N, and its second derivative to H (3, 3), N/m
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface (in the updated formulation, a
@@ -46,8 +48,8 @@ from numba.extending import overload
 
 from magmpm.compiled.jit import FASTMATH
 
-HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "rate_stress", "contact", "near", "node",
-         "push")  # fmt: skip
+HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "touch", "rate_stress", "contact", "near",
+         "node", "push")  # fmt: skip
 WIDE = ("stress", "force", "rate_stress")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
@@ -250,6 +252,20 @@ def _deepest(effects, step, x):
     if hook is None:
         return lambda effects, step, x: np.inf
     return lambda effects, step, x: max(hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), deepest(effects[2:], step, x))
+
+
+def add_touch(effects, x, mass, f, H):
+    """Sum of the obstacles' energies (J) at a point of the surface; adds their force to f and its slope to H. Only within compiled code."""
+
+
+@overload(add_touch, jit_options={"fastmath": FASTMATH}, strict=False)
+def _add_touch(effects, x, mass, f, H):
+    if len(effects) == 0:
+        return lambda effects, x, mass, f, H: 0.0
+    hook = _find("touch", effects)
+    if hook is None:
+        return lambda effects, x, mass, f, H: add_touch(effects[2:], x, mass, f, H)
+    return lambda effects, x, mass, f, H: hook(effects[0][0], effects[1], x, mass, f, H) + add_touch(effects[2:], x, mass, f, H)
 
 
 def push_time(effects, step, dt):

@@ -18,14 +18,14 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, mod
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.assembly import UNITS
 from magmpm.bodies.curves import curve, tightest_radius
-from magmpm.bodies.signed_distance import Table, value
+from magmpm.bodies.signed_distance import Table, curvature, value
 from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
-from magmpm.effects.contact_force import push
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, law, place, reach
+from magmpm.effects.contact_force import push, spring
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, place, reach
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
@@ -159,7 +159,7 @@ class Walls(Obstacle):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels."""
-        return parameters(self._table(scene), friction=self.friction, **law(scene, self.stiffness, self.friction), reach=reach(scene))
+        return parameters(self._table(scene), friction=self.friction, **self.law(scene), reach=reach(scene))
 
     def _table(self, scene: SceneLike) -> Table:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
@@ -174,6 +174,14 @@ class Walls(Obstacle):
             return self.tube.radius - distance.to_path(points, _path(self.tube))
         found, _ = self._table(scene).at(points)
         return np.where(np.isfinite(found), found, -np.inf)
+
+    def passed(self, scene: SceneLike, x: Array) -> str | None:
+        """Reason why points can't rest at x (n, 3) m: as of any obstacle; or they are outside, past the table, but beside the lumen."""
+        out = x[~np.isfinite(self._table(scene).at(x)[0])]
+        if self.tube is not None and len(out):
+            place = distance.along_path(out, path := _path(self.tube))
+            out = out[(place > 0.0) & (place < len(path) - 1.0)]
+        return f"the body has gone through {self.WORDS}" if len(out) else super().passed(scene, x)
 
     def warnings(self, scene: SceneLike) -> list[str]:
         """Warn of a wall that is too far away to be touched."""
@@ -266,4 +274,20 @@ def contact(effect, data, x, v, mass, dt, f):
             )  # fmt: skip
 
 
-register(DTYPE, contact=contact, near=near)
+@compiled
+def touch(effect, data, x, mass, f, H):
+    """Energy (J) of a point at rest on the wall, its force and its tangent, with the wall's curvature."""
+    beyond, sx, sy, sz = depth(effect, data, x)
+    if not beyond > 0.0:
+        return 0.0
+    rigidity, s, rows, columns = mass * effect.walls_stiffness, effect.walls_spacing, effect.walls_shape[1], effect.walls_shape[2]
+    o = effect.walls_origin
+    xx, yy, zz, xy, xz, yz = curvature((x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s, s, rows, columns, data)
+    bent = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+    for i in range(3):
+        for j in range(3):
+            H[i, j] -= rigidity * beyond * bent[i][j]
+    return spring(beyond, sx, sy, sz, rigidity, f, H)
+
+
+register(DTYPE, contact=contact, near=near, touch=touch)

@@ -23,7 +23,7 @@ from magmpm.results.whole_file import whole_file, write_json
 
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [], "stability": None,
-    "error_estimate": None, "resolution": None, "effects_chosen": None,
+    "error_estimate": None, "resolution": None, "effects_chosen": None, "contacts": {},
 }  # fmt: skip
 
 
@@ -114,6 +114,8 @@ class Result:
     stability: float | None = None
     error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene requests an error or a time
     resolution: dict[str, Any] | None = None  # what was chosen for it, and how: see docs/accuracy.md
+    # Of each obstacle at the end: force on the body (3,) N, count of points (or particles) that touch, depth of the deepest (m).
+    contacts: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
     effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
 
     def __repr__(self) -> str:

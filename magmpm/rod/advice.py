@@ -86,6 +86,8 @@ def judge(scene: Scene, key: str, answers: RodAnswers, error: float) -> Judgment
     both = variants(scene, key)
     if isinstance(both, str):
         return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+    if meets(scene):
+        return unknown(key, named, "rods at rest do not know what they touch")
     if key not in IN_RODS:
         return unknown(key, named, "rods do not have this effect")
     try:
@@ -116,12 +118,17 @@ def unknown(key: str, named: bool, why: str) -> Judgment:
     return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
 
 
+def meets(scene: Scene) -> bool:
+    """True if a scene at rest names obstacles, which rods at rest do not know."""
+    return scene.solver.dynamic is None and any(getattr(scene.effects, key) is not None for key in ("ground", "walls"))
+
+
 def worth_naming(scene: Scene) -> list[Judgment]:
     """The effects that a scene does not name and that would move its answer by more than the error it requests, found quickly.
 
     Only those of which that is certain: by more than the estimate may be off.
     """
-    if not is_rod(scene):
+    if not is_rod(scene) or meets(scene):
         return []
     answers, error = RodAnswers(scene, quick=True), allowed_error(scene)
     found = [judge(scene, key, answers, error) for key in scene.effects.every() if getattr(scene.effects, key) is None]

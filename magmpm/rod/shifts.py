@@ -10,6 +10,7 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
+from magmpm.effects.acting import NO_LOADS
 from magmpm.errors import SolveError
 from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import FOLLOWED, RodModel, RodShape, rod_model, segment_counts, solve_rod
@@ -218,7 +219,7 @@ def mutual_shift(scene: Scene, shape: RodShape, elements: int, across: int = 2) 
 
 def without_motion(scene: Scene) -> Scene:
     """The scene as an equilibrium: without the effects that only act in motion. A field without end stays, which no solve takes."""
-    named = {key: None for key, kind in scene.effects.every().items() if kind.ONLY_IN_MOTION}
+    named = dict.fromkeys(NO_LOADS)
     solver = scene.solver.model_copy(update={"dynamic": None, "quasi_static": None})
     kept = scene.effects.model_copy(update=named)
     return scene.model_copy(update={"solver": solver, "effects": kept, "reference": None})

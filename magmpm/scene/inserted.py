@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from magmpm.bodies.segments import SHORTEST
-from magmpm.effects.acting import ONLY_IN_MOTION
+from magmpm.effects.acting import NO_LOADS
 from magmpm.effects.base import SceneLike
 from magmpm.errors import InputError, report
 
@@ -25,6 +25,9 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     if scene.effects.feed is not None and scene.field.varies:
         rule = "the exit of the guide becomes the origin, and magnets, coils, dipoles and maps do not move with it"
         raise _refused("effects.feed", rule, "give their places from the exit on, and do not name feed")
+    if scene.solver.dynamic is None and (met := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]):
+        rule, remedy = "an inserted length is solved without obstacles", "follow the insertion: name feed, with solver.quasi_static"
+        raise _refused(f"effects.{met[0]}", rule, remedy)
     least, most = LEAST * catheter.diameter, catheter.length
     length = float(length)
     if not least * (1 - 1e-9) <= length <= most * (1 + 1e-9):
@@ -33,7 +36,7 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     length = min(max(length, least), most)
     kept = _cut(data["body"]["catheter"]["segments"], catheter.segment_lengths(), length, SHORTEST * catheter.diameter)
     catheter_data = {**data["body"]["catheter"], "length": math.fsum(s["length"] for s in kept), "segments": kept, "clamp": "base"}
-    effects = {key: value for key, value in data["effects"].items() if key not in (*ONLY_IN_MOTION, "feed")}
+    effects = {key: value for key, value in data["effects"].items() if key not in (*NO_LOADS, "feed")}
     solver = {key: value for key, value in data["solver"].items() if key in ("anti_locking", "static")}
     return {
         **{key: value for key, value in data.items() if key != "reference"},

@@ -85,14 +85,15 @@ def _materials_named(scene: WholeScene) -> list[tuple[Key, str]]:
 
 
 def _densities_are_given(scene: WholeScene) -> None:
-    """Gravity and motion need the mass of what they act on."""
-    gravity = scene.effects.gravity is not None
-    if not gravity and scene.static:
+    """Gravity and motion need the mass of what they act on, and so does contact, whose stiffness is that of motion."""
+    touches = any(effect.PHASE == "contact" and not effect.ONLY_IN_MOTION for effect in scene.effects.named().values())
+    what = "gravity" if scene.effects.gravity is not None else "contact" if scene.static else "motion"
+    if what == "contact" and not touches:
         return
     for name in dict.fromkeys(region.material_name for region in scene.regions()):
         if scene.materials[name].density is None:
             raise fault(
-                f"{'gravity' if gravity else 'motion'} needs the density of each material",
+                f"{what} needs the density of each material",
                 "add, say, `density: 1100 kg/m^3`",
                 ("materials", name, "density"),
             )
@@ -250,6 +251,7 @@ def warnings(scene: SceneLike) -> list[str]:
     """Warn of settings that the author may not have meant: one sentence each."""
     found: list[str] = []
     magnetized = scene.magnetized_regions()
+    shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
     torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
     if torque is None and force is None and scene.field.acts and magnetized:
         found.append("effects: magnetic_torque is not named, so the field does nothing")
@@ -261,7 +263,9 @@ def warnings(scene: SceneLike) -> list[str]:
         found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
-    shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
+    for key in ("ground", "walls") if dynamic is None else ():
+        if getattr(getattr(scene.effects, key), "friction", 0.0) > 0.0:
+            found.append(f"effects.{key}.friction: equilibria leave it out: the body slides until the push of {key} alone holds it")
     own = shape.warnings(scene.resolution.cells_across, one_grid=not moves_in_space(scene))
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own

@@ -348,7 +348,7 @@ class Scene(Settings):
 
         Inside the guide the catheter is straight and held, so nothing but this length matters. A segment that the exit cuts keeps what is
         outside; region i here is region i + (regions there) - (regions here) of the whole; a rest of a segment below a hundredth of the
-        diameter counts to the next one. Effects that act in motion only (feed, walls, damping ...) and the reference stay out. At the whole
+        diameter counts to the next one. Effects that act in motion only, feed, obstacles and the reference stay out. At the whole
         length the shape is that of the whole catheter. Field and gravity are as they are.
         length: one diameter (a shorter piece is no rod) to the whole. Raises InputError, also for other bodies.
         """

@@ -257,6 +257,8 @@ def _energy(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
     point = energy.at(straight(energy.model))
     energy.residual(point)
+    if point.touched is not None and energy.model.touching is not None:
+        energy.model.touching.add_tangent(point.touched, energy.model.layout.split, energy.panels)
     strain_of(energy.model, point.position, point.F)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
+from magmpm.effects.base import Contact
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results import measures
@@ -25,6 +26,7 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, memory, remedies
 from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
+from magmpm.statics.contact import Touched, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.stability import on_the_brink
@@ -183,6 +185,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
         formulation="quasi_static",
         steps=state.rows,
         jumps=state.jumps,
+        contacts=_contacts(shape.model, shape.position, shape.touched),
         load_share=state.load_share,
         stability=last["stability"],
         **_strained(state.strain),
@@ -212,6 +215,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
         stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
         formulation=moved.motion.formulation,
         kinetic_energy=moved.energies["kinetic"],
+        contacts=_plain(moved.contacts),
         **_strained(moved.strain),
         failure=failure,
     )
@@ -277,5 +281,16 @@ def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float],
         **_strained(strain),
         load_share=found.load_share,
         stability=found.stability,
+        contacts=_contacts(model, position, point.touched),
         failure=failure,
     )
+
+
+def _contacts(model: Model, position: Array, touched: Touched | None) -> dict[str, Any]:
+    """Contacts of an equilibrium, as results have them."""
+    return {} if touched is None else _plain(contacts_at_rest(model, position, touched))
+
+
+def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:
+    """Contacts by effect, as plain data."""
+    return {key: {"force": one["force"].tolist(), "count": one["count"], "depth": one["depth"]} for key, one in contacts.items()}

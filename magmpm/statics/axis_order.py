@@ -16,6 +16,7 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
 from magmpm.compiled.arrays import Index
 from magmpm.errors import SceneError
+from magmpm.statics.contact import resting
 from magmpm.statics.layout import StaticModel, make_layout
 
 MOST_MEMORY = 4e9  # bytes of the factored tangent
@@ -68,7 +69,11 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
     )
-    return replace(turned, layout=make_layout(turned, turned.weights)), of
+    layout, touching = make_layout(turned, turned.weights), model.touching
+    if touching is not None:
+        touching = replace(touching, first=touching.first[:, axes], weights=touching.weights[:, axes])
+        touching = resting(touching, layout.planes, layout.node_yz, turned)
+    return replace(turned, layout=layout, touching=touching), of
 
 
 def _all_hang_on_something(model: StaticModel) -> None:

@@ -265,7 +265,9 @@ def point_of(model: StaticModel, grid: Array) -> Point:
 
 
 def outside_domain(model: StaticModel, point: Point) -> str | None:
-    """Reason why the field is not known at a body, or None."""
+    """Reason why the field is not known at a body, or how it went through an obstacle; or None."""
+    if model.touching is not None and (through := acting.passed(model.scene, model.touching.positions(point.grid))) is not None:
+        return through
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)

@@ -22,12 +22,14 @@ from magmpm.kernels.equilibrium import (
 )
 from magmpm.scene import memory
 from magmpm.statics.block_cholesky import clear, fix, new_panels, panel_bytes
+from magmpm.statics.contact import Touched
 from magmpm.statics.layout import StaticModel
 
 
 @dataclass
 class Point:
-    """The energy at one state: grid coefficients (planes, m) m; displacement and position (n, 3) m and F (n, 3, 3) of the particles."""
+    """The energy at one state: grid coefficients (planes, m) m; displacement and position (n, 3) m and F (n, 3, 3) of the particles;
+    touched: the points that touch obstacles (None: no obstacles)."""
 
     grid: Array
     displacement: Array
@@ -36,6 +38,7 @@ class Point:
     energy: float  # J; inf where some det F <= 0
     min_det_F: float
     max_det_F: float
+    touched: Touched | None = None
 
 
 class Energy:
@@ -70,7 +73,9 @@ class Energy:
         x = model.particles.position + u
         energy, low, high = self._per_cell
         cell_energy(self.cells, self.particles, model.effects, x, F, energy, low, high)
-        return Point(grid, u, x, F, float(energy.sum()), float(low.min()), float(high.max()))
+        touched = None if model.touching is None else model.touching.touched(model.effects, grid)
+        total = float(energy.sum()) + (0.0 if touched is None else touched.energy)
+        return Point(grid, u, x, F, total, float(low.min()), float(high.max()), touched)
 
     def rest_energy(self) -> float:
         """Energy of the undeformed body, J: the reference for the energy of a load."""
@@ -86,7 +91,13 @@ class Energy:
         """Gradient of the energy, (planes, m) N."""
         out = np.zeros(self.shape)
         particles_to_grid(self.cells, self.particles, self.model.effects, point.position, point.F, out)
-        return self.free(out)
+        return self._with_contact(point, out)
+
+    def _with_contact(self, point: Point, residual: Array) -> Array:
+        """A gradient (planes, m) N of the particles' energy, with that of contact added, and no force on fixed unknowns."""
+        if point.touched is not None and self.model.touching is not None:
+            residual -= self.model.touching.force(point.touched).reshape(residual.shape)
+        return self.free(residual)
 
     def free(self, vector: Array) -> Array:
         """Set the fixed unknowns of a vector (planes, m) to zero, in place, and return it."""
@@ -117,6 +128,8 @@ class Energy:
         effects = self.model.effects
         tangent_products(self.cells, self.particles, effects, point.position, point.F, self._fortran, count, right, stiff, heavy)
         stiff, heavy = (np.ascontiguousarray(one.reshape(planes, -1, count).transpose(0, 2, 1)) for one in (stiff, heavy))
+        if point.touched is not None and self.model.touching is not None:
+            stiff += self.model.touching.product(point.touched, columns)
         return self.free_columns(stiff), self.free_columns(heavy)
 
     def tangent(self, point: Point) -> tuple[Array, Array]:
@@ -126,6 +139,8 @@ class Energy:
         particles_to_grid_with_tangent(
             self.cells, self.particles, self.model.effects, point.position, point.F, split, self._fortran, out, self.panels
         )
+        if point.touched is not None and self.model.touching is not None:
+            self.model.touching.add_tangent(point.touched, split, self.panels)
         if self._fixed is not None:
             fix(self.panels, split, self._fixed)
-        return self.free(out), self.panels
+        return self._with_contact(point, out), self.panels

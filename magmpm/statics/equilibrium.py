@@ -124,8 +124,8 @@ def solve_static(
         )
     model.scene.check_energy()
     body = model.scene.body.shape
-    if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody)):
-        raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone")
+    if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None):
+        raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone and touch no obstacle")
     if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
         lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
         raise ValueError(f"start: {lengths}; give a rod of its length")
@@ -186,8 +186,12 @@ def _solve(model: StaticModel, start: _Start, on_step: Callable[[int, float], No
 
 
 def _outside_domain(model: StaticModel, point: object, state: object) -> SolveError | None:
-    """The error if a solve has led into a magnet, or to where the field is not known; else None."""
-    if not isinstance(point, Point) or not model.scene.effects.in_a_field:
+    """The error if a solve has led into a magnet, to where the field is not known, or through an obstacle; else None."""
+    if not isinstance(point, Point):
+        return None
+    if model.touching is not None and (through := acting.passed(model.scene, model.touching.positions(point.grid))) is not None:
+        return SolveError(through, state)
+    if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
     return None if found is None else LeftField(f"{found[0]}; {found[2]}", state)
@@ -250,8 +254,10 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
     except SolveError as error:
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
-    steps = 0
-    for begin in _starts(energy, rod, start):
+    steps, starts = 0, _starts(energy, rod, start)
+    if model.touching is not None and any(len(model.touching.touched(model.effects, begin).on) for begin in starts):
+        return _ramp(model, 1, on_step, warnings)  # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
+    for begin in starts:
         try:
             found = newton(begin)
         except TimeOver:

@@ -117,7 +117,7 @@ class Equilibria(Grids):
         """Come so near to an equilibrium that its distance from the grid `against` is known: mostly by one factorization."""
         if cells in self.solved:
             return
-        if acting.feels_itself(self.asked):
+        if acting.feels_itself(self.asked) or self._model(cells).touching is not None:  # one tangent will not do
             self.solve(cells)
             return
         begun, model, coarse = time.perf_counter(), self._model(cells), self._nearest(cells)

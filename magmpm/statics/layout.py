@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array, Index
 from magmpm.model import Model
 from magmpm.statics.block_cholesky import split_plane
+from magmpm.statics.contact import RestingSurface, resting
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class StaticModel(Model):
     slopes: Array  # (n, 3, 3) 1/m
     axes: Array  # (3, 3), or (n, 3, 3) of each particle: directions of the grid's axes, in columns. F, and remanence, are along them
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see statics.axis_order
+    touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
 
     @property
     def dof(self) -> int:
@@ -80,7 +82,9 @@ def static_model(model: Model) -> StaticModel:
     """
     weights, slopes = model.splines()
     axes = model.grid.axes_at(model.particles.position)
-    made = StaticModel(**vars(model), layout=make_layout(model, weights), weights=weights, slopes=slopes, axes=axes)
+    layout, about = make_layout(model, weights), {name: vars(model)[name] for name in Model.__dataclass_fields__}
+    touching = None if model.surface is None else resting(model.surface, layout.planes, layout.node_yz, model)
+    made = StaticModel(**about, layout=layout, weights=weights, slopes=slopes, axes=axes, touching=touching)
     if axes.ndim == 2:
         return made
     magnet = np.column_stack([made.along_axes(model.remanence[:, :3]), model.remanence[:, 3:]])

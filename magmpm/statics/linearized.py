@@ -23,6 +23,7 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.geometry import (
     GeometryChange,
+    contact_changes,
     geometry_changes,
     residual_alone,
     residual_with_interaction,
@@ -76,6 +77,8 @@ class Linearized:
                 right[:, list(changes)] += self._whole.refresh_by_remanence(self._point, np.array(list(changes.values())))
         for k, change in self._geometry.items():
             right[:, k] = change.residual
+        for k, stiffer in contact_changes(self.model, self._point.grid, self.variables).items():
+            right[:, k] += self.energy.free(stiffer)
         return right
 
     def solve(self, right: Array) -> Array:

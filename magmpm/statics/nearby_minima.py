@@ -52,7 +52,7 @@ class NearbyMinima:
     def contracted(self, energy: Energy, begin: Array) -> Point | None:
         """The minimum to which Newton's steps contract; None where they do not, or lead to where the tangent is not positive definite."""
         self.unstable = False
-        point, rest, allowed = energy.at(begin), energy.rest_energy(), np.inf
+        point, rest, allowed, on = energy.at(begin), energy.rest_energy(), np.inf, np.zeros(0, np.int64)
         length = float(np.ptp(energy.model.plane_coordinates()))
         for step in range(MOST_NEWTON):
             if not point.min_det_F > 0:
@@ -62,6 +62,8 @@ class NearbyMinima:
                 return None
             direction = -solve(energy.panels, energy.model.layout.split, residual)
             self.spent += 1
+            if point.touched is not None and not np.array_equal(on, point.touched.on):  # other points touch than before: another tangent
+                on, allowed = point.touched.on, np.inf
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())
             if self._tell is not None:
@@ -69,7 +71,7 @@ class NearbyMinima:
             size = float(np.abs(direction).max())
             if size > max(allowed, ALIKE * length):
                 return None
-            allowed = CONTRACTION * min(allowed, size) if step == 0 else CONTRACTION * allowed
+            allowed = CONTRACTION * (size if allowed == np.inf else allowed)
             if decrement < NEAR * scale:
                 if not definite:
                     self.unstable = True

@@ -85,7 +85,7 @@ def _of_rest(energy: Energy) -> float:
     parts = [model.particles.position, model.particles.volume, model.shear, model.bulk, model.weights, model.modes, model.layout.fixed]
     key = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).digest()
     if key not in _rest:
-        unloaded = Energy(replace(model, effects=acting.collect(model.scene, NO_LOAD, model.times)))
+        unloaded = Energy(replace(model, effects=acting.collect(model.scene, NO_LOAD, model.times), touching=None))
         at = unloaded.at(np.zeros(unloaded.shape))
         _, panels = unloaded.tangent(at)
         if factor(panels, model.layout.split) >= 0:

@@ -10,7 +10,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects.gravity import Gravity
 from magmpm.kernels.equilibrium import grid_to_particles
-from magmpm.rod.advice import allowed_error
+from magmpm.rod.advice import allowed_error, meets
 from magmpm.rod.shifts import is_cantilever
 from magmpm.scene import Scene
 from magmpm.statics.block_cholesky import solve_columns
@@ -23,7 +23,7 @@ SURE = 1.25  # times the error: what a shift to first order must be, to be repor
 
 def missed_weight(scene: Scene, found: Equilibrium) -> list[str]:
     """A warning where a scene's equilibrium lacks a weight that would move it by more than the error it requests."""
-    if scene.advice == "off" or scene.effects.gravity is not None or is_cantilever(scene) or found.energy is None:
+    if scene.advice == "off" or scene.effects.gravity is not None or found.energy is None or (is_cantilever(scene) and not meets(scene)):
         return []
     if any(scene.materials[region.material_name].density is None for region in scene.regions()):
         return []

@@ -110,7 +110,7 @@ def _dynamics(scene: Scene, answers: RodAnswers, error: float, cost: float) -> N
         return Need(question, False, 0.0, 0.0, "the scene asks for equilibria")
     held = [key for key in ("walls", "ground", "self_contact") if getattr(scene.effects, key) is not None]
     if held or not is_rod(scene) or scene.body.shape.clamp != "base":
-        return Need(question, True, 0.0, None, f"{' and '.join(held) or 'such a body'} can only be had in motion")
+        return Need(question, True, 0.0, None, f"{' and '.join(held) or 'such a body'}: rods do not tell what equilibria would miss")
     data = scene.to_si()
     data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": np.linspace(0.0, scene.duration, 9).tolist()}
     for key, kind in scene.effects.every().items():

@@ -10,14 +10,14 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
-from magmpm.effects.acting import ONLY_IN_MOTION, Effects
+from magmpm.effects.acting import NO_LOADS, Effects
 from magmpm.effects.base import Effect
 from magmpm.effects.estimates import MEASURE, no_rest
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.fields.sources import FieldSource
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
-from magmpm.rod.advice import Judgment, allowed_error, judge, reason, unknown, variants, verdict
+from magmpm.rod.advice import Judgment, allowed_error, judge, meets, reason, unknown, variants, verdict
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.shifts import RodAnswers, Shift, flat_stiffening, is_cantilever, is_rod
 from magmpm.scene import Scene
@@ -177,7 +177,7 @@ class Estimates:
 def at_rest(scene: Scene) -> Scene:
     """The scene as an equilibrium: without the effects that only act in motion, and in a field whose schedule ends."""
     data = stopped(scene)[0].to_si()
-    data["effects"] = {key: value for key, value in data["effects"].items() if key not in ONLY_IN_MOTION}
+    data["effects"] = {key: value for key, value in data["effects"].items() if key not in NO_LOADS}
     solver = {key: data["solver"][key] for key in ("anti_locking", "static")}
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
@@ -200,7 +200,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
         named = getattr(scene.effects, key) is not None
         at_rest_m, says = _judged(scene, body, key, kind) if is_rod(scene) or not scene.in_time else (None, "none of its parts is a rod")
         found = judge(scene, key, answers, error) if is_rod(scene) else _coarse(scene, key, at_rest_m, says, error)
-        if found.shift is None and at_rest_m and key not in ONLY_IN_MOTION:
+        if found.shift is None and at_rest_m and key not in NO_LOADS and not meets(scene):
             found = _by_rest(scene, key, at_rest_m, found, error)
         moving = found.shift if scene.in_time else None
         if at_rest_m is not None and body.line is not None:
@@ -222,7 +222,7 @@ def _coarse(scene: Scene, key: str, moved: float | None, says: str, error: float
     both, named = variants(scene, key), getattr(scene.effects, key) is not None
     if isinstance(both, str):
         return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
-    if moved is None or (scene.in_time and (key in ONLY_IN_MOTION or named)):
+    if moved is None or (scene.in_time and (key in NO_LOADS or named)):
         return unknown(key, named, f"a motion of such a body takes a run; {MEASURE}" if scene.in_time else says)
     return verdict(scene, key, Shift(moved, moved * (1.0 if scene.in_time else 0.2)), error)
 
@@ -242,7 +242,7 @@ def _refuse_bad_beginning(scene: Scene) -> None:
 
 def _judged(scene: Scene, body: Estimates, key: str, kind: type[Effect]) -> tuple[float | None, str]:
     """An effect's shift, m, or None, and what to say of it."""
-    why = no_rest(scene) if key not in ONLY_IN_MOTION else None
+    why = no_rest(scene) if key not in NO_LOADS else None
     guess = f"not estimated: {why}; {MEASURE}"
     try:
         advice = kind.advice(scene, body)

@@ -15,6 +15,8 @@ TABLE = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,38,0,9\n"
 CATHETER = "body.catheter"
 MAGNETIC = 'materials."magnetic silicone"'
 SEGMENT = "body.catheter.segments[0]"
+GROUND = "point: [0 mm, 0 mm, -2 mm]"
+TUBE = "radius: 5 mm, path: [[-10 mm, 0 mm, 0 mm], [60 mm, 0 mm, 0 mm]]"
 SHAPE = "solver:\n"  # where the reference cases insert their key
 REFERENCE = "reference: {centreline: shape.csv}\nsolver:\n"
 
@@ -187,6 +189,9 @@ TOGETHER = [
     edit("negative segment", "15 mm", "-15 mm", SEGMENT + ".length", '"-15 mm"', "must be greater than 0 mm"),
     edit("no density for gravity", ", density: 1070 kg/m^3", "", 'materials."plain silicone".density', "nothing",
          "gravity needs the density of each material", "`density: 1100 kg/m^3`"),
+    *(BadScene(f"no density for contact with {key}", ((", density: 1070 kg/m^3", ""), ("  gravity: {}\n", f"  {key}: {{{settings}}}\n")),
+               'materials."plain silicone".density', "nothing", ("contact needs the density of each material", "`density: 1100 kg/m^3`"))
+      for key, settings in {"ground": GROUND, "walls": f"tube: {{{TUBE}}}"}.items()),
     edit("torque without field", "field:\n  uniform: [0 mT, 6 mT, 8 mT]\n", "", "field", "nothing",
          "magnetic_torque needs a field", "do not name magnetic_torque", line=1),
     edit("torque without remanence", "    remanence: 138 mT\n", "", "effects.magnetic_torque", "{}",
@@ -215,15 +220,11 @@ REFERENCES = [
          "belongs to this catheter", table=TABLE.replace("40,38", "50,38")),
 ]
 
-GROUND = "point: [0 mm, 0 mm, -2 mm]"
-TUBE = "radius: 5 mm, path: [[-10 mm, 0 mm, 0 mm], [60 mm, 0 mm, 0 mm]]"
-
 SURROUNDINGS = [
     *(
         effect(f"{key} in statics", f"{key}: {{{settings}}}", key, "{", f"{key} acts in motion only", "solver: {dynamic: {duration")
         for key, settings in {
-            "damping": "rate: 60 1/s", "viscosity": "viscosity: 5 Pa s", "ground": GROUND, "walls": f"tube: {{{TUBE}}}",
-            "self_contact": "", "feed": "speed: 5 mm/s, exit: 10 mm",
+            "damping": "rate: 60 1/s", "viscosity": "viscosity: 5 Pa s", "self_contact": "", "feed": "speed: 5 mm/s, exit: 10 mm",
         }.items()
     ),
     effect("no rate", "damping: {}", "damping.rate", "nothing", "this key is required", "`rate: 60 1/s`"),

@@ -111,6 +111,30 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
     assert smooth == 20
 
 
+@pytest.mark.parametrize("key", [key for key in CONTACT if not effects.every()[key].ONLY_IN_MOTION])
+def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Generator) -> None:
+    """Without friction: the force of `touch` is that of `contact` on what stays in place, minus the slope of its energy; H is its own."""
+    slippery = scene(key, {"friction": 0.0})
+    found = slippery.effects.named()[key].records(slippery)
+    push, touch = hook(found, "contact"), hook(found, "touch")
+    assert push is not None
+    assert touch is not None
+
+    def at(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        f, H = np.zeros(3), np.zeros((3, 3))
+        return touch(x, MASS, f, H), f, H
+
+    for x in touching(key, rng):
+        alone, (_, f, H), step = np.zeros(PARTS), at(x), 1e-8
+        push(x, np.zeros(3), MASS, DT, alone)
+        np.testing.assert_allclose(f, alone[:3], rtol=1e-12, atol=1e-12 * np.abs(f).max())
+        sides = [[at(x + side * step * e) for side in (1, -1)] for e in np.eye(3)]
+        slope = np.array([(ahead[0] - behind[0]) / (2 * step) for ahead, behind in sides])
+        bend = np.array([(ahead[1] - behind[1]) / (2 * step) for ahead, behind in sides])
+        np.testing.assert_allclose(-f, slope, rtol=0, atol=1e-4 * np.abs(f).max())
+        np.testing.assert_allclose(H, -bend, rtol=0, atol=1e-4 * np.abs(H).max())
+
+
 @pytest.mark.parametrize("key", CONTACT)
 def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.random.Generator) -> None:
     """Friction is perpendicular to the normal, opposes the way from the anchor, and is at most friction times the push, which it reaches.

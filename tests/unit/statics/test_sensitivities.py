@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from reference.differences import STEPS, differences, tight
+from reference.differences import STEPS, differences, solution, tight
 from reference.solids import box
 
 import magmpm
@@ -49,6 +49,7 @@ field:
   dipole: {position: [40 mm, 10 mm, 20 mm], moment: [2 A*m^2, 1 A*m^2, -3 A*m^2]}
 effects: {magnetic_torque: {}, magnetic_force: {}, gravity: {}}
 """
+LUMEN = "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm], [40 mm, 0 mm, 0.6 mm]]}}"
 CASES = {
     "catheter": CATHETER + UNIFORM,
     "tube": CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm") + UNIFORM,
@@ -57,6 +58,8 @@ CASES = {
     "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness") + UNIFORM.replace("4 mT", "0 mT"),
     "pulled": CATHETER + DIPOLE,
     "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
+    "on the ground": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, ground: {point: [0 mm, 0 mm, -3 mm], normal: [0.02, 0.1, 1]}"),
+    "in a lumen": CATHETER + UNIFORM.replace("gravity: {}", LUMEN),
     "rotating": CATHETER + UNIFORM,
     "rotating, pulled": CATHETER + DIPOLE,
     "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
@@ -73,8 +76,10 @@ body:
 MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
-    for name in ("tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts")
-]
+    for name in (
+        "tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts",
+    )
+]  # fmt: skip
 # Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
 CLOSE = 1e-7
 
@@ -120,6 +125,20 @@ def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
     slope = (ahead - behind) / (2 * h)
     # the difference's own error: (h / remanence)^2, 1e-5, and what the solves leave, 1e-7 of the motion over h / remanence, 3e-5
     np.testing.assert_allclose(found.tip[:, 0], slope, rtol=0, atol=5e-5 * np.abs(slope).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["on the ground", "in a lumen"])
+def test_where_it_touches_derivatives_hold_until_other_points_touch(name: str, tmp_path: Path) -> None:
+    """The tip, against differences of a tenth of the usual steps, within 1e-5 of the largest: moduli and densities stiffen the contact."""
+    scene = scene_of(name, tmp_path)
+    found = magmpm.sensitivities(scene)
+    assert next(iter(found.result.contacts.values()))["count"] > 0
+    for k, variable in enumerate(found.variables):
+        step = 0.1 * STEPS[variable.kind]
+        ahead, behind = (solution(variable.changed(scene, side * step))[1] for side in (1, -1))
+        slope = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(found.tip[:, k], slope, rtol=0, atol=1e-5 * np.abs(slope).max())
 
 
 def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) -> None:

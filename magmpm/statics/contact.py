@@ -1,0 +1,102 @@
+"""Contact at equilibrium: the points of the body's surface (bodies.contact_surface) on the unknowns of a static solve.
+
+Each point in an obstacle has the energy m w^2 depth^2 / 2 of the push that it feels in motion (effects.contact_law), so a damped motion
+without friction settles where this energy has its minimum. Its gradient has kinks where points begin to touch: Newton's method settles
+within a few more steps which points do (semismooth: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2002) 865).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from magmpm.bodies.contact_surface import ContactSurface
+from magmpm.compiled.arrays import Array, Index
+from magmpm.effects.base import Contact, Records, Touching
+from magmpm.kernels.equilibrium import STENCIL, Cells
+from magmpm.kernels.resting_contact import contact_to_panels, touch
+from magmpm.model import Model
+
+
+class Touched(NamedTuple):
+    """Points that touch: their indices on (t,), place x (t, 3) m, mass (t,) kg, force f (t, 3) N and its slope H (t, 3, 3) N/m; energy of
+    all, J."""
+
+    on: Index
+    x: Array
+    mass: Array
+    f: Array
+    H: Array
+    energy: float
+
+
+@dataclass(frozen=True)
+class RestingSurface(ContactSurface):
+    """A surface whose points (n) are sorted by cells: those cells, and the splines as a sparse matrix (n, nodes)."""
+
+    cells: Cells
+    splines: Any  # scipy.sparse.csr_matrix
+
+    def positions(self, grid: Array) -> Array:
+        """Places (n, 3) m of the points for grid coefficients (planes, m) m."""
+        return np.asarray(self.place + self.splines @ grid.reshape(-1, 3))
+
+    def touched(self, effects: Records, grid: Array) -> Touched:
+        """The points that touch for grid coefficients (planes, m) m."""
+        x, n = self.positions(grid), len(self.mass)
+        energy, f, H = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+        touch(effects, x, self.mass, energy, f, H)
+        on = np.flatnonzero(energy)
+        return Touched(on, x[on], self.mass[on], f[on], H[on], float(energy.sum()))
+
+    def force(self, touched: Touched) -> Array:
+        """Force (nodes, 3) N on the grid."""
+        return np.asarray(self.splines[touched.on].T @ touched.f)
+
+    def add_tangent(self, touched: Touched, split: int, panels: Array) -> None:
+        """Add the second derivative of the energy to panels (statics.block_cholesky)."""
+        H = np.zeros((len(self.mass), 3, 3))
+        H[touched.on] = touched.H
+        contact_to_panels(self.cells, self.weights, H, split, panels)
+
+    def product(self, touched: Touched, columns: Array) -> Array:
+        """The second derivative of the energy times columns (planes, k, m), N."""
+        planes, k, m = columns.shape
+        splines = self.splines[touched.on]
+        at = (splines @ columns.reshape(planes, k, -1, 3).transpose(0, 2, 3, 1).reshape(-1, 3 * k)).reshape(-1, 3, k)
+        back = splines.T @ np.einsum("tij,tjk->tik", touched.H, at).reshape(-1, 3 * k)
+        return np.asarray(back.reshape(planes, -1, 3, k).transpose(0, 3, 1, 2).reshape(planes, k, m))
+
+
+def contacts_at_rest(model: Model, position: Array, touched: Touched) -> dict[str, Contact]:
+    """The contact of each obstacle of a model with its particles at `position` (n, 3) m."""
+    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, touched.x)
+    found = {key: effect.report(model, position, still, 0.0) for key, effect in model.scene.effects.named().items()}
+    return {key: contact for key, contact in found.items() if contact is not None}
+
+
+def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) -> RestingSurface:
+    """The surface of a model on its unknowns; planes, node_yz: of its layout (statics.layout)."""
+    from scipy.sparse import csr_matrix  # 0.1 s to import, and most scenes have no obstacles
+
+    nodes = model.grid.nodes
+    number: Index = np.asarray(np.ravel_multi_index(surface.first.T, nodes))
+    order = np.argsort(number, kind="stable")
+    first, weights = surface.first[order], np.ascontiguousarray(surface.weights[order])
+    begins = np.flatnonzero(np.diff(number[order], prepend=-1))
+    in_plane = np.zeros(nodes[1:], np.int64)
+    in_plane[tuple(node_yz.T)] = np.arange(len(node_yz))
+    plane: Index = first[:, 0] - int(model.clamped_face)
+    row = np.stack([in_plane[(first[:, 1] + b) % nodes[1], first[:, 2]] for b in ([1, 1, 1] if model.plane_strain else [0, 1, 2])], axis=1)
+    slab: Index = plane[begins] // 2
+    n, wide = len(first), len(node_yz)
+    cells = Cells(
+        np.searchsorted(slab, np.arange(slab[-1] + 2)), np.append(begins, n), plane[begins], np.ascontiguousarray(row[begins]), STENCIL
+    )
+    at = [np.minimum(plane + a, planes - 1) * wide + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
+    share = [weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] for a, b, c in product(range(3), repeat=3)]
+    splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, planes * wide))
+    return RestingSurface(surface.place[order], first, weights, surface.mass[order], cells, splines)

@@ -1,0 +1,120 @@
+"""Contact at equilibrium: against the damped motion that settles there, beam theory, and the balance of forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from reference.scenes import G
+
+from magmpm.dynamics import energies
+from magmpm.materials import young_modulus
+from magmpm.model import build
+from magmpm.results.result import Result
+from magmpm.scene import Scene
+from magmpm.simulate import run
+from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
+
+DENSITY, RATIO = 1882.0, 20.0
+
+
+def scene(body: dict[str, Any], effects: dict[str, Any], *, cells: int = 2, settle: float = 0.0, rate: float = 150.0, **more: Any) -> Scene:
+    """A clamped body of the material `m`; settle: s of a damped motion in place of the equilibrium, 0 for none."""
+    material = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": 0.1}
+    damped = {"damping": {"rate": rate}} if settle else {}
+    return Scene.from_si(
+        {
+            "name": "touching", "materials": {"m": material}, "body": body, "effects": {**effects, **damped},
+            "solver": {"dynamic": {"duration": settle}} if settle else {}, "resolution": {"cells_across": cells}, **more,
+        }
+    )  # fmt: skip
+
+
+def rod(length: float = 16e-3, diameter: float = 2e-3, **more: Any) -> dict[str, Any]:
+    segments = [{}, {"magnetization": [1.0, 0.0, 0.0]}]
+    return {"catheter": {"length": length, "diameter": diameter, "material": "m", "clamp": "base", "segments": segments, **more}}
+
+
+def strip(length: float = 16e-3, width: float = 3e-3, thickness: float = 1.5e-3, **more: Any) -> dict[str, Any]:
+    return {"strip": {"length": length, "width": width, "thickness": thickness, "material": "m", "clamp": "base", "segments": [{}], **more}}
+
+
+LUMEN = {"tube": {"radius": 1.4e-3, "path": [[-4e-3, 0.0, 0.0], [6e-3, 0.0, 0.05e-3], [12e-3, 0.0, 0.2e-3], [24e-3, 0.0, 0.6e-3]]}}
+HEAVY: dict[str, Any] = {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "ground": {"point": [0.0, 0.0, -1e-3]}}
+CASES: dict[str, dict[str, Any]] = {
+    "a magnetized tip is pressed onto a plane": {
+        "body": rod(), "field": {"uniform": [0.0, 0.0, -15e-3]},
+        "effects": {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1.4e-3]}},
+    },
+    "on a slope, sideways": {
+        "body": rod(), "field": {"uniform": [0.0, 8e-3, -15e-3]},
+        "effects": {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1.4e-3], "normal": [0.1, -0.4, 1.0]}},
+    },
+    "on the wall of a curved lumen": {
+        "body": rod(), "effects": {"magnetic_torque": {}, "walls": LUMEN}, "field": {"uniform": [0.0, 8e-3, -15e-3]},
+    },
+    "a strip lies down": {"body": strip(), "effects": HEAVY},
+    "a strip lies on the ground": {"body": strip(), "effects": {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.75e-3]}}},
+}  # fmt: skip
+
+
+def apart(one: Result, other: Result) -> float:
+    """The largest distance of a particle of two results, over the length."""
+    return float(np.linalg.norm(one.particle_position - other.particle_position, axis=1).max() / one.centreline[-1, 0])
+
+
+def assert_settles_there(case: dict[str, Any], cells: int, settle: float = 0.25) -> None:
+    """Within 0.02 % of the length, and with the same forces to 1e-3."""
+    still, moved = run(scene(**case, cells=cells)), run(scene(**case, cells=cells, settle=settle))
+    assert apart(still, moved) < 2e-4
+    (told,), (then,) = still.contacts.values(), moved.contacts.values()
+    assert told["count"] > 0
+    assert np.linalg.norm(np.subtract(told["force"], then["force"])) < 1e-3 * np.linalg.norm(told["force"])
+    assert told["depth"] == pytest.approx(then["depth"], rel=1e-2)
+
+
+@pytest.mark.parametrize("name", [next(iter(CASES)), *(pytest.param(name, marks=pytest.mark.slow) for name in list(CASES)[1:])])
+def test_a_damped_motion_settles_at_the_equilibrium(name: str) -> None:
+    assert_settles_there(CASES[name], 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cells", [3, 4])
+@pytest.mark.parametrize("name", list(CASES)[:3])
+def test_on_finer_cells_too(name: str, cells: int) -> None:
+    assert_settles_there(CASES[name], cells)
+
+
+def propped(cells: int, gap: float, pull: float) -> Result:
+    """A strip of L/t 20 in plane strain, whose tip rests on a plane `gap` (m) below it."""
+    body = strip(20e-3, 1e-3, 1e-3, plane_strain=True)
+    return run(scene(body, {"gravity": {"acceleration": [0.0, 0.0, -pull]}, "ground": {"point": [0.0, 0.0, -0.5e-3 - gap]}}, cells=cells))
+
+
+@pytest.mark.parametrize("gap", [0.1e-3, 0.2e-3])
+def test_the_prop_bears_what_beam_theory_says(gap: float) -> None:
+    """A clamped beam under its weight q, whose end is propped at w: R = 3 E I / L^3 (q L^4 / (8 E I) - w), within 3 %."""
+    pull, length = 0.5, 20e-3
+    result = propped(4, gap, pull)
+    nu = (3 * RATIO - 2) / (2 * (3 * RATIO + 1))
+    bending = young_modulus(G, RATIO * G) / (1 - nu**2) * (1e-3) ** 4 / 12
+    load = DENSITY * pull * (1e-3) ** 2
+    reaction = 3 * bending / length**3 * (load * length**4 / (8 * bending) - gap)
+    assert reaction > 0
+    assert result.contacts["ground"]["force"][2] == pytest.approx(reaction, rel=0.03)
+
+
+def test_ground_and_clamp_bear_the_weight() -> None:
+    """Newton's third law, to 1e-5. The clamp makes the coefficients of the first two planes of nodes opposite: both feel the same force."""
+    there = scene(strip(), HEAVY, cells=3)
+    model = static_model(build(there))
+    found = solve_static(model)
+    _, P = energies.elastic(model, found.point.F, True)
+    body, weight = model.particles, 40.0 * model.density * model.particles.volume
+    first, (splines, slopes) = body.cell[:, 0] == 0, model.grid.splines(body.position, body.cell)
+    clamp = 2.0 * (body.volume * P[:, 2, 0] * slopes[:, 0, 0] + weight * splines[:, 0, 0])[first].sum()
+    pressed = run(there).contacts["ground"]["force"][2]
+    assert 0.1 * weight.sum() < pressed < 0.9 * weight.sum()
+    assert clamp + pressed == pytest.approx(weight.sum(), rel=1e-5)
