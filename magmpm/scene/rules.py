@@ -125,8 +125,15 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
 
 
 def _contact_has_its_formulation(scene: WholeScene) -> None:
-    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
-    dynamic = scene.solver.dynamic
+    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near, and alone has branches."""
+    dynamic, losses = scene.solver.dynamic, scene.effects.viscosity
+    updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
+    if losses is not None and losses.branches and updated:
+        raise fault(
+            "branches act in the total formulation only, which knows no self_contact",
+            "remove branches; or leave out self_contact and `formulation: updated`",
+            ("effects", "viscosity", "branches"),
+        )
     if scene.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
         raise fault(
             "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
