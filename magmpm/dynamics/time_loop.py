@@ -269,7 +269,10 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
         while done < count:
             first = done
             steps = min(CHUNK if own is None else own.steps, count - first)
-            named = acting.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
+            times = start + dt * np.arange(first, first + steps, dtype=float)
+            named = acting.collect(model.scene, times=times)
+            if isinstance(motion, TotalMotion):
+                named += motion.ends.records(times, dt)
             if own is not None:
                 x, _, F = motion.particles()
                 own.refresh(named, x, F, steps * dt)

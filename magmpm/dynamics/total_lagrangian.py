@@ -10,6 +10,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
+from magmpm.dynamics.moved_ends import MovedEnds
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects import acting
@@ -28,6 +29,7 @@ class TotalMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.packed = pack(model)
+        self.ends = MovedEnds(model, self.packed.node_place, self.packed.mass.lumped)
         nodes = len(self.packed.mass.lumped)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
