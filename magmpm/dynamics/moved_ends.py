@@ -1,4 +1,4 @@
-"""What holds a body moves: the nodes that follow it have its velocity in each step, whatever the forces on them.
+"""Motion of what holds a body: the nodes that follow it have its velocity in each step, whatever the forces on them.
 
 Velocities are those that bring the nodes to where they are due at the end of a step, so that they never drift. The forces that hold them do
 work on the body, which nothing counts: the energy balance is not checked while they move.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,9 +15,6 @@ from magmpm.fields.over_time import OverTime
 from magmpm.fields.schedule import ended, strength_of
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis
-
-if TYPE_CHECKING:
-    from magmpm.scene.rules import WholeScene
 
 SAMPLES = 1000  # moments of a schedule at which ends are compared, its keyframes aside
 
@@ -79,8 +76,8 @@ def farthest(moves: Moves) -> float:
     return max((float(np.linalg.norm(move.displacement(_moments([move])), axis=1).max()) for move in moves.values()), default=0.0)
 
 
-def check(scene: WholeScene) -> None:
-    """Raises PydanticCustomError (see `fault`) for the first rule of what is moved that is broken."""
+def check(scene: Any) -> None:
+    """Raises PydanticCustomError (see `fault`) for the first rule of what a Scene moves that is broken."""
     moves, shape = scene.move or {}, scene.body.shape
     held = holders(shape)
     for name, move in moves.items():
