@@ -194,7 +194,7 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
         modes=volume_modes(made.grid, particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,
         held=np.array([region.held for region in regions])[of],
-        clamped_face=shape.clamp in {"base", "both"} and scene.effects.feed is None and "base" not in dict(driven),  # or: its guide holds
+        clamped_face=shape.clamp in {"base", "both"} and scene.effects.feed is None and "base" not in dict(driven),  # a guide holds: feed
         plane_strain=shape.in_plane_strain,
         line=shape.line,
         planes=planes,

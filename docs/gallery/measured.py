@@ -138,7 +138,7 @@ def tan() -> tuple[str, Figure]:
         axes.set(ylabel="middle comes down by (mm)")
         axes.legend()
     panels_[0].set(xlabel="time (ms)")
-    panels_[1].set(xlabel=f"field, growing by {RATE:g} mT/s (mT)", xlim=(0.0, 7.0))
+    panels_[1].set(xlabel=f"field (mT), growing by {RATE:g} mT/s from 5 mT on", xlim=(0.0, 7.0))
     return "\n".join(rows), figure
 
 
