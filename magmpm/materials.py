@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, inlined
-from magmpm.compiled.simd import cube_root_guess, load, magnitude, store
+from magmpm.compiled.jit import compiled
+from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, magnitude, store
 
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 
@@ -35,12 +35,6 @@ def magnetization(rotating: NDArray[np.bool_], remanence: Array, F: Array) -> Ar
     left, _, right = np.linalg.svd(F[rotating])
     R[rotating] = left @ right
     return np.einsum("nij,nj->ni", R, remanence)
-
-
-@inlined
-def determinant_of(a, b, c, d, e, f, g, h, i):
-    """Determinant of the matrix with these entries, row by row: numbers, or lanes of eight particles."""
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 @compiled
@@ -131,19 +125,6 @@ def tangent(F, cof, J, G, p, stiffness, A):
 
 
 # The same for a group of eight particles, one lane each. A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
-
-
-@compiled
-def inverse_cube_root(x):
-    """x^(-1/3) of positive, normal lanes to a few units in the last place, by Newton's method on y^-3 = x from a guess good to 4 %.
-
-    Each step squares the relative error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. For x <= 0 the value is meaningless.
-    """
-    y = cube_root_guess(x)
-    third = x * (1.0 / 3.0)
-    for _ in range(4):
-        y = y * (4.0 / 3.0 - third * y * y * y)
-    return y
 
 
 @compiled

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.contact_surface import ContactSurface, cells_of, layer_mass
+from magmpm.bodies.driven import Driven, driven_nodes
 from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line
@@ -41,10 +42,11 @@ class Model:
     modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see bodies.volume_modes
     section: dict[str, float]  # relative errors of area and second moment
     held: NDArray[np.bool_]  # (n,) particles of parts that can't move
-    clamped_face: bool  # the grid's lower x face is at rest: node 0 along x is eliminated (bodies.grid.clamp_first_node)
+    clamped_face: bool  # the grid's lower x face stays at rest: node 0 along x is eliminated (bodies.grid.clamp_first_node)
     plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
     line: Line | None  # the undeformed axis of a straight body
-    planes: tuple[ClampPlane, ...]  # the grid's faces on which held parts, or a far end's clamp, hold the rest
+    planes: tuple[ClampPlane, ...]  # the grid's faces on which held parts, a far end's clamp, or one that moves, hold the rest
+    driven: Driven  # nodes that follow what is moved
     time: float | None = None  # s, of the schedule of an equilibrium's field; None: its end
 
     @property
@@ -60,7 +62,7 @@ class Model:
     @property
     def free(self) -> bool:
         """True if nothing holds the body."""
-        return not (self.clamped_face or self.held.any())
+        return not (self.clamped_face or self.held.any() or self.driven)
 
     def splines(self) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that each particle sees along each axis, (n, 3, 3): axis, node.
@@ -80,9 +82,12 @@ class Model:
         for plane in self.planes:
             row = (cell[:, plane.axis] == plane.cell) & ~held
             clamp = clamp_low_node if plane.lower else clamp_last_node
-            weights[row, plane.axis], slopes[row, plane.axis] = clamp(weights[row, plane.axis], slopes[row, plane.axis])
+            own = weights[row, plane.axis], slopes[row, plane.axis]
+            weights[row, plane.axis], slopes[row, plane.axis] = clamp(*own, moved=plane.moved)
         if self.planes:  # held particles see no node: they stay where they are, and the nodes beyond the plane carry nothing
             weights[held], slopes[held] = 0.0, 0.0
+        if self.planes and self.driven:  # or one, which moves with them
+            weights[held, :, 1] = 1.0
         return weights, slopes
 
     def first_nodes(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -99,7 +104,7 @@ class Model:
         if not has_hook("contact", self.effects) or moves_in_space(self.scene):
             return None
         shape = self.scene.body.shape
-        points = shape.surface(self.grid, base=not self.clamped_face)
+        points = shape.surface(self.grid, base=not self.clamped_face and "base" not in dict(self.driven))
         free = points.free_of(~np.array([region.held for region in shape.regions()])) if self.held.any() else points
         cell = cells_of(free, self.grid, self.particles, shape.part_of(self.particles))
         (weights, _), first = self.splines_at(free.position, cell, np.zeros(len(cell), bool)), self.first_nodes(cell)
@@ -173,6 +178,7 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
     regions = shape.regions()
     materials = [scene.materials[region.material_name] for region in regions]
     ratio = np.array([material.bulk_to_shear for material in materials])
+    planes, driven = driven_nodes(shape, made, scene.move) if scene.move else (made.planes, ())
     averaged = scene.solver.anti_locking == "f-bar"
     shear = np.array([material.shear_modulus for material in materials])
     remanence = np.array([material.remanence for material in materials])
@@ -188,9 +194,10 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
         modes=volume_modes(made.grid, particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,
         held=np.array([region.held for region in regions])[of],
-        clamped_face=shape.clamp in {"base", "both"} and scene.effects.feed is None,  # what is fed, its guide holds
+        clamped_face=shape.clamp in {"base", "both"} and scene.effects.feed is None and "base" not in dict(driven),  # a guide holds: feed
         plane_strain=shape.in_plane_strain,
         line=shape.line,
-        planes=made.planes,
+        planes=planes,
+        driven=driven,
         time=time,
     )

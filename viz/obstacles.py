@@ -55,13 +55,14 @@ def _clamps(scene: Scene) -> Iterator[Obstacle]:
         return
     thick = scene.thickness
     depth = style.CLAMP_THICKNESS * max(thick, 0.1 * shape.length)
-    for at in (-depth, shape.length)[: 2 if shape.clamp == "both" else 1]:
+    for name, at in (("base", -depth), ("tip", shape.length))[: 2 if shape.clamp == "both" else 1]:
         if scene.body.strip is None:
             plate = tube([depth], style.CLAMP_RADIUS * thick, 0.0, 0.25 * thick, AROUND)
         else:
             grown = 2 * style.CLAMP_RADIUS * thick
             plate = bar([depth], scene.body.strip.width + grown - thick, 1.8 * grown, depth)
-        points = plate.points + shape.line.base + [at, 0.0, 0.0]
+        moved = (scene.move or {}).get(name)
+        points = plate.points + shape.line.base + [at, 0.0, 0.0] + (0.0 if moved is None else moved.displacement(None)[0])
         yield Obstacle("clamp", points.astype(np.float32), plate.triangles, style.CLAMP)
 
 

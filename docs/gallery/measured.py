@@ -1,12 +1,13 @@
 """`make measured`: the package against public measurements; pictures and tables of docs/measured.md.
 
-    python docs/gallery/measured.py [kim] [zhao]
+    python docs/gallery/measured.py [kim] [zhao] [tan]
 
-Zhao's beam is predicted with published constants alone. Of Kim's guidewire one column is fitted, for several free lengths.
+Zhao's beam and Tan's arch are predicted with published constants alone. Of Kim's guidewire one column is fitted, for several free lengths.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import re
@@ -21,6 +22,7 @@ from matplotlib.figure import Figure
 
 from magmpm import load_scene, run
 from magmpm.scene import Scene
+from magmpm.solving.solve import solve
 from magmpm.studies.fitting import fit, read_measured
 from magmpm.viz import style
 from magmpm.viz.plots import LOOK, saved
@@ -29,6 +31,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA, PAGE, IMAGES = ROOT / "data", ROOT / "docs/measured.md", ROOT / "docs/images"
 SCATTER = 0.02  # of the length: scatter of points digitized from a published figure
 LENGTHS = (10.0, 14.0, 16.0, 18.0)  # mm: free lengths of the guidewire; its bent tip must clear the magnet in the nearest row
+RATE = 6.5  # mT/s: of the field that snapped Tan's arch
 BLUE, RED = "#0077BB", "#CC3311"
 
 
@@ -101,11 +104,67 @@ def _over_tip(measured: Any, length: float) -> Any:
     return replace(measured, states=tuple(replace(state, apparatus=apparatus) for state, apparatus in moved))
 
 
-def panels() -> tuple[Figure, Any]:
-    """A picture of two panels: numbers, and errors below them."""
+def tan() -> tuple[str, Figure]:
+    """Tan's arch by published constants, along equilibria and in motion: the table, and the picture of how far its middle has come down."""
+    with (DATA / "measured/tan_arch.csv").open() as file:
+        read = [(row["series"], float(row["x"]), float(row["y_mm"])) for row in csv.DictReader(file)]
+    seen = {name: np.array([row[1:] for row in read if row[0] == name]).T for name in dict.fromkeys(row[0] for row in read)}
+    slow = load_scene(DATA / "scenes/tan_arch.yaml")
+    time, down, jumps = _middle(slow, 1.0)
+    rest = float(np.interp(7.0, 8.0 * time, down))
+    made = {f"step_{field}mT_ms": _in_motion([(1e-3, field)], duration) for field, duration in ((5, 0.2), (7, 0.3))}
+    time, down, _ = _in_motion(ramp := [(0.1, 5.0), (0.1 + 3.0 / RATE, 8.0)], 0.37)
+    made = {name: (1e3 * one[0], one[1]) for name, one in made.items()}
+    made["ramp_mT"] = np.interp(time, *np.transpose([(0.0, 0.0), *ramp])), down
+    texts = []
+    for each in (seen, made):
+        (x, y), fives, (field, way) = each["step_7mT_ms"], each["step_5mT_ms"][1], each["ramp_mT"]
+        peak = int(np.argmax(y))
+        trough = peak + int(np.argmin(y[peak : peak + np.searchsorted(x[peak:], x[peak] + 45.0)]))
+        texts.append([f"{field[np.argmax(way > 4.0)]:.2f} mT", f"{fives.max():.2f} mm{', snaps' if fives.max() > 4.0 else ', no snap'}",
+                      f"{y[peak]:.2f} mm after {x[peak]:.0f} ms", f"{2 * (x[trough] - x[peak]):.0f} ms"])
+    names = (f"half way down, in a field that grows by {RATE:g} mT/s, at", "5 mT turned on: swings to", "7 mT turned on: first peak",
+             "twice the time from that peak to the trough after it")
+    rows = [f"| {name} | {one} | {other} |" for name, one, other in zip(names, *texts, strict=True)]
+    rows += [f"| 7 mT: settles at | {seen['step_7mT_ms'][1, -1]:.2f} mm | {rest:.2f} mm |",
+             f"| snaps in a field that grows slowly, at | | {1e3 * jumps[-1]['field']:.2f} mT |"]
+    rows[:0] = ["| | measured | computed |", "| --- | --- | --- |"]
+    figure, panels_ = panels(apart=True)
+    for axes, names_ in zip(panels_, (("step_7mT_ms", "step_5mT_ms"), ("ramp_mT",)), strict=True):
+        for name, color in zip(names_, (BLUE, RED), strict=False):
+            axes.plot(*made[name], color=color, label="computed" if name == "ramp_mT" else f"{name[5]} mT turned on")
+            dots = {"linestyle": "none", "marker": "o", "color": style.INK, "markersize": 4}
+            axes.plot(*seen[name], **dots, label="measured" if name == "ramp_mT" else None)
+        axes.set(ylabel="middle comes down by (mm)")
+        axes.legend()
+    panels_[0].set(xlabel="time (ms)")
+    panels_[1].set(xlabel=f"field (mT), growing by {RATE:g} mT/s from 5 mT on", xlim=(0.0, 7.0))
+    return "\n".join(rows), figure
+
+
+def _in_motion(frames: list[tuple[float, float]], duration: float) -> tuple[Any, Any, Any]:
+    """`_middle` of Tan's arch in motion from 0.25 s on. frames: s from then, and mT; duration: s."""
+    data = load_scene(DATA / "scenes/tan_arch_motion.yaml").to_si()
+    key = data["field"]["over_time"]["keyframes"]
+    tilt = key[-1]["uniform"][0] / key[-1]["uniform"][2]
+    key[4:] = [{"time": 0.25 + at, "uniform": [1e-3 * tilt * field, 0.0, 1e-3 * field]} for at, field in frames]
+    data["solver"]["dynamic"]["duration"] = 0.25 + duration
+    return _middle(Scene.from_si(data), 0.25)
+
+
+def _middle(scene: Scene, since: float) -> tuple[Any, Any, Any]:
+    """Times (k,) s since a moment (s), how far (k,) mm the middle of a strip has come down since, and jumps."""
+    rows: list[tuple[float, float]] = []
+    result = solve(scene, on_frame=lambda time, axis, *_: rows.append((time, float(np.interp(scene.length / 2, axis[:, 0], axis[:, 3])))))
+    time, z = np.transpose([row for row in rows if row[0] > since - 1e-9])
+    return time - since, 1e3 * (z[0] - z), result.jumps
+
+
+def panels(*, apart: bool = False) -> tuple[Figure, Any]:
+    """A picture of two panels: numbers, and errors below them; or, apart, two of numbers."""
     with rc_context(LOOK):
         figure = Figure(figsize=(5.2, 4.6), layout="constrained")
-        both = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1.0))
+        both = figure.subplots(2, 1, sharex=not apart, height_ratios=(1.0, 1.0) if apart else (2.4, 1.0))
         for axes in both:
             axes.grid(True, color="#EEEEEE", linewidth=0.8)
             axes.set_axisbelow(True)
@@ -115,8 +174,8 @@ def panels() -> tuple[Figure, Any]:
 
 def main(*names: str) -> int:
     """Write the pictures, and the tables into the page."""
-    for name in names or ("zhao", "kim"):
-        table, figure = {"zhao": zhao, "kim": kim}[name]()
+    for name in names or ("zhao", "kim", "tan"):
+        table, figure = {"zhao": zhao, "kim": kim, "tan": tan}[name]()
         print(table)
         with rc_context(LOOK):
             saved(figure, IMAGES / f"measured_{name}.png")

@@ -52,21 +52,21 @@ def clamp_first_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
     return moved[0], moved[1]
 
 
-def clamp_last_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
-    """Splines of the last cell of an axis when the displacement is zero on that cell's upper face.
+def clamp_last_node(weights: Array, slopes: Array, *, moved: bool = False) -> tuple[Array, Array]:
+    """Splines of the last cell of an axis when the displacement is given on that cell's upper face: 0, or, where moved, the last node's.
 
-    The mirror image of ``clamp_first_node``: the last node's coefficient is minus its neighbor's, and takes no part. The stencil stays.
+    The mirror image of ``clamp_first_node``: the last node's coefficient is twice the face's displacement minus its neighbor's. What is
+    left of that node is the face's displacement, with twice the spline. The stencil stays.
     """
-    zero = np.zeros_like(weights[..., 0])
-    moved = [np.stack([v[..., 0], v[..., 1] - v[..., 2], zero], axis=-1) for v in (weights, slopes)]
-    return moved[0], moved[1]
+    own = [2.0 * v[..., 2] if moved else np.zeros_like(v[..., 0]) for v in (weights, slopes)]
+    clamped = [np.stack([v[..., 0], v[..., 1] - v[..., 2], one], axis=-1) for v, one in zip((weights, slopes), own, strict=True)]
+    return clamped[0], clamped[1]
 
 
-def clamp_low_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
-    """Splines of a cell when the displacement is zero on its lower face: ``clamp_first_node`` with the stencil left where it is."""
-    zero = np.zeros_like(weights[..., 0])
-    moved = [np.stack([zero, v[..., 1] - v[..., 0], v[..., 2]], axis=-1) for v in (weights, slopes)]
-    return moved[0], moved[1]
+def clamp_low_node(weights: Array, slopes: Array, *, moved: bool = False) -> tuple[Array, Array]:
+    """Splines of a cell when the displacement is given on its lower face: the mirror image of ``clamp_last_node``."""
+    flipped = clamp_last_node(weights[..., ::-1], slopes[..., ::-1], moved=moved)
+    return flipped[0][..., ::-1], flipped[1][..., ::-1]
 
 
 def each_node(first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array) -> Iterator[tuple[NDArray[np.int64], Array]]:
@@ -242,9 +242,10 @@ class ClampPlane:
     """A face of the grid's cells on which all that is held holds the rest: the grid has its knots there.
 
     axis: its normal; lower: whether what is free lies above it; cell: index along the axis of the first cell that is free (the last, if
-    not lower).
+    not lower); moved: whether what holds there moves: the first node of that cell (the last) has the face's displacement.
     """
 
     axis: int
     lower: bool
     cell: int
+    moved: bool = False

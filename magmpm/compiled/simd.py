@@ -15,6 +15,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
+from magmpm.compiled.jit import compiled, inlined
+
 WIDTH = 8
 _DOUBLE, _INT = ir.DoubleType(), ir.IntType(64)
 _VECTOR, _INTEGERS = ir.VectorType(_DOUBLE, WIDTH), ir.VectorType(_INT, WIDTH)
@@ -365,3 +367,22 @@ def cube_root_guess(typing_context, x):
         return builder.bitcast(builder.fptosi(guess, _INTEGERS), _VECTOR)
 
     return lanes(lanes), generate
+
+
+@compiled
+def inverse_cube_root(x):
+    """x^(-1/3) of positive, normal lanes to a few units in the last place, by Newton's method on y^-3 = x from a guess good to 4 %.
+
+    Each step squares the relative error and doubles it: 4e-2, 3e-3, 2e-5, 1e-9, 1e-18. For x <= 0 the value is meaningless.
+    """
+    y = cube_root_guess(x)
+    third = x * (1.0 / 3.0)
+    for _ in range(4):
+        y = y * (4.0 / 3.0 - third * y * y * y)
+    return y
+
+
+@inlined
+def determinant_of(a, b, c, d, e, f, g, h, i):
+    """Determinant of the matrix with these entries, row by row: numbers, or lanes of eight particles."""
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

@@ -157,6 +157,8 @@ def _nodes(model: Model, w: Array, first: Index) -> tuple[Array, Array, Array]:
     mass, held = (spread(of, first, model.grid.nodes, w) for of in own)
     inverse = np.zeros((len(mass), 3))
     free = (mass > 0) & (held == 0)
+    for _, follows in model.driven:
+        free &= ~follows.ravel()
     inverse[free] = 1.0 / mass[free, None]
     if model.plane_strain:
         inverse[:, 1] = 0.0

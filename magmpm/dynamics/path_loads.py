@@ -1,4 +1,4 @@
-"""The loads along a path of equilibria: a body that stays where it is in a field that changes, or one that is fed out of a guide.
+"""The loads along a path of equilibria: a body that is held in a field that changes, or one that is fed out of a guide.
 
 Of a fed catheter only the part outside the guide bends: a shorter catheter, clamped exactly at the guide's exit, with a grid of its own for
 each length. Its displacement is carried from one length to the next at the points of the material, so that nothing jumps with the cells.
@@ -26,6 +26,7 @@ from magmpm.statics.contact import Touched
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.lift import Lift
 from magmpm.statics.nearby_minima import Tell
 
 LEAST = 1.0  # diameters: a shorter piece outside of the guide is taken as straight
@@ -50,11 +51,12 @@ class Shape:
 
 
 class FieldLoads:
-    """The load of a body that stays where it is: only the field changes. statics.branch.Loads."""
+    """The load of a body that stays where it is: the field changes, and what holds the body moves. statics.branch.Loads."""
 
     def __init__(self, scene: Scene, time: float) -> None:
         self.model = static_model(build(scene, time=time))
         self._arranged, self._of = arranged(self.model)
+        self._lift = Lift(self._arranged)
 
     @property
     def whole(self) -> Model:
@@ -80,6 +82,10 @@ class FieldLoads:
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """The same coefficients: the grid stays."""
         return grid
+
+    def moved(self, grid: Array, before: float, after: float) -> Array:
+        """The same, with what holds the body where it is at the later time."""
+        return self._lift.on(grid, before, after)
 
     def shape(self, time: float, point: Point | None) -> Shape:
         """The body at an equilibrium of a time, s."""
@@ -149,6 +155,8 @@ class FeedLoads:
         if old is new:
             return grid
         return np.ascontiguousarray(along(old, new, grid, moved=self.inserted(before) - self.inserted(after)))
+
+    moved = carried
 
     def shape(self, time: float, point: Point | None) -> Shape:
         """The whole catheter: what is in the guide is straight, and moved by the push."""

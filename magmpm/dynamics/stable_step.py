@@ -12,8 +12,8 @@ Integration, I.1.4). Three bounds are reported:
 * body: 2 / omega of the whole body at its present deformation, by Lanczos iteration (total formulation only). It limits the step there,
   and is up to twice the isolated bound.
 
-In a field that turns or swings, a step is also at most 1/20 of the period (schedule). This is not for stability: with longer steps, the
-sampled field would seem to change more slowly than it does, or not at all.
+In a field that turns or swings, or where what holds the body swings, a step is also at most 1/20 of the period (schedule). This is not for
+stability: with longer steps, the sampled field would seem to change more slowly than it does, or not at all.
 """
 
 from __future__ import annotations
@@ -176,10 +176,9 @@ def body_step(motion: TotalMotion) -> float:
 
 
 def _of_schedule(model: Model) -> float | None:
-    """Largest step that resolves a field that turns or swings, s. None if the field does neither, or no effect depends on it."""
-    over = model.scene.field.over_time
-    if over is None or not model.scene.effects.in_a_field:
-        return None
-    parts = [part for part in (over.rotation, over.oscillation) if part is not None]
+    """Largest step that resolves a field that turns or swings, and ends that swing, s. None where neither matters to the body."""
+    scene = model.scene
+    overs = [move.over_time for move in (scene.move or {}).values()] + ([scene.field.over_time] if scene.effects.in_a_field else [])
+    parts = [part for over in overs if over is not None for part in (over.rotation, over.oscillation) if part is not None]
     fastest = max((abs(part.frequency) for part in parts), default=0.0)
     return 1.0 / (A_PERIOD * fastest) if fastest > 0 else None

@@ -22,7 +22,7 @@ from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Kinematics
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import acting
+from magmpm.effects import acting, viscosity
 from magmpm.effects.base import moves_in_space
 from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
 from magmpm.kernels.watch import BROKEN, WHY
@@ -269,7 +269,10 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
         while done < count:
             first = done
             steps = min(CHUNK if own is None else own.steps, count - first)
-            named = acting.collect(model.scene, times=start + dt * np.arange(first, first + steps, dtype=float))
+            times = start + dt * np.arange(first, first + steps, dtype=float)
+            named = acting.collect(model.scene, times=times)
+            if isinstance(motion, TotalMotion):
+                named += motion.ends.records(times, dt)
             if own is not None:
                 x, _, F = motion.particles()
                 own.refresh(named, x, F, steps * dt)
@@ -321,6 +324,10 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
         acting.refresh(named, model, now.x, now.F)
         energies.add_effects_stress(model, now.x, now.F, named, state.P)
         potentials = energies.effect_energies(model, now.x, now.F, state.time)
+        losses = model.scene.effects.viscosity
+        if losses is not None and losses.branches and isinstance(motion, TotalMotion):
+            W, P = viscosity.stored(losses.branches, now.F, motion.remembered(), motion.lag)
+            state.P, potentials["viscosity"] = state.P + P, float(W @ model.particles.volume)
     state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
     state.contacts = {}
     touching = motion.touching_points()

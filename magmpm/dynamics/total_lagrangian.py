@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
+from magmpm.dynamics.moved_ends import MovedEnds
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
+from magmpm.effects import acting
 from magmpm.effects.base import Touching
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.surface_contact import ANCHOR
@@ -26,12 +29,14 @@ class TotalMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.packed = pack(model)
+        self.ends = MovedEnds(model, self.packed.node_place, self.packed.mass.lumped)
         nodes = len(self.packed.mass.lumped)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
         self.anchor = np.zeros(ANCHOR * len(on.mass) + len(on.first_node))
+        self.memory = np.repeat(np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
         self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
@@ -39,22 +44,23 @@ class TotalMotion:
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
-        taken, _ = self.threads.run(
-            lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.anchor, self.stiffness, self.watch), False)
-        )
+        arrays = self.u, self.v, self.force, self.anchor, self.stiffness, self.watch, self.memory
+        taken, _ = self.threads.run(lambda: (self._advance(steps, dt, effects, *arrays), False))
         self._last = at_step(effects, taken)
         self.lag = dt / 2 if taken else self.lag
         return taken, bool(self.watch[WHY] == BROKEN)
 
     def _advance(
         self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array, anchor: Array,
-        stiffness: Array | None = None, watch: Array | None = None,
+        stiffness: Array | None = None, watch: Array | None = None, memory: Array | None = None, instant: float = 0.0,
     ) -> int:  # fmt: skip
-        p = self.packed
+        """Take steps with these arrays. memory: unless given, a copy of the motion's; instant: Pa, added to the shear modulus."""
+        p, memory = self.packed, self.memory.copy() if memory is None else memory
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
-        state = total_lagrangian_step.State(u, v, force, stiffness, anchor)
-        body = p.cells, p.particles, p.nodes, p.mass.correction, p.surface
+        state = total_lagrangian_step.State(u, v, force, stiffness, anchor, memory)
+        cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
+        body = cells, p.particles, p.nodes, p.mass.correction, p.surface
         return int(total_lagrangian_step.advance(steps, dt, *body, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
@@ -85,7 +91,8 @@ class TotalMotion:
 
     def kept(self) -> dict[str, Any]:
         """State that `rewind` needs within the same process. Cheaper than `state`."""
-        return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor")} | {"lag": self.lag, "_last": self._last}
+        arrays = {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor", "memory")}
+        return arrays | {"lag": self.lag, "_last": self._last}
 
     def rewind(self, kept: dict[str, Any]) -> None:
         """Go back to the state that `kept` returned."""
@@ -107,9 +114,12 @@ class TotalMotion:
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
     def acceleration(self, u: Array) -> Array:
-        """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone."""
-        v = np.zeros_like(u)
-        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor)  # a step of one second from rest: v is the acceleration
+        """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone.
+
+        Branches that relax count as if they did not: as shear modulus.
+        """
+        v, instant = np.zeros_like(u), acting.instant_modulus(self.model.scene)
+        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, instant=instant)  # a second from rest: v is that
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
@@ -129,11 +139,19 @@ class TotalMotion:
     def state(self) -> dict[str, Array]:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
+        kept |= {"memory": self.memory.copy()} if self.memory.size else {}
         return kept | ({"anchor": self.anchor.copy()} if self.anchor.size else {})
+
+    def remembered(self) -> Array:
+        """Memory (n, k) of the particles in the model's order (effects.viscosity); k is 0 where there is none."""
+        real, columns = self.packed.particle >= 0, self.memory.size // self.packed.particle.size
+        out = np.empty((len(self.model.density), columns))
+        out[self.packed.particle[real]] = self.memory.reshape(-1, columns, WIDTH).transpose(0, 2, 1)[real]
+        return out
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a `state`."""
-        self.u[:], self.v[:] = state["u"], state["v"]
+        self.u[:], self.v[:], self.memory[:] = state["u"], state["v"], state.get("memory", self.memory)
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
         if self.anchor.size:

@@ -25,7 +25,7 @@ from magmpm.effects.magnetic_interaction import MagneticInteraction
 from magmpm.effects.magnetic_torque import MagneticTorque
 from magmpm.effects.magnetization import rotating
 from magmpm.effects.self_contact import SelfContact
-from magmpm.effects.viscosity import Viscosity
+from magmpm.effects.viscosity import AT_REST, Viscosity
 from magmpm.effects.walls import Walls
 from magmpm.fields.dipole import MU0
 from magmpm.inputs.settings import Settings, fault
@@ -131,6 +131,18 @@ def stable_steps(model: Any) -> dict[str, float]:
     """The largest stable step (s) of each named effect that sets one."""
     acting = {key: effect for key, effect in model.scene.effects.named().items() if effect.records(model.scene)}
     return {key: step for key, effect in acting.items() if (step := effect.stable_step(model)) is not None}
+
+
+def remembered(scene: SceneLike) -> Array:
+    """Memory (6 k,) of an undeformed particle in motion: the viscous strain of each branch of viscosity."""
+    named = scene.effects.viscosity
+    return np.tile(AT_REST, 0 if named is None else len(named.branches or ()))
+
+
+def instant_modulus(scene: SceneLike) -> float:
+    """Shear modulus (Pa) that branches of viscosity add to quick deformations."""
+    named = scene.effects.viscosity
+    return 0.0 if named is None else sum(branch.shear_modulus for branch in named.branches or ())
 
 
 def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:

@@ -25,6 +25,8 @@ x (3,) its deformed position (m), F (3, 3) its deformation gradient:
                                                                 force to f (3,), N, and its second derivative to H (3, 3), N/m
 In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
+``relax(effect, data, dt, F, C, P)``                            lets what the material remembers, C (6 k,), follow F for dt, and adds its
+                                                                stress to P (3, 3), Pa; for eight particles at a time, total formulation
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface (in the updated formulation, a
                                                                 particle) of mass (kg), velocity v (m/s; 0 while friction holds it), to
                                                                 f[:3], N; an obstacle with friction, what f[3:7] hold
@@ -48,8 +50,8 @@ from numba.extending import overload
 
 from magmpm.compiled.jit import FASTMATH
 
-HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "touch", "rate_stress", "contact", "near",
-         "node", "push")  # fmt: skip
+HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "touch", "rate_stress", "relax", "contact",
+         "near", "node", "push")  # fmt: skip
 WIDE = ("stress", "force", "rate_stress")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
@@ -137,6 +139,10 @@ def add_rate_stress(effects, step, rho, F, dF, P):
     """Adds every effect's stress of the rate dF to P. Only within compiled code."""
 
 
+def add_relaxing(effects, step, dt, F, C, P):
+    """Lets every effect's memory C follow F, and adds its stress to P. Only within compiled code."""
+
+
 def add_contact(effects, step, x, v, mass, dt, f):
     """Adds every effect's contact force on a particle to f (effects.contact_force). Only within compiled code."""
 
@@ -186,6 +192,7 @@ _walk(add_force, "force", "magnet, rho, x, F, f")
 _walk(add_tangent, "tangent", "magnet, rho, x, F, A")
 _walk(add_softening, "softening", "magnet, rho, x, F, H, M")
 _walk(add_rate_stress, "rate_stress", "rho, F, dF, P")
+_walk(add_relaxing, "relax", "dt, F, C, P")
 _walk(add_contact, "contact", "x, v, mass, dt, f")
 _walk(change_node, "node", "X, u, v, dt")
 
@@ -332,6 +339,10 @@ def has_rate_stress(effects):
     """True if any effect adds a stress of the rate of deformation. Only within compiled code."""
 
 
+def has_relaxing(effects):
+    """True if any effect has a memory. Only within compiled code."""
+
+
 def has_contact(effects):
     """True if any effect adds a contact force. Only within compiled code."""
 
@@ -357,6 +368,7 @@ def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = 
 _answer(has_stress, ["stress"])
 _answer(has_force, ["force"])
 _answer(has_rate_stress, ["rate_stress"])
+_answer(has_relaxing, ["relax"])
 _answer(has_contact, ["contact"])
 _answer(has_node, ["node"])
 _answer(has_narrow, ["stress", "force", "rate_stress"], wide=False)

@@ -1,25 +1,40 @@
-"""viscosity: losses in the material (Kelvin-Voigt): a viscous stress with the elastic one.
+"""viscosity: losses in the material: a viscous stress with the elastic one (Kelvin-Voigt), and branches that relax (Maxwell).
 
 Cauchy stress 2 eta D, with D = (L + L^T)/2 and L = dF F^-1 the velocity gradient; per undeformed area P = 2 eta J D F^-T. It is
 objective (a rigid turn makes none), exerts no torque, and turns 2 eta J D:D >= 0 per undeformed volume and second into heat. A small
 vibration of frequency w is damped with ratio eta w / (2 G) in shear, and by about 3 eta / (2 E) w in bending.
 Source: Holzapfel, Nonlinear Solid Mechanics, section 5.7; Antman, Nonlinear Problems of Elasticity, chapter 12.
+
+A branch of shear modulus G and time T is a neo-Hookean spring in series with a dashpot, and remembers its viscous strain Cv (det Cv = 1):
+
+    W = G/2 (tr(C Cv^-1) - 3),    dCv/dt = (C - tr(C Cv^-1)/3 Cv) / T,    with C = J^(-2/3) F^T F
+
+It depends on F^T F alone (frame indifferent). In small strain its modulus is G i w T / (1 + i w T). A step of dt sets
+Cv = k Cv + (1 - k) C, k = exp(-dt/T), and divides by det^(1/3): exact where strain is small and C constant. Cv stays positive definite, and
+W never grows by it, for any dt. For in the basis where Cv = 1, with a = k + (1 - k) c of the eigenvalues c of C, the change of ln W + 3 has
+the sign of mean(x) - sum(x y)/sum(y), x = (c - 1)/a and y = c/a = 1 + k x: never positive, because y grows with x (Chebyshev).
+At rest a branch is relaxed: equilibria do not know it.
+Source: Reese and Govindjee, Int. J. Solids Struct. 35 (1998) 3455; the step: Shutov, Landgraf, Ihlemann, CMAME 265 (2013) 213.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.simd import determinant_of, inverse_cube_root
 from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.hooks import register
-from magmpm.inputs.settings import Quantity
+from magmpm.inputs.settings import Quantity, Settings, fault
 
 DTYPE = np.dtype([("viscosity", np.float64)])
+BRANCHES = np.dtype([("branches", np.int64)])
+AT_REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # xx, yy, zz, xy, xz, yz of Cv
 STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, times h^2
 
 
@@ -28,21 +43,47 @@ def parameters(viscosity: float) -> Records:
     return one_record(DTYPE, viscosity=viscosity)
 
 
+class Branch(Settings):
+    """A spring in series with a dashpot (Maxwell)."""
+
+    shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+        description="Shear modulus G that the branch adds to quick deformations.", examples=["500 kPa"]
+    )
+    time: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] = Field(
+        description="Time in which its stress falls to 1/e.", examples=["10 ms"]
+    )
+
+
 class Viscosity(Effect):
-    """Losses in the material: a viscous stress 2 eta D with the elastic one (Kelvin-Voigt)."""
+    """Losses in the material: a viscous stress 2 eta D with the elastic one (Kelvin-Voigt), and branches that relax (Maxwell)."""
 
     PHASE = "force"
     ONLY_IN_MOTION = True
     viscosity: Annotated[float, Quantity("viscosity", at_least="0 Pa s", at_most="1e6 Pa s")] = Field(
-        description="eta; a motion of angular frequency w has damping ratio eta w / (2 G).",
-        examples=["5 Pa s"],
+        default=0.0, description="eta; a motion of angular frequency w has damping ratio eta w / (2 G).", examples=["5 Pa s"]
+    )
+    branches: tuple[Branch, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=8,
+        description="Branches that relax, each a spring in series with a dashpot; at rest they have no stress.",
+        examples=[[{"shear_modulus": "500 kPa", "time": "10 ms"}]],
     )
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
-        """Parameters for the kernels, or () where the viscosity is zero."""
-        return parameters(self.viscosity) if self.viscosity > 0 else ()
+    @model_validator(mode="after")
+    def _loses(self) -> Viscosity:
+        if "viscosity" not in self.model_fields_set and self.branches is None:
+            remedy = "write, say, `viscosity: 5 Pa s` or `branches: [{shear_modulus: 500 kPa, time: 10 ms}]`"
+            raise fault("give `viscosity` or `branches`, or both: without them nothing is lost", remedy, ("viscosity",))
+        return self
 
-    def stable_step(self, model: Any) -> float:
+    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+        """Parameters for the kernels, or () where the viscosity is zero and there is no branch."""
+        table = np.array([(branch.shear_modulus, branch.time) for branch in self.branches or ()]).ravel()
+        branches = one_record(BRANCHES, table, branches=len(table) // 2) if len(table) else ()
+        return (parameters(self.viscosity) if self.viscosity > 0 else ()) + branches
+
+    def stable_step(self, model: Any) -> float | None:
         """Largest stable step (s), with elastic stress at 0.8 of its own limit.
 
         With lumped mass, no motion strains faster than s^2 = sum_axes 6 / h^2 allows (Cauchy-Schwarz over a particle's splines), so
@@ -51,6 +92,8 @@ class Viscosity(Effect):
         bound is 0.9 / r before the same factor 0.8. The corrected mass (dynamics.nodal_mass) makes the fastest rate 0.39 of r at most,
         measured on rods, blocks and strips of 2 to 4 cells, 0.18 with lumped mass.
         """
+        if self.viscosity == 0.0:  # branches are springs, part of the body's own bound
+            return None
         steep = float(np.sum(STEEPEST / np.asarray(model.grid.spacing) ** 2))
         if model.grid.runs:  # at repeated knots splines are steeper than between equal cells
             steep = max(steep, float(model.steepness().sum(axis=1).max()))
@@ -93,4 +136,63 @@ def rate_stress(effect, data, rho, F, dF, P):
         P[2, k] += xz * x[k] + yz * y[k] + zz * z[k]
 
 
+@inlined
+def _followed(keep, v, c):
+    """keep v + (1 - keep) c over the cube root of its determinant, of symmetric matrices (xx, yy, zz, xy, xz, yz) of eight particles."""
+    new = 1.0 - keep
+    p, q, r = keep * v[0] + new * c[0], keep * v[1] + new * c[1], keep * v[2] + new * c[2]
+    t, u, w = keep * v[3] + new * c[3], keep * v[4] + new * c[4], keep * v[5] + new * c[5]
+    unit = inverse_cube_root(determinant_of(p, t, u, t, q, w, u, w, r))
+    return unit * p, unit * q, unit * r, unit * t, unit * u, unit * w
+
+
+@inlined
+def relax(effect, data, dt, F, C, P):
+    """Let Cv (6 k,) of eight particles follow F for dt (s), and P += G J^(-2/3) (F Cv^-1 - tr(F^T F Cv^-1)/3 F^-T) of each branch, Pa.
+
+    F belongs to the middle of the step, and so does the stress: half of the step before it, half after it, to second order in dt.
+    """
+    a, b, c, d, e, f, g, h, i = F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
+    J = determinant_of(a, b, c, d, e, f, g, h, i)
+    root = inverse_cube_root(J)
+    s = root * root
+    xx, yy, zz = s * (a * a + d * d + g * g), s * (b * b + e * e + h * h), s * (c * c + f * f + i * i)
+    xy, xz, yz = s * (a * b + d * e + g * h), s * (a * c + d * f + g * i), s * (b * c + e * f + h * i)
+    for k in range(effect.branches):
+        at, keep, now = 6 * k, math.exp(-0.5 * dt / data[2 * k + 1]), (xx, yy, zz, xy, xz, yz)
+        middle = _followed(keep, (C[at], C[at + 1], C[at + 2], C[at + 3], C[at + 4], C[at + 5]), now)
+        C[at], C[at + 1], C[at + 2], C[at + 3], C[at + 4], C[at + 5] = _followed(keep, middle, now)
+        p, q, r, t, u, v = middle
+        p, q, r, t, u, v = q * r - v * v, p * r - u * u, p * q - t * t, u * v - t * r, t * v - u * q, t * u - v * p  # of Cv^-1
+        G = s * data[2 * k]
+        n = (xx * p + yy * q + zz * r + 2.0 * (xy * t + xz * u + yz * v)) / (3.0 * s * J)
+        P[0, 0] = P[0, 0] + G * (a * p + b * t + c * u - n * (e * i - f * h))
+        P[0, 1] = P[0, 1] + G * (a * t + b * q + c * v - n * (f * g - d * i))
+        P[0, 2] = P[0, 2] + G * (a * u + b * v + c * r - n * (d * h - e * g))
+        P[1, 0] = P[1, 0] + G * (d * p + e * t + f * u - n * (c * h - b * i))
+        P[1, 1] = P[1, 1] + G * (d * t + e * q + f * v - n * (a * i - c * g))
+        P[1, 2] = P[1, 2] + G * (d * u + e * v + f * r - n * (b * g - a * h))
+        P[2, 0] = P[2, 0] + G * (g * p + h * t + i * u - n * (b * f - c * e))
+        P[2, 1] = P[2, 1] + G * (g * t + h * q + i * v - n * (c * d - a * f))
+        P[2, 2] = P[2, 2] + G * (g * u + h * v + i * r - n * (a * e - b * d))
+
+
+def stored(branches: tuple[Branch, ...], F: Array, memory: Array, lag: float) -> tuple[Array, Array]:
+    """Energy W (n,) J/m^3 and stress P (n, 3, 3) Pa of particles in these branches, lag (s) after what they remember.
+
+    F (n, 3, 3); memory (n, 6 k) of Cv: as `relax` leaves it, half a step before the next F.
+    """
+    W, P, H = np.zeros(len(F)), np.zeros_like(F), np.linalg.inv(F).transpose(0, 2, 1)
+    C, scale = F.transpose(0, 2, 1) @ F, np.linalg.det(F) ** (-2 / 3)
+    for branch, Cv in zip(branches, memory.reshape(len(F), -1, 6).transpose(1, 0, 2), strict=True):
+        keep, G = math.exp(-lag / branch.time), branch.shear_modulus * scale
+        now = keep * Cv[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]] + (1 - keep) * scale[:, None, None] * C
+        inverse = np.linalg.inv(now) * np.cbrt(np.linalg.det(now))[:, None, None]
+        trace = np.einsum("nij,nij->n", C, inverse)
+        W += G * trace / 2 - 1.5 * branch.shear_modulus
+        P += G[:, None, None] * (F @ inverse - trace[:, None, None] / 3 * H)
+    return W, P
+
+
+register(BRANCHES, relax=relax)
 register(DTYPE, wide=("rate_stress",), rate_stress=rate_stress)

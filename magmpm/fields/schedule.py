@@ -30,7 +30,7 @@ def places(field: FieldSource, times: Array | None = None, strength: float = 1.0
     uniform: Array = np.tile(np.array(field.uniform, dtype=float), (len(times), 1))
     move, turn, center = np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1)), np.zeros(3)
     if over is not None:
-        factor = factor * _strength(over, times)
+        factor = factor * strength_of(over, times)
         uniform = _framed(over.frames, "uniform", times, uniform)
         move = _framed(over.frames, "move", times, move)
         if over.rotation is not None:
@@ -53,7 +53,11 @@ def records(field: FieldSource, dtype: np.dtype[Any], times: Array | None, stren
 
 def end_time(field: FieldSource) -> float:
     """Time when everything that ends has ended, s; 0 where nothing changes or nothing ends."""
-    over = field.over_time
+    return ended(field.over_time)
+
+
+def ended(over: OverTime | None) -> float:
+    """Time when everything that ends has ended, s; 0 where nothing changes or nothing ends."""
     if over is None:
         return 0.0
     ends = [0.0]
@@ -81,7 +85,8 @@ def sample_times(field: FieldSource) -> Array:
     return np.unique(np.concatenate(times))
 
 
-def _strength(over: OverTime, times: Array) -> Array:
+def strength_of(over: OverTime, times: Array) -> Array:
+    """Factor (k,) of the whole at times (k,) s."""
     factor = np.ones(len(times))
     if over.ramp is not None:
         share = np.clip((times - over.ramp.start) / over.ramp.duration, 0.0, 1.0)

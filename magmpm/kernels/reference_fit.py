@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.materials import determinant, determinant_of
+from magmpm.compiled.simd import determinant_of
+from magmpm.materials import determinant
 
 
 class Cells(NamedTuple):

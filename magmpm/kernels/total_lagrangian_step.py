@@ -29,8 +29,16 @@ from magmpm.compiled.simd import (
     sums,
     total,
 )
-from magmpm.compiled.simd_views import row
-from magmpm.effects.hooks import change_node, has_contact, has_node, has_rate_stress, push_time
+from magmpm.compiled.simd_views import matrix, row, vector
+from magmpm.effects.hooks import (
+    add_relaxing,
+    change_node,
+    has_contact,
+    has_node,
+    has_rate_stress,
+    has_relaxing,
+    push_time,
+)
 from magmpm.kernels.mass_correction import added_at, correct, sum_plane
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room
 from magmpm.kernels.surface_contact import touch
@@ -203,6 +211,7 @@ class State(NamedTuple):
     force: Array
     stiffness: Array
     anchor: Array
+    memory: Array  # (groups k 8,): what effects with a `relax` remember of the particles, k numbers each; empty where there are none
 
 
 class CellRoom(NamedTuple):
@@ -237,7 +246,7 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
 
 
 @inlined
-def particles_to_grid(cell, step, cells, particles, state, effects, room, work, high, change):
+def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change):
     """Add to state.force the force of a cell's particles on its nodes, from stress and loads.
 
     Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
@@ -258,6 +267,9 @@ def particles_to_grid(cell, step, cells, particles, state, effects, room, work, 
         change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
         V = load(particles.volume, 8 * group)
+        if has_relaxing(effects):
+            remembered = vector(state.memory, 8 * (len(state.memory) // len(particles.volume)) * group)
+            add_relaxing(effects, step, dt, matrix(room.F, at), remembered, matrix(P, 0))
         if any_effect(effects):
             for i in range(3):
                 store(f, 8 * i, splat(0.0))
@@ -307,7 +319,7 @@ def advance(steps, dt, cells, particles, nodes, correction, surface, state, effe
                 least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
                 for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                     least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                    high, change = particles_to_grid(cell, step, cells, particles, state, effects, room, work, high, change)
+                    high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
                 if has_contact(effects):
                     touch(slab, step, push, surface, cells, state, effects)
                 see(slabs, slab, least, bad, high, change)

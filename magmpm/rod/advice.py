@@ -67,7 +67,7 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
 
 _LOADS = ("magnetic_torque", "magnetic_force", "magnetic_interaction", "gravity", "damping", "viscosity")
 IN_RODS = frozenset((*_LOADS, "ground", "walls", "self_contact", "feed"))  # effects that rods have; not those that users add
-_WHERE = {"walls": "tube or surface"}  # settings of which one is needed
+_WHERE = {"walls": "tube or surface", "viscosity": "viscosity or branches"}  # settings of which one is needed
 
 
 def _naming(scene: Scene, key: str, kind: Any) -> Scene:

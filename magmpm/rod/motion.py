@@ -75,6 +75,8 @@ def _elements(scene: Scene, count: int) -> tuple[NDArray[np.void], NDArray[np.in
     regions, counts = shape.regions(), segment_counts(shape, count)
     softest = np.repeat([scene.materials[region.material_name].shear_modulus for region in regions], counts)
     viscosity = scene.effects.viscosity
+    if viscosity is not None and viscosity.branches:
+        raise SolveError("a rod knows no branches of viscosity")
     out = np.zeros(len(rod.length), ELEMENT)
     mass = np.linalg.norm(rod.weight[:-1] - rod.weight[1:], axis=1)
     out["length"], out["bend"], out["stretch"], out["moment"] = rod.length, rod.twist_bend, 1.0 / rod.compliance, rod.moment

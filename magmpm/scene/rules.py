@@ -13,6 +13,7 @@ from magmpm.effects.base import SceneLike, moves_in_space
 from magmpm.effects.magnetization import rotating
 from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
+from magmpm.scene import moves
 
 NO_ENERGY = (  # rule and remedy, where a static scene names one of them
     "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
@@ -24,6 +25,9 @@ class WholeScene(SceneLike, Protocol):
     """Interface of a scene (magmpm.scene.Scene) for the rules, beyond that for effects."""
 
     reference: Any  # centreline, rows [s, x, y, z] in m; or None
+
+    @property
+    def move(self) -> moves.Moves | None: ...
 
     @property
     def static(self) -> bool: ...
@@ -53,6 +57,7 @@ def check(scene: WholeScene, *, written: bool) -> None:
     _contact_has_its_formulation(scene)
     _path_has_an_end(scene)
     _feed_can_push(scene)
+    moves.check(scene)
     _segments_turn_alone(scene)
     _field_suits_the_solver(scene)
     if written:
@@ -126,8 +131,15 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
 
 
 def _contact_has_its_formulation(scene: WholeScene) -> None:
-    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
-    dynamic = scene.solver.dynamic
+    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near, and alone has branches."""
+    dynamic, losses = scene.solver.dynamic, scene.effects.viscosity
+    updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
+    if losses is not None and losses.branches and updated:
+        raise fault(
+            "branches act in the total formulation only, which knows no self_contact",
+            "remove branches; or leave out self_contact and `formulation: updated`",
+            ("effects", "viscosity", "branches"),
+        )
     if scene.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
         raise fault(
             "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
@@ -189,13 +201,15 @@ def _path_has_an_end(scene: WholeScene) -> None:
     options, over = scene.solver.quasi_static, scene.field.over_time
     if options is None or options.steps is None or options.duration is not None:
         return
-    why = None
+    why, moved = None, [move.over_time for move in (scene.move or {}).values() if move.over_time is not None]
     if over is not None and over.endless is not None:
         why = f"the field's {over.endless} has no end"
+    elif endless := [one.endless for one in moved if one.endless is not None]:
+        why = f"the {endless[0]} of what is moved has no end"
     elif over is None and scene.effects.feed is not None:
         why = "feed has no end, and the field does not change"
     elif not scene.path_times()[-1] > 0.0:
-        raise fault(*_nothing_changes("the field has no schedule, and nothing is fed"), ("solver", "quasi_static"))
+        raise fault(*_nothing_changes("the field has no schedule, and nothing is fed or moved"), ("solver", "quasi_static"))
     if why is not None:
         raise fault(
             f"the steps are equal parts of a time that the scene must give: {why}",
@@ -209,7 +223,10 @@ def _something_changes(scene: WholeScene) -> None:
     feed = scene.effects.feed
     if scene.solver.quasi_static is None or (feed is not None and feed.speed != 0.0):
         return
-    places = schedule.places(scene.field, np.array(scene.path_times()))
+    times = np.array(scene.path_times())
+    if any(np.ptp(move.share(times)) > 0.0 for move in (scene.move or {}).values()):
+        return
+    places = schedule.places(scene.field, times)
     if len(places) == 1 or (places == places[0]).all():
         why = "the field is the same at all of its times" if scene.field.over_time is not None else "the field has no schedule"
         raise fault(*_nothing_changes(f"{why}, and nothing is fed"), ("solver", "quasi_static"))

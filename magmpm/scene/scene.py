@@ -36,7 +36,7 @@ from magmpm.inputs.csv_tables import read_centreline, table_faults
 from magmpm.inputs.folder_names import folder_fault
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Settings, fault, from_file, named_file, read_yaml, validate
-from magmpm.scene import rules
+from magmpm.scene import moves, rules
 from magmpm.scene.inserted import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
 
@@ -124,6 +124,11 @@ class Scene(Settings):
         description="The outside magnetic field; none unless given.",
         examples=[{"uniform": ["0 mT", "6 mT", "8 mT"]}],
     )
+    move: Annotated[dict[str, moves.Move], AfterValidator(FrozenDict)] | None = Field(
+        default=None,
+        description="What holds the body is moved: base, tip (of a strip that both ends hold), or held parts by their names.",
+        examples=[{"tip": {"along": [-1, 0, 0], "distance": "0.47 mm"}}],
+    )
     effects: Annotated[Effects, BeforeValidator(_read_effects), _OrAuto()] = Field(
         default=Effects(),
         description="What is simulated; what is not named is not, and costs nothing. auto: the program chooses, and says what and why.",
@@ -180,7 +185,8 @@ class Scene(Settings):
     def path_times(self) -> list[float]:
         """Times (s) of the equilibria along time; none where the scene requests none."""
         quasi_static = self.solver.quasi_static
-        return [] if quasi_static is None else quasi_static.times(end_time(self.field))
+        ends = [end_time(self.field), *(move.end for move in (self.move or {}).values())]
+        return [] if quasi_static is None else quasi_static.times(max(ends))
 
     # what the scene says, put together
 
@@ -214,7 +220,10 @@ class Scene(Settings):
 
     def outside_field(self) -> OutsideField:
         """The outside field around the body, with its tables. Raises SceneError (fields.outside_field)."""
-        return outside_field(self.field, self.box(), anchored=self.anchored, cell=self.cell)
+        low, high = self.box()
+        far = moves.farthest(self.move or {})
+        box = ((low[0] - far, low[1] - far, low[2] - far), (high[0] + far, high[1] + far, high[2] + far))
+        return outside_field(self.field, box, anchored=self.anchored, cell=self.cell)
 
     def region_material(self, index: int) -> Material:
         """The material of the region (segment or part) with this index. Raises IndexError."""

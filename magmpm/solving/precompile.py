@@ -125,6 +125,7 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
     if use in (RODS, PROOFS):
         return use
     about = [scene.solver.anti_locking, scene.body.kind, knots_of(scene).at_rest, _solver(scene)]
+    about += ["moved", *(name for name in scene.move)] if scene.move and not scene.static else []
     about += [use] if use != SOLVE else []
     return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
 
@@ -301,7 +302,8 @@ def _total_steps(small: Scene) -> None:
     from magmpm.dynamics.total_lagrangian import TotalMotion
 
     model = build(small)
-    TotalMotion(model).advance(1, 1e-12, model.effects)
+    motion = TotalMotion(model)
+    motion.advance(1, 1e-12, (*model.effects, *motion.ends.records(np.zeros(1), 1e-12)))
 
 
 def _total_rest(small: Scene) -> None:

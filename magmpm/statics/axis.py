@@ -54,8 +54,10 @@ def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Arr
     planes = grid.reshape(model.layout.planes, -1, 3).transpose(0, 2, 1) @ weights
     if model.clamped_face:
         planes = np.concatenate([-planes[:1], planes])  # node 0, eliminated by the clamp
-    if model.scene.body.shape.clamp == "both":
-        planes[-1] = -planes[-2]  # as at the lower face
+    elif model.driven:  # the first coefficient is the displacement of the base, which moves
+        planes[0] = 2.0 * planes[0] - planes[1]
+    if model.scene.body.shape.clamp == "both":  # as at the lower face; the last coefficient is 0 where that face does not move
+        planes[-1] = 2.0 * planes[-1] - planes[-2]
     node, N, _ = model.grid.splines_along(s)
     u = sum(N[:, a, None] * planes[node + a] for a in range(3))
     return u + np.outer(s, [1.0, 0.0, 0.0]) + np.array(_line(model).base)
@@ -69,9 +71,11 @@ def splines_along(model: StaticModel, s: Array) -> Array:
         out[np.arange(len(s)), node + a] += N[:, a]
     if model.scene.body.shape.clamp == "both":  # as along_axis has it
         out[:, -2] -= out[:, -1]
-        out[:, -1] = 0.0
-    if model.clamped_face:
+        out[:, -1] *= 2.0 * ("tip" in dict(model.driven))
+    if model.clamped_face or model.driven:
         out[:, 1] -= out[:, 0]
+        out[:, 0] *= 2.0
+    if model.clamped_face:
         out = out[:, 1:]
     return np.ascontiguousarray(out)
 

@@ -66,6 +66,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         density=model.density[of],
         modes=volume_modes(grid, particles, ratio) if model.modes.shape[1] else model.modes,
         held=model.held[of],
+        driven=tuple((name, np.ascontiguousarray(nodes.transpose(axes))) for name, nodes in model.driven),
         axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
     )
@@ -85,6 +86,8 @@ def _all_hang_on_something(model: StaticModel) -> None:
     clamped = np.zeros(len(regions), bool)
     # Where a clamp plane changed a cell's splines they no longer sum to one.
     changed = np.any(np.abs(model.weights.sum(axis=2) - 1) > 1e-6, axis=1)
+    for _, follows in model.driven:
+        changed |= np.any([follows[tuple((particles.cell + shift).T)] for shift in np.ndindex(3, 3, 3)], axis=0)
     clamped[particles.segment[changed | model.held]] = True
     links = []
     for shift in np.ndindex(3, 3, 3):

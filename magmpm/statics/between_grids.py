@@ -20,7 +20,9 @@ def carried(coarse: StaticModel, grid: Array, fine: StaticModel) -> Array:
     values = grid.reshape(coarse.layout.planes, -1, 3)
     across = np.einsum("kj,pjc->pkc", _section(coarse, fine), values, optimize=True)
     out = along(coarse, fine, across.reshape(coarse.layout.planes, -1))
-    out[fine.layout.fixed] = 0.0
+    moves = fine.scene.move or {}
+    given = fine.displaced(**{name: move.displacement(fine.time)[0] for name, move in moves.items()}) if fine.driven else np.zeros_like(out)
+    out[fine.layout.fixed] = given[fine.layout.fixed]
     return np.ascontiguousarray(out)
 
 

@@ -50,6 +50,9 @@ class Loads(Protocol):
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """Coefficients (planes, m) m of the same displacement on the grid of a later (or earlier) time, s."""
 
+    def moved(self, grid: Array, before: float, after: float) -> Array:
+        """The same, with what holds the body where it is then."""
+
 
 @dataclass(frozen=True)
 class Jump:
@@ -173,7 +176,7 @@ class Branch:
         """The equilibrium at a time, if Newton's method contracts to it from the present one."""
         energy = self.energy_at(target)
         model = energy.model
-        begin = self.loads.carried(self.now.point.grid, self.now.time, target)
+        begin = self.loads.moved(self.now.point.grid, self.now.time, target)
         self._near.unstable = False
         if acting.feels_itself(model.scene):
             point, lowest = self._near.together(model, begin), None
@@ -214,7 +217,7 @@ class Branch:
             critical = _zero_of(kind, self.before, last, past)
         energy = self.energy_at(landing)
         carry = self.loads.carried
-        begin = energy.at(carry(last.point.grid, last.time, landing))
+        begin = energy.at(self.loads.moved(last.point.grid, last.time, landing))
         found = self._fall(energy, begin, carry(mode, last.time, landing))
         if (lost := outside_domain(energy.model, found)) is not None:
             raise LeftField(f"after a branch ended: {lost}")
@@ -231,7 +234,8 @@ class Branch:
         """
         mass, layout = self._near.mass(energy), energy.model.layout
         if self.loads.at(past).layout is layout:
-            direction = -solve(energy.panels, layout.split, self.energy_at(past).residual(last.point))
+            moved, after = self.loads.moved(last.point.grid, last.time, past), self.energy_at(past)
+            direction = moved - last.point.grid - solve(energy.panels, layout.split, after.residual(after.at(moved)))
         elif self.before is not None:
             direction = last.point.grid - self.loads.carried(self.before.point.grid, self.before.time, last.time)
         else:

@@ -25,9 +25,11 @@ from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics import axis
 from magmpm.statics.axis_order import arranged
+from magmpm.statics.branch import Branch, Reached, point_of
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
+from magmpm.statics.lift import GrowingLoads, Lift
 from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 from magmpm.statics.stability import Unloaded, stability
@@ -247,6 +249,8 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
     body = model.scene.body.shape
     if start.rod is not None:
         return _near_rod(energy, start.rod, on_step)
+    if model.driven:
+        return _along_branch(model, options.field_steps or RAMP_STEPS, on_step)
     if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
@@ -313,6 +317,26 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
     return float(np.linalg.norm(moved - rod.at(position[near, 0]), axis=1).max() / rod.s[-1])
 
 
+def _along_branch(model: StaticModel, count: int, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+    """Equilibrium to which a branch leads as loads, and what is moved, grow in `count` equal steps: a strip that is compressed buckles."""
+    options, loads, rest = model.scene.solver.static, GrowingLoads(model), straight(model)
+    begin, warnings, steps = Reached(0.0, point_of(loads.at(0.0), rest), None, 0, np.inf), [], 0
+    branch = Branch(loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+    try:
+        branch.settle_in(rest)
+        for part in range(1, count + 1):
+            warnings += [
+                f"at {100 * jump.time:.3g} % of loads and motion a branch ended ({jump.kind}); the body moved by {1e3 * jump.moved:.3g} mm"
+                for jump in branch.advance(part / count)
+            ]
+            steps += branch.now.iterations
+    except SolveError as error:
+        last = branch.now
+        state = Equilibrium(last.point, steps, False, np.zeros_like(rest), warnings, last.time)
+        raise type(error)(f"after {100 * last.time:.1f} % of the load: {error.reason}", state) from None
+    return Equilibrium(branch.now.point, steps, True, np.zeros_like(rest), warnings, energy=branch.energy_at(1.0))
+
+
 def _ramp(model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]) -> Equilibrium:
     """Ramp the load from zero in `count` equal steps."""
     options = model.scene.solver.static
@@ -328,7 +352,7 @@ def _ramped(
     model: StaticModel, count: int, warnings: list[str],
     solved: Callable[[float, Array], tuple[Energy | InteractingEnergy, Minimum]],
 ) -> Equilibrium:  # fmt: skip
-    """The equilibrium at the end of a load that grows in `count` equal steps.
+    """The equilibrium at the end of a load that grows in `count` equal steps, and with it the way of what is moved.
 
     A step that fails is halved, down to 1/32 of those; until one has succeeded it is quartered. After some that were solved quickly it is
     doubled again.
@@ -339,10 +363,11 @@ def _ramped(
     least = size / 32
     quick, wait, grown = 0, EASY, False
     last: Point | None = None
+    moved = Lift(model).at(model.time) if model.driven else None
     while reached < 1.0:
         factor = min(1.0, reached + size)
         try:
-            energy, found = solved(factor, grid)
+            energy, found = solved(factor, grid if moved is None else grid + (factor - reached) * moved)
         except SolveError as error:
             if size <= least or isinstance(error, TimeOver):
                 state = None if last is None else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings, reached)

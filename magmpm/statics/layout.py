@@ -29,7 +29,7 @@ class Layout:
     cell_row: Index  # (cells, 3)
     slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
-    fixed: NDArray[np.bool_]  # (planes, m) unknowns that stay zero: at nodes without material, at held parts, along y in plane strain
+    fixed: NDArray[np.bool_]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
 
     @property
     def m(self) -> int:
@@ -68,6 +68,12 @@ class StaticModel(Model):
         x = self.grid.node_coordinates(0)[int(self.clamped_face) :]
         return x - self.grid.origin[0]
 
+    def displaced(self, **by: Array) -> Array:
+        """Coefficients (planes, m) m of the nodes that follow what is moved by these displacements (3,) m; 0 for others."""
+        out = np.zeros((self.layout.planes, self.layout.nodes_per_plane, 3))
+        for name, nodes in self.driven:
+            out[on_planes(self, nodes, self.layout.node_yz)] = by.get(name, np.zeros(3))
+        return out.reshape(self.layout.planes, -1)
 
     def along_axes(self, vectors: Array) -> Array:
         """Components (n, 3) along the grid's axes of a vector (n, 3) at each particle."""
@@ -122,12 +128,19 @@ def make_layout(model: Model, weights: Array) -> Layout:
     if model.held.any():
         still = model.held[:, None, None] * weights
         fixed |= np.repeat(_touched(cell_first, cell_plane, cell_row, still, (planes, nodes)), 3, axis=1)
+    for _, follows in model.driven:
+        fixed |= np.repeat(on_planes(model, follows, node_yz), 3, axis=1)
     if model.plane_strain:
         fixed[:, 1::3] = True
     return Layout(
         planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
         cell_row=cell_row.astype(np.int64), slab_first=slab_first.astype(np.int64), node_yz=node_yz.astype(np.int64), fixed=fixed,
     )  # fmt: skip
+
+
+def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
+    """Which of the unknowns' nodes (planes, nodes_per_plane) are among nodes of the grid."""
+    return nodes[int(model.clamped_face) :, node_yz[:, 0], node_yz[:, 1]]
 
 
 def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:

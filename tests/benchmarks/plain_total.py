@@ -82,5 +82,5 @@ def advance(steps, dt, cells, particles, nodes, correction, state, watch, slabs)
 
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
-    p, state = motion.packed, State(u, v, motion.force, motion.stiffness, motion.anchor)
+    p, state = motion.packed, State(u, v, motion.force, motion.stiffness, motion.anchor, motion.memory)
     return advance(steps, dt, p.cells, p.particles, p.nodes, p.mass.correction, state, motion.watch, motion.slabs)

@@ -370,5 +370,37 @@ MOTION = [
     motion("a step of no unit", "duration: 1 s, time_step: 0.001", "time_step", "0.001", "a time needs a unit"),
 ]
 
+STRIP = (("  catheter:", "  strip:"), ("    diameter: 4 mm\n    inner_diameter: 1 mm", "    width: 4 mm\n    thickness: 2 mm"), ("clamp: base", "clamp: both"))
+SHORTER = "tip: {along: [-1, 0, 0], distance: 41 mm"
+
+
+def moved(name: str, settings: str, key: str, received: str, *says: str, more: tuple[tuple[str, str], ...] = (), line: int = 26) -> BadScene:
+    """A scene whose key `move` has these settings."""
+    return BadScene(name, ((SHAPE, f"move: {{{settings}}}\nsolver:\n"), *more), f"move.{key}", received, says, line=line)
+
+
+MOVED = [
+    moved("a free end is moved", "tip: {along: [1, 0, 0], distance: 1 mm}", "tip", "{", "only what is held can be moved, here base", "clamp: both"),
+    moved("moved nowhere", "base: {along: [0, 0, 0], distance: 1 mm}", "base.along", "[0, 0, 0]", "must not be zero"),
+    moved("a way of no unit", "base: {along: [1, 0, 0], distance: 1}", "base.distance", "1", "a length needs a unit"),
+    moved("a way back", "base: {along: [1, 0, 0], distance: -1 mm}", "base.distance", '"-1 mm"', "must be greater than 0 mm"),
+    moved("no way", "base: {along: [1, 0, 0]}", "base.distance", "nothing", "this key is required", "0.47 mm"),
+    moved("a way that turns", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {rotation: {frequency: 1 Hz}}}", "base.over_time.rotation", "{", "does not rotate"),
+    moved("a way of a field", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {keyframes: [{time: 0 s, strength: 0}, {time: 1 s, uniform: [1 mT, 0 mT, 0 mT]}]}}",
+          "base.over_time.keyframes[1]", "{", "the share of its distance alone", "strength: 1"),
+    moved("a way without end", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {oscillation: {frequency: 1 Hz}}}", "base.over_time.oscillation", "{",
+          "has no end", "cycles"),
+    moved("a motion that begins elsewhere", "base: {along: [1, 0, 0], distance: 1 mm}", "base", "{", "begins with the undeformed body", "ramp",
+          more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s}"),)),
+    moved("moved on a grid in space", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}", "base", "{", "total formulation only",
+          more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s, formulation: updated}"),)),
+    moved("fed and moved", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}", "base", "{", "feed moves the base already",
+          more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s}"), ("  gravity: {}", "  feed: {speed: 1 mm/s, exit: 10 mm}"))),
+    moved("ends pass through each other", SHORTER + "}", "tip.distance", '"41 mm"', "pass through each other", "-1 mm of 40 mm", "unit of the distance", more=STRIP),
+    moved("ends meet on the way", SHORTER + ", over_time: {keyframes: [{time: 0 s, strength: 1}, {time: 1 s, strength: 0}]}}", "tip.distance", '"41 mm"', "pass through each other", more=STRIP),
+    moved("moved across plane strain", "tip: {along: [0, 1, 0], distance: 1 mm}", "tip.along", "[0, 1, 0]", "nothing moves along y in plane strain",
+          more=(*STRIP[:2], ("clamp: base", "clamp: both\n    plane_strain: true")), line=27),
+]
+
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *RESOLUTION]
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *MOVED, *RESOLUTION]

@@ -1,0 +1,97 @@
+"""Bodies whose held ends move, against theory: uniaxial tension, Euler's buckling and the elastica beyond it, and a base that shakes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, fsolve
+from scipy.special import ellipe, ellipk
+
+from magmpm.materials import poisson_ratio, young_modulus
+from magmpm.model import build
+from magmpm.scene import Scene
+from magmpm.solving.solve import solve
+from magmpm.statics.equilibrium import solve_static
+from magmpm.statics.layout import static_model
+
+G, RATIO, DENSITY = 1.4e6, 20.0, 2000.0
+
+
+def strip(length: float, width: float, thickness: float, clamp: str, move: dict[str, Any], **more: Any) -> Scene:
+    sizes = {"length": length, "width": width, "thickness": thickness}
+    body = sizes | {"material": "m", "clamp": clamp, "segments": [{"magnetization": [0, 0, 0]}]}
+    material = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY}
+    data = {"name": "strip", "materials": {"m": material}, "body": {"strip": body | more.pop("body", {})}, "move": move, "advice": "off"}
+    return Scene.from_si(data | {"resolution": {"cells_across": 2}} | more)
+
+
+@pytest.mark.parametrize("share", [0.3, -0.02])
+def test_a_long_bar_is_in_uniaxial_stress(share: float) -> None:
+    """In its middle, far from the clamps: lateral stretch, and stress against the slope of the energy over the way of the tip."""
+    length, side = 20e-3, 2e-3
+
+    def pulled(way: float) -> Any:
+        along = [float(np.sign(way)), 0.0, 0.0]
+        return solve_static(static_model(build(strip(length, side, side, "both", {"tip": {"along": along, "distance": abs(way)}})))).point
+
+    def stress(stretch: float, across: float) -> tuple[float, float]:
+        J, I1 = stretch * across**2, stretch**2 + 2 * across**2
+        both = [G * J ** (-2 / 3) * (one - I1 / (3 * one)) + RATIO * G * J * (J - 1) / one for one in (stretch, across)]
+        return both[0], both[1]
+
+    point, model = pulled(share * length), build(strip(length, side, side, "both", {}))
+    middle = np.abs(model.particles.position[:, 0] - length / 2) < 0.3e-3
+    stretch, across = point.F[middle, 0, 0].mean(), point.F[middle][:, [1, 2], [1, 2]].mean()
+    (due,) = fsolve(lambda one: stress(stretch, float(one[0]))[1] / G, [stretch**-0.5])
+    assert across == pytest.approx(float(due), rel=2e-5)
+    step = 1e-3 * length
+    force = (pulled(share * length + step).energy - pulled(share * length - step).energy) / (2 * step)
+    assert force == pytest.approx(side**2 * stress(stretch, float(due))[0], rel=1e-3)
+
+
+def height(length: float, thickness: float, way: float) -> float:
+    """Height (m) of a strip clamped at both ends that is compressed by `way` (m): the elastica, of the length that its force leaves it."""
+
+    def left(k: float) -> float:
+        return float(length * (1 - (4 * ellipk(k * k) * thickness / length) ** 2 / 12))
+
+    def missing(k: float) -> float:
+        return length - left(k) + 2 * (1 - ellipe(k * k) / ellipk(k * k)) * left(k) - way
+
+    k = brentq(missing, 1e-6, 0.7)
+    return float(k * left(k) / ellipk(k * k))
+
+
+def test_a_compressed_strip_buckles_as_euler_says() -> None:
+    """Critical way 4 pi^2 I / (A L), and the height beyond it, along a path and in statics."""
+    length, thickness, way = 120.47e-3, 2.5e-3, 0.47e-3
+    sizes = length, 20e-3, thickness, "both"
+    ramp = {"along": [-1, 0, 0], "distance": way, "over_time": {"ramp": {"duration": 1.0}}}
+    plane = {"body": {"plane_strain": True}}
+    path = solve(strip(*sizes, {"tip": ramp}, solver={"quasi_static": {"steps": 8}}, **plane))
+    (jump,) = path.jumps
+    assert jump["kind"] == "bifurcation"
+    assert jump["time"] * way == pytest.approx(4 * np.pi**2 * thickness**2 / 12 / length, rel=0.015)
+    risen = path.centreline[:, 3].max()
+    assert risen == pytest.approx(height(length, thickness, way), rel=0.01)
+    rest = solve(strip(*sizes, {"tip": {"along": [-1, 0, 0], "distance": way}}, **plane))
+    assert rest.centreline[:, 3].max() == pytest.approx(risen, rel=1e-6)
+    assert any("bifurcation" in warning for warning in rest.warnings)
+
+
+def test_a_shaken_cantilever_follows_its_base() -> None:
+    """Swing of the tip over that of the base: (cos b + cosh b) / (1 + cos b cosh b), with b^4 = rho A (w^2 - i c w) L^4 / EI."""
+    length, thickness, rate, swing = 20e-3, 1e-3, 30.0, 0.1e-3
+    bending = young_modulus(G, RATIO * G) / (1 - poisson_ratio(G, RATIO * G) ** 2) * thickness**2 / 12 / DENSITY  # EI / rho A, plane strain
+    w = 0.6 * 1.8751**2 / length**2 * np.sqrt(bending)
+    b = ((w**2 - 1j * rate * w) / bending + 0j) ** 0.25 * length
+    theory = abs((np.cos(b) + np.cosh(b)) / (1 + np.cos(b) * np.cosh(b)))
+    period = float(2 * np.pi / w)
+    shake = {"along": [0, 0, 1], "distance": swing, "over_time": {"oscillation": {"frequency": 1 / period}}}
+    scene = strip(length, 4e-3, thickness, "base", {"base": shake}, body={"plane_strain": True}, effects={"damping": {"rate": rate}},
+                  solver={"dynamic": {"duration": 6 * period, "output_every": period / 64}})  # fmt: skip
+    seen: list[float] = []
+    solve(scene, on_frame=lambda time, axis, tip, centers: seen.append(float(tip[2])))
+    assert np.ptp(seen[-64:]) / 2 / swing == pytest.approx(theory, rel=0.03)
