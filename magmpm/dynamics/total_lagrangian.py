@@ -9,10 +9,12 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.thread_count import Threads
+from magmpm.dynamics.body_contact import body_contact
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects.base import Touching
 from magmpm.kernels import total_lagrangian_step
+from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.surface_contact import ANCHOR
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
@@ -32,6 +34,9 @@ class TotalMotion:
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
         self.anchor = np.zeros(ANCHOR * len(on.mass) + len(on.first_node))
+        self.contact = body_contact(model, self.packed)
+        if self.contact is not None:
+            self.contact.list(self.u)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
         self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
@@ -39,22 +44,27 @@ class TotalMotion:
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
+        meeting = () if self.contact is None else self.contact.meeting
         taken, _ = self.threads.run(
-            lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.anchor, self.stiffness, self.watch), False)
+            lambda: (self._advance(steps, dt, effects, self.u, self.v, self.force, self.anchor, self.stiffness, self.watch, meeting), False)
         )
+        if self.contact is not None and self.contact.outdated:
+            self.contact.list(self.u)
         self._last = at_step(effects, taken)
         self.lag = dt / 2 if taken else self.lag
         return taken, bool(self.watch[WHY] == BROKEN)
 
     def _advance(
         self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array, anchor: Array,
-        stiffness: Array | None = None, watch: Array | None = None,
+        stiffness: Array | None = None, watch: Array | None = None, meeting: Meeting | tuple[()] | None = None,
     ) -> int:  # fmt: skip
         p = self.packed
+        if meeting is None:
+            meeting = () if self.contact is None else self.contact.copy()
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
         state = total_lagrangian_step.State(u, v, force, stiffness, anchor)
-        body = p.cells, p.particles, p.nodes, p.mass.correction, p.surface
+        body = p.cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
         return int(total_lagrangian_step.advance(steps, dt, *body, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
@@ -85,11 +95,15 @@ class TotalMotion:
 
     def kept(self) -> dict[str, Any]:
         """State that `rewind` needs within the same process. Cheaper than `state`."""
-        return {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor")} | {"lag": self.lag, "_last": self._last}
+        kept = {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor")}
+        return kept | {"lag": self.lag, "_last": self._last} | ({} if self.contact is None else {"contact": self.contact.state()})
 
     def rewind(self, kept: dict[str, Any]) -> None:
         """Go back to the state that `kept` returned."""
         for name, value in kept.items():
+            if name == "contact" and self.contact is not None:
+                self.contact.restore(value)
+                continue
             setattr(self, name, np.copy(value) if isinstance(value, np.ndarray) else value)
 
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
@@ -109,7 +123,7 @@ class TotalMotion:
     def acceleration(self, u: Array) -> Array:
         """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone."""
         v = np.zeros_like(u)
-        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor)  # a step of one second from rest: v is the acceleration
+        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=())  # a step of one second from rest: v is the acceleration
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
@@ -129,13 +143,16 @@ class TotalMotion:
     def state(self) -> dict[str, Array]:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
-        return kept | ({"anchor": self.anchor.copy()} if self.anchor.size else {})
+        kept |= {"anchor": self.anchor.copy()} if self.anchor.size else {}
+        return kept if self.contact is None else kept | self.contact.state()
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a `state`."""
         self.u[:], self.v[:] = state["u"], state["v"]
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
+        if self.contact is not None:
+            self.contact.restore(state)
         if self.anchor.size:
             self.anchor[:] = state.get("anchor", 0.0)
 

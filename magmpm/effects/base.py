@@ -69,7 +69,7 @@ class SceneLike(Protocol):
 def moves_in_space(scene: SceneLike) -> bool:
     """True if the grid of a scene's motion stands in space: in the updated formulation, which self_contact needs."""
     dynamic = scene.solver.dynamic
-    return dynamic is not None and (dynamic.formulation or ("total" if scene.effects.self_contact is None else "updated")) == "updated"
+    return dynamic is not None and dynamic.formulation == "updated"
 
 
 class Touching(NamedTuple):

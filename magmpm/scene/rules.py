@@ -50,7 +50,6 @@ def check(scene: WholeScene, *, written: bool) -> None:
             ("body", scene.body.kind, scene.body.shape.clamp_key),
         )
     _motion_has_its_solver(scene)
-    _contact_has_its_formulation(scene)
     _path_has_an_end(scene)
     _feed_can_push(scene)
     _segments_turn_alone(scene)
@@ -122,17 +121,6 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
                 f"write {ways}{' or `solver: {quasi_static: {steps: 40}}`' if effect.ALONG_TIME else ''}, or do not name {name}",
                 ("effects", name),
             )
-
-
-def _contact_has_its_formulation(scene: WholeScene) -> None:
-    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near."""
-    dynamic = scene.solver.dynamic
-    if scene.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
-        raise fault(
-            "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
-            "leave formulation out, or write `formulation: updated`; or do not name self_contact",
-            ("solver", "dynamic", "formulation"),
-        )
 
 
 def _feed_can_push(scene: WholeScene) -> None:
