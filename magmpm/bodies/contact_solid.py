@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.bodies.contact_surface import cut
 from magmpm.bodies.signed_distance import Table, solid, to_triangles, value
@@ -47,7 +48,7 @@ def mesh_solids(components: Sequence[Sequence[Array]], cell: float) -> Solids:
 
     Faces on which parts of a component touch are inside of it and do not count.
     """
-    tables = [_table(parts, cell / FINE) for parts in components]
+    tables = [_table(parts, cell) for parts in components]
     return Solids(
         kind=np.full(len(tables), TABLE),
         size=np.array([[*table.origin, table.spacing, 0.0, 0.0] for table in tables]),
@@ -61,21 +62,26 @@ def _one(kind: int, size: list[float]) -> Solids:
     return Solids(np.array([kind]), np.array([size]), np.zeros((1, 3), np.int64), np.zeros(2, np.int64), np.zeros(0))
 
 
-def _table(parts: Sequence[Array], spacing: float) -> Table:
+def _table(parts: Sequence[Array], cell: float) -> Table:
     """The table of a component. Triangles with all corners on another part are where the two hold together, not its surface."""
-    if len(parts) == 1:
-        return solid(parts, parts[0], spacing)
-    pieces = [cut(part, spacing) for part in parts]
-    kept = []
-    for k, piece in enumerate(pieces):
-        corners = np.ascontiguousarray(piece.reshape(-1, 3))
-        low, high, on = corners.min(axis=0) - spacing, corners.max(axis=0) + spacing, np.zeros(len(piece), bool)
-        for other in (part for j, part in enumerate(parts) if j != k):
-            near = np.all((other.max(axis=1) > low) & (other.min(axis=1) < high), axis=1)
+    spacing, outside = cell / FINE, []
+    for k, part in enumerate(parts):
+        kept = np.ones(len(part), bool)
+        for other in (parts[j] for j in range(len(parts)) if j != k):
+            near = _meets(part, other, spacing)
             if near.any():
-                on |= (to_triangles(corners, np.ascontiguousarray(other[near])) < FITS * spacing).reshape(-1, 3).all(axis=1)
-        kept.append(piece[~on])
-    return solid(parts, np.concatenate(kept), spacing)
+                pieces = cut(part[near], cell)
+                corners, there = np.ascontiguousarray(pieces.reshape(-1, 3)), np.ascontiguousarray(other[_meets(other, part, spacing)])
+                free = (to_triangles(corners, there) > FITS * spacing).reshape(-1, 3).any(axis=1)
+                part, kept = np.concatenate([part, pieces[free]]), np.concatenate([kept & ~near, np.ones(free.sum(), bool)])
+        outside.append(part[kept])
+    return solid(parts, np.concatenate(outside), spacing)
+
+
+def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
+    """Triangles (f, 3, 3) that come nearer than this (m) to the box around other ones (g, 3, 3)."""
+    low, high = other.reshape(-1, 3).min(axis=0) - within, other.reshape(-1, 3).max(axis=0) + within
+    return np.asarray(np.all((triangles.max(axis=1) > low) & (triangles.min(axis=1) < high), axis=1))
 
 
 @compiled

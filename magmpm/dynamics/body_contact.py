@@ -41,7 +41,7 @@ class BodyContact:
         self._packed, self.law = packed, law
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
-        self.cells, number = _solid_cells(model)
+        self.cells, number, cells = _solid_cells(model)
         still, still_particle = surface.still
         on = packed.point
         self._place = np.concatenate([surface.place[on], still])
@@ -49,13 +49,15 @@ class BodyContact:
         self._at, self._solid, self._free = number[particle], model.component[particle], len(on)
         self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
         self._splines = _matrix(surface.first[on], surface.weights[on], model.nodes_in_motion)
-        self._patches = _patches(self._at)
+        largest = abs(self._splines).max(axis=0).tocoo()
+        self._near_nodes = largest.col.astype(np.int64), 27.0 * largest.data
+        self._patches = _patches(self._at, cells)
         none = np.zeros(0, np.int64)
         self.meeting = self._of(none, none, np.array([np.inf]))
 
     def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
         most = np.array([MOVE * self._cell])
-        return Meeting(point, self._node[point], solid, memory, most, self.law, *self.cells, *self.solids)
+        return Meeting(point, self._node[point], solid, memory, most, self.law, *self._near_nodes, *self.cells, *self.solids)
 
     def copy(self) -> Meeting:
         """The pairs, with a memory that steps may change."""
@@ -85,15 +87,14 @@ class BodyContact:
         self.meeting = self._of(point, solid, np.append(memory.ravel(), 0.0))
 
     def _near(self, x: Array) -> tuple[Index, Index]:
-        """The free points (n,) that are near another solid, or another place of their own, and the nearest point (n,) there.
-
-        Of its own solid, a point is near what was more than a cell farther than twice the present distance in the undeformed body.
-        """
-        first, order = self._patches
+        """The free points (n,) that are near another solid, or a place of their own that shares no node with them; the nearest point (n,)
+        there."""
+        first, order, cell = self._patches
         center, radius = _balls(x[order], first)
         a, b = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius, output_type="ndarray").T
-        pairs = np.stack([np.concatenate([a, b]), np.concatenate([b, a])], axis=1)
-        found = _nearest(pairs, first, order, x, self._place, self._solid, self._free, REACH * self._cell, self._cell)
+        apart = (np.abs(cell[a, 1:] - cell[b, 1:]) > 2).any(axis=1) | (cell[a, 0] != cell[b, 0])
+        pairs = np.concatenate([np.stack([a, b], axis=1)[apart], np.stack([b, a], axis=1)[apart]])
+        found = _nearest(pairs, first, order, x, self._free, REACH * self._cell)
         p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
         best = np.lexsort((q, distance, self._solid[q], p))
         p, q = p[best], q[best]
@@ -109,8 +110,8 @@ class BodyContact:
         self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]))
 
 
-def _solid_cells(model: Model) -> tuple[SolidCells, Index]:
-    """The cells of a model's solids, and the number of the one that each particle (n,) is in."""
+def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
+    """The cells of a model's solids, the number of the one that each particle (n,) is in, and component and index (cells, 4) of each."""
     grid, on = model.grid, model.particles.cell.astype(np.int64)
     shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
     key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
@@ -127,7 +128,7 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index]:
     at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
     first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
     found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), np.where(cells[at] == beside, at, -1).ravel())
-    return found, number.reshape(-1)
+    return found, number.reshape(-1), np.column_stack([model.component[one], place])
 
 
 def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_matrix:
@@ -137,10 +138,11 @@ def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_ma
     return csr_matrix((np.concatenate(values), (rows, np.concatenate(columns))), shape=(len(first), int(np.prod(nodes))))
 
 
-def _patches(at: Index) -> tuple[Index, Index]:
-    """Points in patches, those of one cell each: first (patches + 1,) in the order (n,) of points."""
+def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
+    """Points in patches, those of one cell each: first (patches + 1,) in the order (n,) of points; component and cell (patches, 4)."""
     order = np.argsort(at, kind="stable")
-    return np.append(np.flatnonzero(np.diff(at[order], prepend=-1)), len(at)), order
+    first = np.flatnonzero(np.diff(at[order], prepend=-1))
+    return np.append(first, len(at)), order, cells[at[order[first]]]
 
 
 def _balls(x: Array, first: Index) -> tuple[Array, float]:
@@ -151,7 +153,7 @@ def _balls(x: Array, first: Index) -> tuple[Array, float]:
 
 
 @compiled
-def _nearest(pairs, first, order, x, rest, solid, free, reach, cell):  # type: ignore[no-untyped-def]
+def _nearest(pairs, first, order, x, free, reach):  # type: ignore[no-untyped-def]
     """Rows (p, q, distance m): of each free point p of a patch the nearest point q of the other patch, for each of the pairs (k, 2)."""
     found = np.empty((1024, 3))
     count = 0
@@ -163,13 +165,8 @@ def _nearest(pairs, first, order, x, rest, solid, free, reach, cell):  # type: i
             for j in range(first[pairs[k, 1]], first[pairs[k, 1] + 1]):
                 q = order[j]
                 now = (x[p, 0] - x[q, 0]) ** 2 + (x[p, 1] - x[q, 1]) ** 2 + (x[p, 2] - x[q, 2]) ** 2
-                if now >= best:
-                    continue
-                if solid[p] == solid[q]:
-                    then = (rest[p, 0] - rest[q, 0]) ** 2 + (rest[p, 1] - rest[q, 1]) ** 2 + (rest[p, 2] - rest[q, 2]) ** 2
-                    if then < (2.0 * np.sqrt(now) + cell) ** 2:
-                        continue
-                best, nearest = now, q
+                if now < best:
+                    best, nearest = now, q
             if nearest >= 0:
                 if count == len(found):
                     more = np.empty((2 * count, 3))

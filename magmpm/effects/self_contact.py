@@ -38,7 +38,7 @@ class SelfContact(Effect):
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
         found = law(model.scene, self.stiffness, self.friction)
-        return stable_step(found["stiffness"], found.get("damping", 0.0))
+        return stable_step(2 * found["stiffness"], 2 * found.get("damping", 0.0))
 
     def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
         """The body's gap, as contact; see `observe`."""

@@ -325,7 +325,7 @@ def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, st
         correct(correction)
         for k in prange(len(nodes.active)):
             update_grid(k, step, dt, push, nodes, correction, state, effects)
-        passed(meeting, dt, nodes.active, state.v)
+        passed(meeting, dt, state.v)
     return steps
 
 
